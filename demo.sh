@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The demo: installs missing packages, builds, imports an MRI of a head that Debian ships (mricron-data), feels its skin
-# and then its brain, and reports each step. Output: out/.
+# The demo: installs missing packages, builds, and imports an MRI of a head that Debian ships (mricron-data). Then a
+# simulated hand presses on the skin and on the brain. Reports each step. Output: out/.
 # demo.sh --all also builds the window, the importer with VTK (DICOM, meshes), the Python module, and what needs a
 # network: volumes from web servers and Ceph, hands at several sites, imports by several processes.
 set -euo pipefail

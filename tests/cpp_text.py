@@ -1,8 +1,8 @@
 """Reads C++ sources as text."""
 import re
 
-# What may look like the beginning of a comment but is none comes before the comments. A number is an entry because
-# of its ' between digits.
+# Strings come first, because they may contain the characters that begin a comment. Numbers come before characters,
+# because a number may contain a ' between its digits.
 TOKEN = re.compile(
     rb'R"([^()\\\s]{0,16})\(.*?\)\1"'
     rb'|"(?:\\.|[^"\\\n])*"'

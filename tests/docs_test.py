@@ -113,7 +113,7 @@ def broken_links(text, folder):
 
 
 class Documents(unittest.TestCase):
-    def test_links_lead_to_files(self):
+    def test_links_in_the_documents_lead_to_existing_files(self):
         pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md",
                  *sorted((ROOT / "docs").rglob("*.md"))]
         self.assertGreater(len(pages), 8)
@@ -124,7 +124,7 @@ class Documents(unittest.TestCase):
 
 class Programs(unittest.TestCase):
     def test_code_on_pages_equals_its_source(self):
-        """A block of C or C++ equals consecutive lines of a source."""
+        """Each block of C or C++ on a page must equal consecutive lines of a source."""
         sources = [path.read_text(encoding="utf-8")
                    for folder in ("scenes", "tests/scenes/embed")
                    for path in (ROOT / folder).rglob("*.c*")]
@@ -158,17 +158,17 @@ class Paper(unittest.TestCase):
         section = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", self.text, flags=re.S | re.M)[1]
         return re.findall(r"^\| \(?(\d+)\)? \|", section, flags=re.M)
 
-    def test_names_on_the_page_exist(self):
+    def test_tests_and_names_on_the_page_about_the_paper_exist(self):
         self.assertGreater(sum(1 for span in spans(self.text) if REFERENCE.fullmatch(span)), 80)
         self.assertEqual(broken_references(self.text), [])
         self.assertEqual(broken_tags(self.text), [])
         self.assertEqual(broken_keys(self.text), [])
 
-    def test_no_equation_and_no_figure_is_left_out(self):
+    def test_the_page_about_the_paper_lists_every_equation_and_figure(self):
         self.assertEqual(self.rows("Equations"), [str(i) for i in range(1, 16)])
         self.assertEqual(self.rows("Figures"), [str(i) for i in range(1, 8)])
 
-    def test_all_rows_of_a_table_have_equally_many_cells(self):
+    def test_all_rows_of_a_table_have_the_same_number_of_cells(self):
         """GitHub drops surplus cells."""
         for table in re.findall(r"(?:^\|.*\n)+", prose(self.text), flags=re.M):
             cells = [len(row.split("|")) for row in table.splitlines()]
@@ -176,9 +176,9 @@ class Paper(unittest.TestCase):
 
 
 class Checker(unittest.TestCase):
-    """The checks find errors."""
+    """Tests that the checks find errors."""
 
-    def test_references_to_missing_names_are_found(self):
+    def test_the_checker_finds_references_to_missing_names(self):
         right = "`solver.h:solveProxy` `engine/balance/solver.h:solveProxy` `engine/balance/solver.cpp`"
         self.assertEqual(broken_references(right), [])
         for wrong in ("`solver.h:solveProx`", "`solve.h:solveProxy`", "`devices/solver.h:Vec3`",
@@ -190,11 +190,11 @@ class Checker(unittest.TestCase):
         self.assertEqual(broken_references(below + "beyond it`"),
                          [":fig. 5: a plane balances the spring by a force beyond it"])
 
-    def test_unknown_tags_and_keys_are_found(self):
+    def test_the_checker_finds_unknown_tags_and_keys(self):
         self.assertEqual(broken_tags("`[eq9]` `[eq99]`"), ["[eq99]"])
         self.assertEqual(broken_keys("A1 A2 `B1`\n- **A1** this\n- **A3** that\n"), ["A2", "A3"])
 
-    def test_broken_links_are_found(self):
+    def test_the_checker_finds_broken_links(self):
         text = ("[a](paper.md#x) [b](nowhere.md) [c](https://example.org) [d][e] [f][]\n"
                 "```\n[g](no.md)\n```\n[f]: ../README.md\n")
         self.assertEqual(broken_links(text, ROOT / "docs"), ["e", "nowhere.md"])

@@ -71,7 +71,7 @@ def remember():
 
 
 def outcome(tried):
-    """Returns the result that counts: after a failure only a pass makes up for it."""
+    """Returns the result that counts: the last one, or "failed" if a try failed and the last one did not pass."""
     return "failed" if "failed" in tried and tried[-1] != "passed" else tried[-1]
 
 

@@ -27,7 +27,7 @@ CONSOLE = {
 
 
 class Rooms(unittest.TestCase):
-    def test_a_room_changes_with_its_code_and_not_with_its_comments(self):
+    def test_the_hash_of_a_room_changes_with_its_code_and_not_with_its_comments(self):
         with tempfile.TemporaryDirectory() as folder:
             for name, value in (("ROOT", Path(folder)), ("ROOMS", {"room": ("room",)})):
                 self.addCleanup(setattr, gate, name, getattr(gate, name))
@@ -49,7 +49,7 @@ class Rooms(unittest.TestCase):
 
 
 class Shards(unittest.TestCase):
-    def test_a_name_with_a_semicolon_is_one_case(self):
+    def test_a_test_name_with_a_semicolon_counts_as_one_case(self):
         with tempfile.TemporaryDirectory() as folder:
             program, out = Path(folder) / "tests", Path(folder) / "tests.cmake"
             program.write_text("#!/bin/sh\nprintf 'one\\n\\nits value; its slope\\nthree\\n'\n")
@@ -85,18 +85,18 @@ class Report(unittest.TestCase):
         self.assertEqual(self.report([("a", "passed")])[1][-1], "1 passed, 0 failed")
         self.assertEqual(self.report([("a", "passed")])[0], 0)
 
-    def test_a_failure_fails_the_gate_whatever_ctest_calls_it(self):
+    def test_a_failed_test_fails_the_gate_for_every_word_with_which_ctest_reports_it(self):
         for word in ("failed", "crashed", "unlike"):
             with self.subTest(word):
                 result, lines = self.report([("a", word), ("b", "passed")], status=8)
                 self.assertEqual((result, lines[-1]), (1, "1 passed, 1 failed"))
 
-    def test_a_pass_at_the_second_try_counts_and_is_printed(self):
+    def test_a_test_that_passes_at_the_second_try_counts_as_passed_and_is_printed(self):
         result, lines = self.report([("a", "failed"), ("a", "again")])
         self.assertEqual((result, lines[-1]), (0, "1 passed, 0 failed"))
         self.assertIn("passed at its second try: release/host: a: failed, then passed", lines)
 
-    def test_cases_are_counted_one_by_one(self):
+    def test_each_case_of_a_program_is_counted(self):
         cases = "1/1 Testing: a\npassed     0.100 s  one\nfailed     0.100 s  two\nfailed     0.100 s  three\n" \
                 "once more\npassed     0.100 s  two\nskipped    0.000 s  three\n"
         result, lines = self.report([("a", "failed")], cases, status=8)
@@ -112,7 +112,7 @@ class Report(unittest.TestCase):
     def test_ctest_that_fails_without_a_failed_test_fails_the_gate(self):
         self.assertEqual(self.report([("a", "passed")], status=8)[0], 1)
 
-    def test_a_skip_fails_where_data_was_given(self):
+    def test_a_skipped_test_fails_the_gate_if_its_data_were_given(self):
         data = os.environ.pop("PALPATE_DATA", None)
         try:
             self.assertEqual(self.report([("a", "skipped")])[1][-1], "0 passed, 0 failed, 1 skipped")
@@ -123,20 +123,20 @@ class Report(unittest.TestCase):
             if data is not None:
                 os.environ["PALPATE_DATA"] = data
 
-    def test_too_many_minutes_fail_the_gate_unless_compilers_or_lint_took_them(self):
+    def test_too_many_processor_minutes_fail_the_gate_except_those_of_compilers_and_lint(self):
         many = str(60 * (gate.BUDGET + 1))
         self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\tdev: tests\t\n")[0], 1)
         for step in ("dev: build", "lint"):
             self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\t{step}\t\n")[0], 0)
 
-    def test_host_steps_together_have_a_budget(self):
+    def test_tests_that_depend_on_the_machine_fail_the_gate_above_their_common_budget(self):
         minutes = "200\t1\trelease: host\t\n100\t1\trelease: host_suites\t\n100\t1\trelease: tests\t\n"
         words = "tests that depend on how the machine schedules: 300 s of 240: over their budget"
         self.assertIn(words, self.report([("a", "passed")], minutes=minutes)[1])
 
 
 class Structure(unittest.TestCase):
-    def test_includes_of_a_folder_above_or_beside_are_faults(self):
+    def test_includes_of_a_folder_above_or_beside_are_reported(self):
         fault = structure.fault_of
         self.assertIsNone(fault("engine/tick/step.cpp", "engine/balance/solver.h"))
         self.assertIsNone(fault("scenes/apps/view/window.cpp", "scenes/apps/common/touch.h"))
@@ -145,7 +145,7 @@ class Structure(unittest.TestCase):
         self.assertIn("stand apart", fault("scenes/apps/cli/feel.cpp", "scenes/apps/import/reader.h"))
         self.assertIn("has no place", fault("engine/new/one.cpp", "engine/types.h"))
 
-    def test_functions_are_measured_from_their_signature_to_their_end(self):
+    def test_the_length_of_a_function_counts_from_its_signature_to_its_end(self):
         text = "void one() {\n  if (a) {\n  }\n}\n\nint two(int first,\n        int second) {\n  three([&] {\n  });\n}\n"
         self.assertEqual(list(structure.functions(text)), [(1, 4), (6, 5)])
 
@@ -158,13 +158,13 @@ class Prose(unittest.TestCase):
             self.addCleanup(setattr, prose, "ROOT", root)
             return [rule for _, rule, _ in prose.hits_of(name)[1]]
 
-    def test_unclear_prose_is_found(self):
+    def test_the_prose_checker_reports_unclear_prose(self):
         self.assertEqual(self.hits("a.h", "/// What is told to nobody.\nint a;  // begun anew\n"),
                          ["nobody", "what-clause", "archaic"])
         self.assertEqual(self.hits("a.cpp", "// " + "word " * 16 + "\n// " + "word " * 16 + "end.\n"), ["long"])
         self.assertEqual(self.hits("a.md", "The force says nothing.\n```\nWhat is this\n```\n"), ["riddle"])
 
-    def test_plain_words_and_code_pass(self):
+    def test_the_prose_checker_accepts_plain_words_and_code(self):
         self.assertEqual(self.hits("a.cpp", "/// Returns the force [N].\nauto a = \"What is told\";\n"), [])
         self.assertEqual(self.hits("a.py", "# The hand rests.\nnobody = 1\n"), [])
         self.assertEqual(self.hits("a.md", "`What is told` is a name.\n\n" + "A short sentence. " * 20 + "\n"), [])

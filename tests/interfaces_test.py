@@ -69,11 +69,11 @@ class Page(unittest.TestCase):
             self.assertEqual(path.read_text(encoding="utf-8"), page)
         return str(stopped.exception)
 
-    def test_the_page_equals_the_programs_and_the_schemas(self):
+    def test_the_page_of_interfaces_equals_the_programs_help_and_the_schemas(self):
         done = subprocess.run([sys.executable, SCRIPT, BIN, "--check"], capture_output=True, text=True, check=False)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
 
-    def test_the_first_difference_is_named_with_the_command(self):
+    def test_the_first_difference_is_reported_with_the_command_that_updates_the_page(self):
         lines = interfaces.programs(BIN)
         self.enterContext(mock.patch.object(interfaces, "programs", lambda _: lines))
         page = "\n".join([interfaces.INTRODUCTION, *lines, *interfaces.keys()]).rstrip() + "\n"
@@ -86,7 +86,7 @@ class Page(unittest.TestCase):
             self.assertRegex(told, rf'^interfaces: docs/interfaces.md:{line}: .*"\| \[info\].*run docs/interfaces.py ')
         self.assertIn(f'md:{page.count(chr(10)) + 1}: the page has "more"', self.refused(page + "more"))
 
-    def test_every_verb_has_a_section_by_hand(self):
+    def test_a_command_without_a_handwritten_section_is_reported(self):
         with tempfile.TemporaryDirectory() as folder:
             verbs = Path(folder) / "verbs.md"
             text = interfaces.VERBS.read_text(encoding="utf-8")
@@ -97,18 +97,18 @@ class Page(unittest.TestCase):
 
 
 class Sections(unittest.TestCase):
-    def test_a_help_text_becomes_a_section(self):
+    def test_a_help_text_is_converted_to_a_section_of_the_page(self):
         blocks = [block.split("\n") for block in HELP.split("\n\n")]
         self.assertEqual(interfaces.options(blocks, "More."), ("feel SCENE", SECTION.split("\n")))
 
-    def test_headings_get_the_anchors_of_github(self):
+    def test_headings_get_the_same_anchors_as_on_github(self):
         for heading, anchor in (("scene FILE.vdb", "scene-filevdb"), ("plot TRACE...", "plot-trace"),
                                 ("solve [FILE]", "solve-file")):
             self.assertEqual(interfaces.slug(heading), anchor)
 
 
 class Keys(unittest.TestCase):
-    def test_describes_types_and_ranges_in_words(self):
+    def test_the_table_of_keys_describes_types_and_ranges_in_words(self):
         number = {"type": "number"}
         for node, words in (
                 ({**number, "exclusiveMinimum": 0, "maximum": 2.0}, ("number", "> 0, ≤ 2")),
@@ -122,11 +122,11 @@ class Keys(unittest.TestCase):
         with self.assertRaisesRegex(schema_keys.Refused, "multipleOf: the keyword is not known"):
             schema_keys.kind({**number, "multipleOf": 2}, "scene")
 
-    def test_a_default_has_a_cell_of_its_own(self):
+    def test_the_table_of_keys_has_a_separate_cell_for_each_default(self):
         node = {"properties": {"rate": {"type": "number", "description": "Rate [1/s]. The default is 0.5. Or more."}}}
         self.assertEqual(schema_keys.rows(node, "scene"), [("rate", "number", "", "0.5", "Rate [1/s]. Or more.")])
 
-    def test_keys_of_some_forms_name_these_forms(self):
+    def test_the_table_of_keys_names_the_forms_that_have_a_key(self):
         along = {"type": "object", "properties": {"x": {"type": "number"}}, "required": ["x"]}
         node = {"oneOf": [shape("point"), shape("line", along=along), shape("plane", along=along)]}
         self.assertEqual(schema_keys.rows(node, "scene"), [

@@ -1,18 +1,17 @@
 #!/usr/bin/env bash
-# Runs clang-format on every file, and clang-tidy on the sources outside tests/ that have not passed before as they are,
-# the newest 60 at most (see tidy.py). Configures a build of its own, so that it does not read another compiler's precompiled headers.
+# Runs clang-format on every file, and clang-tidy on sources outside tests/ that have not passed unchanged before, at
+# most the newest 60 (see tidy.py). Uses its own build, because it must not read another compiler's precompiled headers.
 #   --all   clang-tidy on all sources, with the slow checks, before a release
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 mapfile -t files < <(git ls-files '*.h' '*.cpp')
 clang-format --dry-run -Werror "${files[@]}"
-# The faults of mutate.py still match the sources: seconds here; ctest would find a mismatch only at the end of the
-# gate.
+# Checks that the faults of mutate.py match the sources. This takes seconds; ctest does the same at the end of the gate.
 tests/mutate.py --check
-# No source includes a header of a higher folder.
+# Checks that no source includes a header of a higher folder.
 tests/structure.py
-# Prose stays plain.
+# Checks the prose.
 tests/prose.py
 # Text for a terminal is printed through scenes/apps/common/say.h, which escapes it.
 if git grep -nE 'fmt::print|std::c(out|err) *<<|\b(f?printf|f?puts)\(|fwrite\(.*std(out|err)' -- \
@@ -25,7 +24,7 @@ mkdir -p build/lint
 cmake -S . -B build/lint -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER= -DPALPATE_TESTS=OFF -DPALPATE_TOGETHER=1 -DPALPATE_PLUGIN_STUBS=ON \
     -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >build/lint/configure.log 2>&1 ||
     { cat build/lint/configure.log; exit 1; }
-# Newest first: --most leaves out old sources, which have passed on the machine on which they were committed.
+# The newest sources come first, so that --most omits old ones, which passed on the machine of their commit.
 mapfile -t sources < <(cat <(git diff HEAD --name-only -- '*.cpp') <(git log --name-only --format= -- '*.cpp') <(git ls-files '*.cpp') |
     awk '!seen[$0]++' | grep -v '^tests/' | while read -r file; do [ ! -f "$file" ] || echo "$file"; done)
 tests/tidy_test.py

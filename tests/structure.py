@@ -39,7 +39,7 @@ def sources():
 
 
 def fault_of(source, header):
-    """Returns why a source may not include a header, both relative to the root, or None."""
+    """Returns the reason why a source may not include a header, or None. Both paths are relative to the root."""
     own, other = str(Path(source).parent), str(Path(header).parent)
     for folder in (own, other):
         if folder not in ORDER:

@@ -54,11 +54,11 @@ class Unit(unittest.TestCase):
                 {"directory": folder, "file": str(unit), "command": f"c++ -std=c++20 -c {unit}"}]))
             return tidy.tidy(build, str(unit), every)
 
-    def test_good_sources_with_the_same_names_pass(self):
+    def test_correct_sources_with_the_same_names_pass_when_checked_together(self):
         passed, words = self.told(GOOD, OTHER)
         self.assertTrue(passed, words)
 
-    def test_a_fault_in_any_source_is_reported(self):
+    def test_a_fault_in_any_source_of_a_unit_is_reported(self):
         for check, fault in FAULTS.items():
             for texts in ((GOOD + fault, OTHER), (GOOD, OTHER + fault)):
                 with self.subTest(check=check, last=texts[0] == GOOD):
@@ -74,7 +74,7 @@ class Unit(unittest.TestCase):
         self.assertFalse(passed)
         self.assertIn("invalid case style for struct 'shapeB'", words)
 
-    def test_sources_with_the_same_using_declaration_are_checked_apart(self):
+    def test_sources_with_the_same_using_declaration_are_checked_separately(self):
         with tempfile.TemporaryDirectory() as folder:
             sources = []
             for i, line in enumerate(("using std::max;", "int a;", "using std::max;")):
@@ -105,7 +105,7 @@ class Stamp(unittest.TestCase):
             (folder / name).write_text(f"int {name[0]};\n")
         return folder, stamps
 
-    def test_a_stamp_is_the_same_in_every_clone_and_with_every_comment(self):
+    def test_the_stamp_of_a_source_does_not_depend_on_the_clone_or_on_comments(self):
         (first, a), (second, b) = self.stamps("first", {"x.cpp": []}), self.stamps("second", {"x.cpp": []})
         before = a.stamp(str(first / "x.cpp"))
         self.assertEqual(b.stamp(str(second / "x.cpp")), before)
@@ -113,7 +113,7 @@ class Stamp(unittest.TestCase):
             (first / "x.cpp").write_text(text)
             self.assertEqual(a.stamp(str(first / "x.cpp")) == before, same)
 
-    def test_a_changed_header_is_checked_with_one_source(self):
+    def test_a_changed_header_is_checked_with_one_source_that_includes_it(self):
         folder, stamps = self.stamps("one", {"a.cpp": ["x.h"], "b.cpp": ["x.h", "y.h"], "c.cpp": ["y.h"]})
         sources = sorted(stamps.headers)
         self.assertEqual(stamps.to_check(sources, False), sources)

@@ -45,7 +45,7 @@ class MotionAccuracy(unittest.TestCase):
         self.assertEqual(len(found), 1, (case, method, setting))
         return found[0]
 
-    def test_records_the_machine_and_the_options(self):
+    def test_the_results_contain_the_machine_and_the_options(self):
         self.assertEqual(list(self.data), ["machine", "options", "surfaces", "streams", "rubbing"])
         for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
             self.assertIn(key, self.data["machine"])
@@ -63,7 +63,7 @@ class MotionAccuracy(unittest.TestCase):
                 self.assertGreater(r["reads"], 0, r)
                 self.assertLessEqual(r["reads"], r["most_reads"])
 
-    def test_the_error_on_spheres_is_at_most_the_tolerance(self):
+    def test_the_proxy_s_error_on_spheres_is_at_most_the_tolerance(self):
         for case in SPHERES:
             r = self.row("surfaces", case, "palpate", "0.01")
             self.assertLessEqual(r["off"], 0.01, r)
@@ -79,7 +79,7 @@ class MotionAccuracy(unittest.TestCase):
             for wide, narrow in zip(errors, errors[1:]):
                 self.assertLessEqual(narrow, 1.05 * wide, case)
 
-    def test_one_step_on_a_plane_is_a_hundred_times_farther_off_than_palpate(self):
+    def test_a_method_of_one_step_has_a_hundred_times_palpate_s_error_on_a_plane(self):
         ours = self.row("surfaces", "sphere, radius 40", "palpate", "0.01")
         one = self.row("surfaces", "sphere, radius 40", "plane", "1")
         self.assertEqual(one["lost"], 0)
@@ -94,7 +94,7 @@ class MotionAccuracy(unittest.TestCase):
             r = self.row("surfaces", case, *method)
             self.assertTrue(r["lost"] > 0 or r["off"] > 100 * ours["off"], r)
 
-    def test_the_error_on_streams_is_at_most_the_tolerance(self):
+    def test_the_proxy_s_error_on_streams_is_at_most_the_tolerance(self):
         for case in STREAMS:
             r = self.row("streams", case, "palpate", "0.01")
             self.assertLessEqual(r["off"], 0.01, r)
@@ -103,7 +103,7 @@ class MotionAccuracy(unittest.TestCase):
             self.assertEqual(r["capped"], 0, r)
             self.assertGreater(self.row("streams", case, "line", "1")["off"], 100 * r["off"])
 
-    def test_draws_a_chart_and_fills_a_page(self):
+    def test_the_chart_script_draws_a_chart_and_fills_the_table_of_a_page(self):
         page = self.dir / "page.md"
         page.write_text("before\n<!-- numbers: begin -->\nold\n<!-- numbers: end -->\nafter\n")
         folder = self.dir / "charts"

@@ -58,11 +58,11 @@ def recorded(number):
 
 
 class Reading(unittest.TestCase):
-    def test_every_figure_is_found(self):
+    def test_every_figure_is_found_in_the_recorded_outputs(self):
         for number, (_, read) in figures.COMMANDS.items():
             self.assertEqual(read(recorded(number)), CELLS[number], number)
 
-    def test_missing_figures_are_not_found(self):
+    def test_an_output_without_its_figure_is_reported_as_unmeasured(self):
         for number, (_, read) in figures.COMMANDS.items():
             before, after = OTHERWISE[number]
             self.assertIn(before, recorded(number), number)
@@ -70,7 +70,7 @@ class Reading(unittest.TestCase):
                 with self.assertRaises(figures.Unmeasured, msg=number):
                     read(text)
 
-    def test_figures_have_two_digits(self):
+    def test_figures_are_rounded_to_two_digits(self):
         for x, words in ((1.02, "1"), (0.803, "0.8"), (12.7, "13"), (141, "140"), (0.00194, "0.0019")):
             self.assertEqual(figures.two(x), words)
         ways = recorded(9).replace("15.92", "16.05")
@@ -121,7 +121,7 @@ class Writing(unittest.TestCase):
         self.assertEqual(page.part, figures.part(page.head, page.cells))
         self.assertEqual((page.above, page.below), ("# above\n\n", "\n\nbelow\n"))
 
-    def test_a_failed_command_keeps_the_other_figures(self):
+    def test_a_failed_command_does_not_prevent_the_other_figures(self):
         self.assertIn("figure 8: PALPATE_CASES=100000000 palpate_loop_tests",
                       self.run_it("--write", self.page, fails="8", status=1))
         self.untouched()
@@ -130,7 +130,7 @@ class Writing(unittest.TestCase):
         self.assertEqual([n for n in CELLS if f"\n{n}: " in told], [8, 9, 10])
         self.assertEqual(figures.Page(self.page).cells, CELLS)
 
-    def test_measures_figures_in_parts_but_never_of_two_commits(self):
+    def test_measures_figures_in_several_runs_but_only_of_one_commit(self):
         self.assertIn("figures 1, 4, 5, 6, 7, 8, 9, 10 are not measured",
                       self.run_it("--write", self.page, "--only", "2,3", status=1))
         self.assertIn("figures 2, 3 are not", self.run_it(
@@ -141,7 +141,7 @@ class Writing(unittest.TestCase):
         self.run_it("--write", self.page, "--only", "2,3", commit="ba9876543210")
         self.assertEqual(figures.Page(self.page).cells, CELLS)
 
-    def test_missing_inputs_and_markers_are_reported(self):
+    def test_missing_data_and_page_markers_are_reported(self):
         (self.dir / "head.json").unlink()
         self.assertIn("./demo.sh", self.run_it("--write", self.page, status=1))
         self.untouched()
@@ -149,7 +149,7 @@ class Writing(unittest.TestCase):
         self.assertIn("no <!-- figures: begin -->", self.run_it("--write", self.page, status=1))
         self.assertEqual(self.page.read_text(), "bare\n")
 
-    def test_without_a_page_it_prints_the_changes(self):
+    def test_without_a_page_the_script_prints_the_changes(self):
         told = self.run_it("--only", "7")
         self.assertIn("| 1.03 times, 1.07 at p99.9 | 7 |", told)
         self.assertIn(f"| {figures.MISSING} | 8 |", told)

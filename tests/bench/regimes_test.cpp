@@ -34,44 +34,49 @@ void judge(const Regime& row) {
 }  // namespace
 
 TEST_CASE(
-    "regime: with weak constraints that are not orthogonal the engine holds and another method "
-    "fails",
+    "regime: with weak oblique constraints the engine stays in its bounds and another method does "
+    "not",
     "[stability]") {
   judge(weakConstraints());
 }
 
-TEST_CASE("regime: in acute troughs, slots and corners the engine holds and another method fails",
-          "[stability]") {
+TEST_CASE(
+    "regime: in troughs, slots and corners the engine stays in its bounds and another method does "
+    "not",
+    "[stability]") {
   judge(acuteWalls());
 }
 
 TEST_CASE(
-    "regime: with strengths and stiffness of all sizes the engine holds and another method fails",
+    "regime: with strengths of all sizes the engine stays in its bounds and another method does "
+    "not",
     "[stability]") {
   judge(extremeSprings());
 }
 
-TEST_CASE("regime: at strikes and jumps the engine holds and another method fails", "[stability]") {
+TEST_CASE("regime: at strikes and jumps the engine stays in its bounds and another method does not",
+          "[stability]") {
   judge(strikesAndJumps());
 }
 
-TEST_CASE("regime: on steep and noisy data the engine holds and another method fails",
-          "[stability]") {
+TEST_CASE(
+    "regime: on steep and noisy data the engine stays in its bounds and another method does not",
+    "[stability]") {
   judge(steepAndNoisy());
 }
 
 TEST_CASE(
-    "regime: if the coupling is stiff, late or coarse the engine holds and another method fails",
+    "regime: with stiff, late or coarse coupling the engine stays in its bounds and others do not",
     "[stability][release]") {
   judge(stiffAndLate());
 }
 
-TEST_CASE("regime: in scenes that change under the hand the engine holds and another method fails",
+TEST_CASE("regime: in changing scenes the engine stays in its bounds and another method does not",
           "[stability]") {
   judge(scenesThatChange());
 }
 
-TEST_CASE("regime: with broken devices the engine holds and another method fails",
+TEST_CASE("regime: with broken devices the engine stays in its bounds and another method does not",
           "[stability][release]") {
   judge(brokenDevices());
 }

@@ -46,7 +46,7 @@ class SamplerAccuracy(unittest.TestCase):
         for coarse, half in zip(fine, fine[1:]):
             self.assertGreaterEqual(coarse / half, factor, (method, field, quantity, fine))
 
-    def test_records_the_machine_and_the_options(self):
+    def test_the_results_contain_the_machine_and_the_options(self):
         self.assertEqual(list(self.data),
                          ["machine", "options", "grids", "errors", "scalar", "vector"])
         for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
@@ -95,7 +95,7 @@ class SamplerAccuracy(unittest.TestCase):
                 for errors in zip(*rows):
                     self.assertLess(max(errors) / min(errors), 1.001)
 
-    def test_palpate_s_gradients_do_not_jump_and_the_cell_gradient_does(self):
+    def test_palpate_s_gradients_are_continuous_and_the_cell_gradient_is_not(self):
         for r in self.data["errors"]:
             if r["method"].startswith("palpate") and "jump" in r:
                 self.assertLess(r["jump"], 1e-5, r)
@@ -107,7 +107,7 @@ class SamplerAccuracy(unittest.TestCase):
             for method in ("palpate trilinear", "palpate quadratic", "palpate cubic"):
                 self.assertLess(max(self.errors(field, method, "direction_deg", "max")[1:]), 18.4)
 
-    def test_draws_a_chart_and_fills_a_page(self):
+    def test_the_chart_script_draws_a_chart_and_fills_the_table_of_a_page(self):
         page = self.dir / "page.md"
         page.write_text("before\n<!-- numbers: begin -->\nold\n<!-- numbers: end -->\nafter\n")
         folder = self.dir / "charts"

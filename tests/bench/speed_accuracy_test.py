@@ -36,14 +36,14 @@ class SpeedAccuracy(unittest.TestCase):
     def tearDownClass(cls):
         cls.holder.cleanup()
 
-    def test_records_the_machine_and_the_options(self):
+    def test_the_results_contain_the_machine_and_the_options(self):
         self.assertEqual(list(self.data), ["machine", "options", "truth", "results", "ratios",
                                            "figure7", "nonorthogonal"])
         for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
             self.assertIn(key, self.data["machine"])
         self.assertEqual(self.data["options"]["problems"], 8)
 
-    def test_reference_bounds_are_tight_and_certificates_hold(self):
+    def test_the_reference_s_error_bounds_are_small_and_no_certificate_is_broken(self):
         truth = self.data["truth"]
         self.assertGreater(truth["cases"], 100)
         for r in self.data["results"]:
@@ -53,7 +53,7 @@ class SpeedAccuracy(unittest.TestCase):
                 self.assertEqual(r["certificates_broken"], 0, r)
         self.assertLess(truth["widest_bound_over_reach"], 1e-6)
 
-    def test_every_method_runs_on_every_family(self):
+    def test_the_results_contain_every_method_on_every_family_of_problems(self):
         seen = {(r["family"], r["method"]) for r in self.data["results"]}
         for family in FAMILIES:
             for method in METHODS:
@@ -87,14 +87,14 @@ class SpeedAccuracy(unittest.TestCase):
                                     r["cases"])
             self.assertLessEqual(r["both"], r["cases"] - r["missed_by_other"])
 
-    def test_figure_7_has_every_tick(self):
+    def test_the_data_of_figure_7_contain_every_tick_for_every_solver(self):
         figure = self.data["figure7"]
         self.assertGreaterEqual(len(figure["speed_m_s"]), 3000)
         self.assertGreaterEqual(len(figure["solvers"]), 2)
         for solver in figure["solvers"]:
             self.assertEqual(len(solver["iterations"]), len(figure["speed_m_s"]))
 
-    def test_figure_7_has_the_iterations_of_the_paper(self):
+    def test_iterations_of_figure_7_agree_with_the_paper_for_two_primitives(self):
         figure = self.data["figure7"]
         for solver in figure["solvers"]:
             both = [n for n, count in zip(solver["iterations"], figure["primitives"]) if count == 2]
@@ -111,7 +111,7 @@ class SpeedAccuracy(unittest.TestCase):
             self.assertGreater(min(old[1:]), 1e-3)
             self.assertLess(max(curve["palpate_n"]["worst"]), 1e-6)
 
-    def test_draws_charts_and_fills_a_page(self):
+    def test_the_chart_script_draws_charts_and_fills_the_tables_of_a_page(self):
         page = self.dir / "page.md"
         page.write_text("before\n<!-- numbers: begin -->\nold\n<!-- numbers: end -->\nafter\n")
         drawn = []
@@ -131,7 +131,7 @@ class SpeedAccuracy(unittest.TestCase):
         self.assertNotIn("old\n", text)
         self.assertIn("| random | 2 |", text)
 
-    def test_a_page_without_markers_is_refused_and_left_alone(self):
+    def test_a_page_without_markers_is_refused_and_stays_unchanged(self):
         page = self.dir / "bare.md"
         page.write_text("nothing\n")
         done = subprocess.run([CHART, str(self.result), str(self.dir / "third"), "--doc",

@@ -49,7 +49,7 @@ class StabilityAccuracy(unittest.TestCase):
         self.assertGreater(self.of("two planes", "constraint approach")["force_error"], 0.1)
         self.assertLess(self.of("a wall", "constraint approach")["force_error"], 1e-9)
 
-    def test_the_chart_is_drawn(self):
+    def test_the_chart_script_draws_the_chart(self):
         words = subprocess.run([CHART, str(self.result), str(self.dir)], check=True, text=True,
                                capture_output=True, timeout=120).stdout
         self.assertIn("| palpate |", words)

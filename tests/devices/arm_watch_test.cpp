@@ -76,7 +76,7 @@ std::int64_t ms(std::int64_t t) {
 
 }  // namespace
 
-TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and flags",
+TEST_CASE("palpate's watch of an arm shows its report bytes, rates, fields, joints, tip and flags",
           "[profile]") {
   ArmWatch watch(arm(""));
   Says port;
@@ -88,7 +88,7 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
   CHECK_THAT(silent, Contains("flag homed (switch is 1): not known"));
   CHECK_THAT(silent, Contains("some firmware only answers, and this command sends no reports"));
 
-  // 500 ms of positions at 1 kHz, the switch at 10 Hz, and once a report that the profile does not
+  // 500 ms of positions at 1 kHz, the switch at 10 Hz, and one report that the profile does not
   // have.
   for (int i = 1; i <= 500; ++i) {
     port.say({1, 0xE8, 0x03, 0x18, 0xFC, 0x00, 0x00});
@@ -129,15 +129,17 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
   (void)watch.take(port, ms(4700));
   const std::string odd = watch.picture(ms(5100));
   CHECK_THAT(odd, Contains("  b                beyond the report's end\n"));
-  CHECK_THAT(odd, Contains("reports with other numbers\n"));
+  CHECK_THAT(odd, Contains("more reports of unknown kinds\n"));
   CHECK(odd.size() < 3000);
   port.there = false;
   CHECK(watch.take(port, ms(5200)) == ReadStatus::kGone);
   CHECK(port.sent == 0);
 }
 
-TEST_CASE("the watch follows a counter past its end, from home if the profile homes at opening",
-          "[profile]") {
+TEST_CASE(
+    "palpate's watch of an arm unwraps a counter and counts from home if the profile homes at "
+    "opening",
+    "[profile]") {
   const auto first = [](const char* home, const std::vector<std::vector<int>>& reports) {
     ArmWatch watch(arm(home));
     Says port;

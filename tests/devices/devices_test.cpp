@@ -47,7 +47,8 @@ TEST_CASE("a late tick does not cut the force of a recorded path", "[devices]") 
   CHECK(loop.latest().late_ticks == 1);
 }
 
-TEST_CASE("a path is followed exactly, linear between rows, to its end", "[path]") {
+TEST_CASE("a recorded path is interpolated linearly between its rows and ends at its last row",
+          "[path]") {
   PathDevice device(path("t,x,y,z\n0,0,0,0\n0.01,0.01,0,0\n0.02,0.01,0.02,0\n"), 1000.0);
   int ticks = 0;
   for (; !device.ended(); ++ticks) {
@@ -59,8 +60,8 @@ TEST_CASE("a path is followed exactly, linear between rows, to its end", "[path]
   CHECK(ticks == 21);
 }
 
-TEST_CASE("a path that cannot be read to its end is refused", "[path]") {
-  // A stream that gives two rows and then fails, like a disk.
+TEST_CASE("a path file is refused if an error occurs before the end of the file", "[path]") {
+  // A stream that gives two rows and then fails, like a faulty disk.
   class Failing final : public std::streambuf {
    public:
     Failing() { setg(text_.data(), text_.data(), text_.data() + text_.size()); }
@@ -74,7 +75,7 @@ TEST_CASE("a path that cannot be read to its end is refused", "[path]") {
   CHECK_THROWS_WITH(readPath(in, "p.csv"), Contains("p.csv: reading failed after line 3"));
 }
 
-TEST_CASE("a path in a pipe or a device is refused before it is read", "[path][safety]") {
+TEST_CASE("a path file that is a pipe or a device is refused before it is read", "[path][safety]") {
   const auto place =
       std::filesystem::temp_directory_path() / ("palpate_pipe_" + std::to_string(getpid()));
   REQUIRE(mkfifo(place.c_str(), 0600) == 0);
@@ -89,7 +90,7 @@ TEST_CASE("a path in a pipe or a device is refused before it is read", "[path][s
   std::filesystem::remove(place);
 }
 
-TEST_CASE("a path may start at any time and have one row", "[path]") {
+TEST_CASE("a path with one row and a start time of 5 s is played", "[path]") {
   PathDevice device(path("t,x,y,z\n5,1,2,3\n"), 1000.0);
   CHECK(device.read().position == Vec3(1, 2, 3));
   device.write({});
@@ -108,7 +109,8 @@ TEST_CASE("a malformed path file is refused with its reason", "[path]") {
   CHECK(path("t, x, y, z\r\n0, 1e-3, -2, +3\r\n\r\n").front().p == Vec3(1e-3, -2, 3));
 }
 
-TEST_CASE("a released arm with viscous friction slows as the closed form says", "[simulated]") {
+TEST_CASE("a released simulated arm with viscous friction slows down as the closed form predicts",
+          "[simulated]") {
   // A released arm without Coulomb friction and encoder steps. After a push of one tick, v = v0
   // exp(-b t/m).
   ArmParams arm;
@@ -124,7 +126,8 @@ TEST_CASE("a released arm with viscous friction slows as the closed form says", 
   CHECK(device.velocity().x() == Approx(v0 * std::pow(decay, 100)).epsilon(1e-9));
 }
 
-TEST_CASE("the hand's spring holds the arm at its target against a force", "[simulated]") {
+TEST_CASE("the spring of the simulated hand holds the arm at its target against a force",
+          "[simulated]") {
   ArmParams arm;
   arm.coulomb = 0.0;
   SimulatedDevice device(arm, {300.0, 5.0}, hold({0.01, 0, 0}, 5.0), 1000.0);
@@ -142,7 +145,8 @@ TEST_CASE("Coulomb friction holds the arm against a smaller force", "[simulated]
   CHECK(device.position().x() > 1e-2);
 }
 
-TEST_CASE("a force acts after a delay of whole or fractional ticks", "[simulated]") {
+TEST_CASE("a force acts on the simulated arm after a delay of whole or fractional ticks",
+          "[simulated]") {
   const double ticks = GENERATE(0.0, 1.0, 1.5, 3.25);
   ArmParams arm;
   arm.viscous = 0.0;
@@ -155,9 +159,10 @@ TEST_CASE("a force acts after a delay of whole or fractional ticks", "[simulated
   CHECK(device.velocity().x() == Approx((10 - ticks) * 1e-3 / arm.mass));
 }
 
-TEST_CASE("a hand's target is evaluated once a tick, in rising time", "[simulated]") {
-  // A target may keep state, because it is called once per tick: here each call moves the target by
-  // a millimetre, 1 m/s at 1 kHz.
+TEST_CASE("the target of a simulated hand is evaluated once a tick at increasing times",
+          "[simulated]") {
+  // The device calls a target once per tick, so a target may have a state. Here each call moves the
+  // target by 1 mm, which is 1 m/s at 1 kHz.
   std::vector<double> asked;
   const auto at = [&asked](double t) -> Vec3 {
     asked.push_back(t);
@@ -176,7 +181,7 @@ TEST_CASE("a hand's target is evaluated once a tick, in rising time", "[simulate
   CHECK(device.position().x() == Approx(1.001 + 0.5e-3).margin(2e-5));
 }
 
-TEST_CASE("the position is read in encoder steps", "[simulated]") {
+TEST_CASE("the simulated arm reports its position in encoder steps", "[simulated]") {
   ArmParams arm;
   arm.encoder = 1e-3;
   SimulatedDevice device(arm, {300.0, 5.0}, hold({0.0126, -0.0004, 0}, 1.0), 1000.0);
@@ -194,7 +199,7 @@ TEST_CASE("two equal simulated runs give bitwise equal positions", "[simulated]"
   }
 }
 
-TEST_CASE("a released simulated arm only slows down, and stops", "[simulated]") {
+TEST_CASE("a released simulated arm never speeds up and comes to rest", "[simulated]") {
   SimulatedDevice device({}, {0.0, 0.0}, hold(Vec3::Zero(), 10.0), 1000.0);
   for (int i = 0; i < 50; ++i) device.write({1, -1, 0.5});
   double speed = device.velocity().norm();
@@ -217,7 +222,7 @@ TEST_CASE("the position of a very light, strongly damped arm stays finite", "[si
   CHECK((device.position() - Vec3(0.01, 0.001, 0)).norm() < 1e-4);
 }
 
-TEST_CASE("parameters out of range are refused", "[simulated]") {
+TEST_CASE("a simulated arm refuses parameters out of range", "[simulated]") {
   ArmParams arm;
   arm.mass = 0.0;
   CHECK_THROWS_AS(SimulatedDevice(arm, {}, hold(Vec3::Zero(), 1.0), 1000.0), DeviceError);

@@ -30,7 +30,8 @@ constexpr double kClear = 4.5;
 constexpr double kSeconds = 7.0;
 
 /// Returns a hand that presses until the trouble is over, and again before and after the fault is
-/// cleared. In between it comes out, because a proxy that starts inside must come out first.
+/// cleared. Between two presses the hand leaves the ball, because a surface does not hold a proxy
+/// that starts inside its solid.
 std::unique_ptr<Device> pressing() {
   ArmParams arm;
   arm.hand = true;
@@ -46,7 +47,7 @@ std::unique_ptr<Device> pressing() {
   return std::make_unique<SimulatedDevice>(arm, GripParams{}, alongPath(path), kRate);
 }
 
-/// Stores the force that arrives at an arm.
+/// Stores the force that the device receives.
 struct Arrived final : Device {
   explicit Arrived(Vec3& force) : inner(pressing()), last(force) {}
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner->info(); }
@@ -125,7 +126,7 @@ const std::vector<Expected> kExpected{
 
 }  // namespace
 
-TEST_CASE("each injected trouble gives its expected fault in time, and the fault stays latched",
+TEST_CASE("each injected trouble causes its expected fault in time and the fault stays latched",
           "[fault]") {
   REQUIRE(kExpected.size() == kTroubles);
   std::printf("trouble    cause        zero after ticks by\n");
@@ -143,7 +144,7 @@ TEST_CASE("each injected trouble gives its expected fault in time, and the fault
     const auto ticks = [](double seconds) { return std::lround(seconds * kRate); };
     double before = 0.0;
     Fault fault = Fault::kNone;
-    // [s] from the trouble's start to one tick after the last tick with a force.
+    // [s], from the start of the trouble to one tick after the last tick with a force.
     double latest = -1.0;
     double back = 0.0;
     for (long i = 0; i < ticks(kSeconds); ++i) {
@@ -196,14 +197,15 @@ TEST_CASE("troubles cannot be injected into a real arm", "[fault]") {
                     Catch::Contains("cannot be applied to a real arm"));
 }
 
-TEST_CASE("a forward clock jump cuts the force, a backward jump adds at most 0.2 N", "[fault]") {
+TEST_CASE("a forward jump of the clock cuts the force, a backward jump adds at most 0.2 N",
+          "[fault]") {
   for (const double leap : {0.0051, 0.1, 3600.0, -0.0005, -0.01, -3600.0}) {
     CAPTURE(leap);
     Pressed pressed(pressing());
     for (int i = 0; i < 2000; ++i) pressed.tick();
     REQUIRE(pressed.force.norm() > 1.0);
     const double before = pressed.force.norm();
-    // A forward leap of the clock makes a tick late. After a backward leap the tick's time is
+    // A clock that jumps forward makes a tick late. After a jump backward the tick's duration is
     // negative, and no tick counts as late.
     pressed.tick(leap);
     CHECK(pressed.told.fault == (leap > 0.0 ? Fault::kLate : Fault::kNone));
@@ -223,8 +225,8 @@ TEST_CASE("publishing a scene in every tick causes no force jump", "[fault]") {
   REQUIRE(before > 1.0);
   double least = before;
   double most = before;
-  // Every tick gets another scene: first with changed numbers, then with changed volumes. Each new
-  // volume engages from zero.
+  // Every tick gets another scene: first with changed numbers, then with changed volumes. The force
+  // of each new volume grows from zero.
   for (int i = 0; i < 2000; ++i) {
     const bool edit = i < 1400;
     pressed.loop().publish(ballScene(edit ? pressed.field() : ballField(), 3.0 + 0.1 * (i % 5)));

@@ -218,13 +218,14 @@ Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
 
 }  // namespace
 
-TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensation",
+TEST_CASE("the self-test measures the weight of a heavy arm and passes with gravity compensation",
           "[hid][gravity][release]") {
   const Run light = tried(woody(), {});
   CAPTURE(light.words);
   REQUIRE(light.result.problems.empty());
 
-  // The tip weighs 0.3 N, which the test's 0.5 N can hold, then 1.5 N, which they cannot hold.
+  // First the tip weighs 0.3 N, which the self-test's force of 0.5 N can hold. Then the tip weighs
+  // 1.5 N, which that force cannot hold.
   for (const double scale : {1.0, 5.0}) {
     CAPTURE(scale);
     const std::vector<HidMass> masses{{0.02 * scale, std::nullopt, Vec3::Zero()},
@@ -261,8 +262,9 @@ TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensatio
   }
 }
 
-TEST_CASE("gravity is compensated while the arm may be driven, within its motors' limits",
-          "[hid][gravity][safety]") {
+TEST_CASE(
+    "gravity compensation acts only while the arm may be driven and within its motors' limits",
+    "[hid][gravity][safety]") {
   HidProfile profile = woody();
   profile.masses = {{0.1, std::nullopt, Vec3::Zero()}};
   HeavyArm arm(profile, ArmParams{}, {});
@@ -291,7 +293,8 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   const Vec3 whole(all[0], all[1], all[2]);
   CHECK(whole.norm() > 0.1 * kG * 0.19);
   CHECK(after(1, false).norm() == 0.0);
-  // The torques for the weight grow evenly over half a second, and end at once.
+  // The torques that carry the weight grow evenly over half a second. They become zero within one
+  // tick.
   Vec3 last = after(1, true);
   for (int i = 0; i < 499; ++i) {
     const Vec3 now = after(1, true);
@@ -302,7 +305,8 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   CHECK(after(1, false).norm() == 0.0);
   CHECK(after(1, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
-  // A force is added to the weight's torques. If a motor cannot give both, the force is reduced.
+  // The device adds the force to the weight's torques. If a motor cannot give both, the device
+  // reduces the force.
   const Vec3 push(0.0, 0.0, 2.0);
   const ArmPose pose = profile.kinematics->at(home);
   const auto torquesOf = [&](const Vec3& force) {
@@ -315,8 +319,8 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   CHECK(device->given() < 0.5);
   CHECK(most.cwiseAbs().maxCoeff() <= 1.0 + kTorque);
   CHECK((most - whole - device->given() * torquesOf(10.0 * push)).norm() < 5.0 * kTorque);
-  // If reports stop, or the program stops reading, the motors stop carrying the weight at once.
-  // Then they take it up gradually.
+  // If reports stop, or the program stops reading, the motors immediately stop carrying the weight.
+  // Afterwards their torques grow gradually again.
   (void)after(10, true);
   for (int i = 0; i < 60; ++i) {
     virtual_now += 1000000;
@@ -328,7 +332,8 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   CHECK(arm.motors().norm() == 0.0);
   CHECK(after(2, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
-  // If carrying is forbidden and permitted again between two readings, it also starts from zero.
+  // The weight's torques also start from zero if carrying is forbidden and permitted again between
+  // two readings.
   device->carry(false);
   CHECK(after(1, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
@@ -344,7 +349,7 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   CHECK(tip.norm() == Approx(3.0).epsilon(1e-2));
 }
 
-TEST_CASE("gravity compensation with an additional force never overheats a motor",
+TEST_CASE("gravity compensation plus an additional force never overheats a motor",
           "[hid][gravity][safety]") {
   HidProfile profile = woody();
   profile.masses = {{0.1, std::nullopt, Vec3::Zero()}, {0.05, 1, {0.1, 0.02, 0.0}}};

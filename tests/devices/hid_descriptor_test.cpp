@@ -68,7 +68,7 @@ std::string complaint(const HidProfile& profile, const std::vector<std::byte>& d
 
 }  // namespace
 
-TEST_CASE("a descriptor gives each report's direction, number and size", "[hid]") {
+TEST_CASE("a HID descriptor gives the direction, number and size of each report", "[hid]") {
   CHECK(text(virtualArm()) == "# in1:40 out2:24 feature3:8");
   CHECK(text(bytes(kRawHid)) == " in0:64 out0:64");
   // A keyboard's lights (5 bits and 3 bits of padding), a report in two parts, and a size that is
@@ -85,7 +85,7 @@ TEST_CASE("a descriptor gives each report's direction, number and size", "[hid]"
   CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");
 }
 
-TEST_CASE("a malformed descriptor is refused", "[hid]") {
+TEST_CASE("a malformed HID descriptor is refused", "[hid]") {
   for (const std::vector<int>& none : std::vector<std::vector<int>>{
            {},
            {0x75},                                               // cut off
@@ -107,7 +107,7 @@ TEST_CASE("a malformed descriptor is refused", "[hid]") {
   CHECK(text(bytes({0x75, 8, 0x96, 0, 0x40, 0x81, 2})) == " in0:16384");
 }
 
-TEST_CASE("a descriptor gives each field's bits, range, usages and collections", "[hid]") {
+TEST_CASE("a HID descriptor gives the bits, range, usages and collections of each field", "[hid]") {
   const auto read = [](const std::vector<int>& values) {
     const auto descriptor = parseHidDescriptor(bytes(values));
     REQUIRE(descriptor);
@@ -173,7 +173,7 @@ TEST_CASE("a descriptor gives each field's bits, range, usages and collections",
   CHECK(text(bytes({0xC0, 0x75, 8, 0x95, 1, 0x81, 2})) == "none");
 }
 
-TEST_CASE("mutated descriptors never crash the parser or give invalid reports", "[hid]") {
+TEST_CASE("mutated HID descriptors never crash the parser or give invalid reports", "[hid]") {
   test::Random random(7);
   const std::vector<std::vector<std::byte>> seeds{virtualArm(), bytes(kRawHid)};
   long read = 0;
@@ -200,7 +200,8 @@ TEST_CASE("mutated descriptors never crash the parser or give invalid reports", 
   CHECK(20 * read > cases - 100);
 }
 
-TEST_CASE("a mismatch of profile and descriptor is reported with its correction", "[hid]") {
+TEST_CASE("a mismatch between profile and HID descriptor is reported with its correction",
+          "[hid]") {
   HidProfile arm;
   arm.input = {report(1, 40)};
   arm.output = report(2, 24);

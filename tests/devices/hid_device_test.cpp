@@ -33,8 +33,8 @@ namespace {
 
 constexpr std::size_t kRing = 63;
 
-/// The simulated device: a ring that keeps the oldest reports, and the reports that were sent to
-/// the device.
+/// A simulated device. A ring keeps its oldest unread reports; a list keeps the reports that were
+/// sent to it.
 class FakeArm {
  public:
   void give(const std::vector<std::byte>& report) {
@@ -250,7 +250,8 @@ constexpr double kAtOnce = 1e9;  // [Hz]
 
 }  // namespace
 
-TEST_CASE("buttons, orientation, gripper and joints reach the application", "[hid]") {
+TEST_CASE("a HID arm reports buttons, orientation, gripper and joints to the application",
+          "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.handle.buttons = {{"one", {0, 3}, 1.0}, {"two", {0, 3}, 2.0}};
@@ -287,7 +288,7 @@ TEST_CASE("buttons, orientation, gripper and joints reach the application", "[hi
   CHECK(device->read().handle.buttons == 1);
 }
 
-TEST_CASE("a NaN in a report leaves the handle's last value", "[hid]") {
+TEST_CASE("a NaN in a HID report leaves the last value of the handle unchanged", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   // The state is the upper half of a float, including its exponent.
@@ -310,7 +311,7 @@ TEST_CASE("a NaN in a report leaves the handle's last value", "[hid]") {
   CHECK(handle.orientation[3] == Approx(std::sin(0.5)));
 }
 
-TEST_CASE("positions are read and forces sent, in the profile's units and frame", "[hid]") {
+TEST_CASE("a HID arm reads positions and sends forces in the profile's units and frame", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.origin_D = {0.01, 0, 0};
@@ -328,8 +329,8 @@ TEST_CASE("positions are read and forces sent, in the profile's units and frame"
   for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
 }
 
-TEST_CASE("forces are scaled, with their direction kept, so that no motor overheats", "[hid]") {
-  // Two motors that can hold 1 and 0.5 forever, and give at most 4.
+TEST_CASE("forces that would overheat a motor are scaled down and keep their direction", "[hid]") {
+  // Motor 0 can hold 1 N and motor 1 can hold 0.5 N continuously. Each gives at most 4 N.
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
   const std::array<double, 2> holds{1.0, 0.5};
@@ -382,7 +383,7 @@ TEST_CASE("forces are scaled, with their direction kept, so that no motor overhe
     last = share;
     if (i == 150) REQUIRE(share == 1.0);
   }
-  CHECK(steepest < 0.02);  // the motor's command heats it to six times its limit
+  CHECK(steepest < 0.02);  // a constant 2.5 N would heat motor 0 to six times its limit
   CHECK(2.5 * share == Approx(1.0).epsilon(1e-3));
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[0] > 0.99);
@@ -412,7 +413,8 @@ TEST_CASE("forces are scaled, with their direction kept, so that no motor overhe
   CHECK(device->given() == 0.0);
 }
 
-TEST_CASE("the newest report is used, and an overflowed report ring is discarded", "[hid]") {
+TEST_CASE("a HID arm uses the newest report and discards all reports if their ring overflows",
+          "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   (void)device->read();
@@ -424,8 +426,8 @@ TEST_CASE("the newest report is used, and an overflowed report ring is discarded
   const HandState again = device->read();
   CHECK(again.position.x() == Approx(0.004));
   CHECK(again.age == Approx(0.02));
-  // 300 reports arrive in a pause. The ring holds only the first 63, and the hand has moved on
-  // since.
+  // 300 reports arrive during a pause. The ring holds only the first 63, so the hand has moved
+  // since its last report.
   for (int i = 0; i < 300; ++i) arm.giveCounts(5 * i, 0, 0);
   const HandState stalled = device->read();
   CHECK(stalled.position.x() == Approx(0.004));
@@ -452,7 +454,7 @@ TEST_CASE("the newest report is used, and an overflowed report ring is discarded
   CHECK(device->read().age == Approx(0.04));
 }
 
-TEST_CASE("encoder counters are followed past their ends", "[hid]") {
+TEST_CASE("encoder counters that wrap around are unwrapped", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   long count = 0;
@@ -466,7 +468,7 @@ TEST_CASE("encoder counters are followed past their ends", "[hid]") {
   CHECK(count > 5 * 65536);
 }
 
-TEST_CASE("reports that are too short are counted and ignored", "[hid]") {
+TEST_CASE("HID reports that are too short are counted and ignored", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   arm.giveCounts(100, 0, 0);
@@ -475,12 +477,12 @@ TEST_CASE("reports that are too short are counted and ignored", "[hid]") {
   arm.give({std::byte{1}, std::byte{2}, std::byte{3}});
   CHECK(device->read().position.x() == Approx(1e-3));
   CHECK(device->reads().strange == 2);
-  // If a report is longer, only the fields that the profile has are read.
+  // A longer report is accepted. Only the fields of the profile are read.
   arm.give(std::vector<std::byte>(4096, std::byte{0}));
   CHECK(device->read().position.x() == 0.0);
 }
 
-TEST_CASE("reports are distinguished by their numbers", "[hid]") {
+TEST_CASE("HID reports of different kinds are distinguished by their numbers", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.input[0].id = 7;
@@ -511,7 +513,7 @@ TEST_CASE("reports are distinguished by their numbers", "[hid]") {
   CHECK(hand.position.x() == Approx(1e-3));
 }
 
-TEST_CASE("flags set the arm's ready state and its faults", "[hid]") {
+TEST_CASE("flags in a HID report set the arm's ready state and its faults", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kEnabled},
@@ -529,7 +531,7 @@ TEST_CASE("flags set the arm's ready state and its faults", "[hid]") {
   CHECK(with(3).fault == Fault::kSwitch);
 }
 
-TEST_CASE("a motor's limit scales the force and keeps its direction", "[hid]") {
+TEST_CASE("a force above a motor's limit is scaled down and keeps its direction", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   device->write({2.0, -8.0, 1.0});  // 8 N, for a motor that gives at most 4 N
@@ -546,7 +548,7 @@ TEST_CASE("a motor's limit scales the force and keeps its direction", "[hid]") {
   CHECK(device->given() == 0.0);
 }
 
-TEST_CASE("beyond its reach an arm is not ready and its motors get zero", "[hid]") {
+TEST_CASE("an arm beyond its reach is not ready and its motors get zero", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) field.scale = 1e-3;
@@ -562,7 +564,7 @@ TEST_CASE("beyond its reach an arm is not ready and its motors get zero", "[hid]
   await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
 }
 
-TEST_CASE("no force is given along directions without a motor", "[hid]") {
+TEST_CASE("an arm gets no force along a direction without a motor", "[hid]") {
   HidHost host;
   host.measured.viscous = 0.5;
   host.measured.coulomb = 0.5;
@@ -627,7 +629,8 @@ TEST_CASE("no force is given along directions without a motor", "[hid]") {
   }
 }
 
-TEST_CASE("each tick sends one report, and a blocked write does not delay ticks", "[hid]") {
+TEST_CASE("a HID arm sends one report per tick, and a blocked write does not delay the ticks",
+          "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   const std::size_t before = arm.sent().size();
@@ -636,7 +639,7 @@ TEST_CASE("each tick sends one report, and a blocked write does not delay ticks"
     await([&] { return device->writes().count == i; });
   }
   CHECK(arm.sent().size() == before + 50);
-  // A write does not return: ticks continue, and then the newest force is sent.
+  // A write does not return. The ticks continue, and afterwards the newest force is sent.
   Held held(arm);
   device->write({0, 0, 0.5});
   await([&] { return arm.holding.load(); });
@@ -647,7 +650,7 @@ TEST_CASE("each tick sends one report, and a blocked write does not delay ticks"
   CHECK(arm.sent().size() == before + 52);
 }
 
-TEST_CASE("forces are sent at most at the arm's rate, and the newest one is sent", "[hid]") {
+TEST_CASE("a HID arm sends forces at most at its own rate and always the newest one", "[hid]") {
   HidProfile profile = slides();
   profile.output_rate = 100.0;
   FakeArm arm;
@@ -661,8 +664,8 @@ TEST_CASE("forces are sent at most at the arm's rate, and the newest one is sent
   await([&] { return arm.driven()[0] == 500; });
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - began;
   CHECK(static_cast<double>(device->writes().count) <= 100.0 * took.count() + 2.0);
-  // A report that takes the force off is sent without waiting for its time, even when the
-  // device is closed.
+  // A report that sets the force to zero is sent without waiting for its time, even when the device
+  // is closed.
   profile.output_rate = 0.01;
   {
     FakeArm cut;
@@ -684,7 +687,7 @@ TEST_CASE("forces are sent at most at the arm's rate, and the newest one is sent
   CHECK(slow.driven() == std::array<int, 3>{0, 0, 0});
 }
 
-TEST_CASE("a write that does not return is a fault", "[hid]") {
+TEST_CASE("a HID write that does not return is a fault", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   Held held(arm);
@@ -698,7 +701,8 @@ TEST_CASE("a write that does not return is a fault", "[hid]") {
   await([&] { return device->read().fault == Fault::kNone; });
 }
 
-TEST_CASE("an unsent force is a fault, even while the writer waits for its pace", "[hid][safety]") {
+TEST_CASE("a force that stays unsent is a fault even if the output rate delays it",
+          "[hid][safety]") {
   // The writer waits by the machine's clock, so in the test's virtual time the next force is never
   // due.
   HidProfile profile = slides();
@@ -716,7 +720,6 @@ TEST_CASE("an unsent force is a fault, even while the writer waits for its pace"
     }
     return hand;
   };
-  // No force is waiting.
   CHECK(readFor(2000.0).fault == Fault::kNone);
   device->write({2, 0, 0});
   CHECK(readFor(1000.0).fault == Fault::kNone);
@@ -726,10 +729,9 @@ TEST_CASE("an unsent force is a fault, even while the writer waits for its pace"
   CHECK(device->read().fault == Fault::kNone);
 }
 
-TEST_CASE("pacing delays a force at most as long as the tank assumes", "[hid][passivity]") {
+TEST_CASE("pacing delays a force at most as long as the energy tank assumes", "[hid][passivity]") {
   // Ticks of a clock, each late by up to one period, some of them skipped. A writer sends the
-  // newest force when Pace permits it. A force that is replaced by a newer one counts as sent with
-  // it.
+  // newest force when Pace permits it. A replaced force counts as sent when the newer one is sent.
   test::Random random(7);
   const long cases = test::cases(2000);
   for (long i = 0; i < cases; ++i) {
@@ -755,7 +757,7 @@ TEST_CASE("pacing delays a force at most as long as the tank assumes", "[hid][pa
       pace.go(goes);
       while (k < asked.size() && asked[k] <= goes) ++k;
     }
-    // The period that HapticLoop tells the tank.
+    // The period that HapticLoop passes to the tank.
     const std::int64_t told = takes < rate ? std::llround(1e9 / takes) : 0;
     REQUIRE(longest <= told);
     const double seconds = 1e-9 * static_cast<double>(asked.back() - asked.front() + longest);
@@ -763,7 +765,7 @@ TEST_CASE("pacing delays a force at most as long as the tank assumes", "[hid][pa
   }
 }
 
-TEST_CASE("an unplugged arm is a fault, a replugged arm returns with its counters reset", "[hid]") {
+TEST_CASE("an unplugged arm is a fault and a replugged arm has its counters reset", "[hid]") {
   FakeArm arm;
   std::atomic<int> looked{0};
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
@@ -793,7 +795,7 @@ TEST_CASE("an unplugged arm is a fault, a replugged arm returns with its counter
   await([&] { return arm.driven()[0] == 500; });
 }
 
-TEST_CASE("a failed write makes the arm gone for the reader too", "[hid]") {
+TEST_CASE("after a failed write the reads of a HID arm report it as gone", "[hid]") {
   FakeArm arm;
   const auto device = open(arm, slides(), true, {{}, [] { return std::unique_ptr<ReportPort>(); }});
   Held held(arm);
@@ -804,7 +806,8 @@ TEST_CASE("a failed write makes the arm gone for the reader too", "[hid]") {
   await([&] { return device->read().fault == Fault::kGone; });
 }
 
-TEST_CASE("an arm homed by its pose does not reconnect by itself", "[hid]") {
+TEST_CASE("an arm that takes its home from its pose at opening does not reconnect by itself",
+          "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.home_at_open = true;
@@ -827,8 +830,7 @@ TEST_CASE("an arm homed by its pose does not reconnect by itself", "[hid]") {
   CHECK(device->read().fault == Fault::kGone);
 }
 
-TEST_CASE("an output field without a motor keeps its rest value unless a command sets it",
-          "[hid]") {
+TEST_CASE("an output field without a motor has its rest value unless a command sets it", "[hid]") {
   HidProfile profile = slides();
   profile.output->fields[3].rest = 5.0;
   HidStep send;
@@ -851,7 +853,9 @@ TEST_CASE("an output field without a motor keeps its rest value unless a command
   CHECK(ones == 1);
 }
 
-TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled", "[hid]") {
+TEST_CASE(
+    "opening a HID arm sends its commands and fails if the arm does not reach a required state",
+    "[hid]") {
   HidProfile profile = slides();
   HidStep send;
   send.kind = HidStep::Kind::kSend;
@@ -872,7 +876,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
     CHECK(commanded);
   }
   {
-    // A button that was pressed before the request does not confirm it.
+    // A press of the button before the request does not count as an answer.
     FakeArm pressed;
     profile.home[1].seconds = 0.2;
     for (int i = 0; i < 3; ++i) pressed.giveCounts(0, 0, 0, 5);
@@ -880,7 +884,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
     CHECK_THROWS_WITH(
         HidDevice(profile, std::make_unique<FakePort>(pressed), true),
         Contains("it reported state = 5 from the start: release it first; then press the button"));
-    // A state that the device sets by itself may hold before the request.
+    // A state that the device sets by itself may have been set before the request.
     profile.home[1].words.clear();
     CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
     profile.home[1].words = "press the button";
@@ -899,7 +903,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
   CHECK(said == std::vector<std::string>{"arm slides: press the button"});
 }
 
-TEST_CASE("the closing sequence runs in order, even after a failed opening", "[hid]") {
+TEST_CASE("the closing sequence of a HID arm runs in order even after a failed opening", "[hid]") {
   HidProfile profile = slides();
   HidStep pause;
   pause.seconds = 0.15;
@@ -933,7 +937,7 @@ TEST_CASE("the closing sequence runs in order, even after a failed opening", "[h
   CHECK(std::chrono::steady_clock::now() - began < 30s);  // the profile allows 60 s
   user.join();
   CHECK(closed(stopped));
-  // Opening a device fails if it stops before its first report.
+  // Opening a device fails if its reports stop before the first one.
   profile.home.clear();
   FakeArm silent;
   CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
@@ -942,7 +946,7 @@ TEST_CASE("the closing sequence runs in order, even after a failed opening", "[h
   CHECK(closed(silent));
 }
 
-TEST_CASE("a closing command is sent even if a wait before it times out", "[hid]") {
+TEST_CASE("a closing command is sent even if the wait before it times out", "[hid]") {
   HidProfile profile = slides();
   const HidStep wait = waitForState(7, 0.05);
   HidStep off;
@@ -992,7 +996,7 @@ TEST_CASE("a report with a repeated sequence number is not a new position", "[hi
   CHECK(device->read().age == 0.0);
 }
 
-TEST_CASE("a switch state expires when its report stops", "[hid]") {
+TEST_CASE("the state of a switch expires when its HID report stops arriving", "[hid]") {
   // Report 1 has the positions; report 2, ten times per second, has the dead-man switch.
   HidProfile profile = slides();
   profile.input[0].id = 1;
@@ -1046,9 +1050,10 @@ TEST_CASE("a switch state expires when its report stops", "[hid]") {
   CHECK(device.read().ready);
 }
 
-TEST_CASE("the force fades while an arm keeps sending the same counts", "[hid][safety]") {
-  // The firmware repeats its last counters, and its reports have no number that would show this.
-  // For the loop, the hand stays in the ball.
+TEST_CASE("the force of a HID arm fades while the arm keeps sending the same counts",
+          "[hid][safety]") {
+  // The firmware repeats its last counters, and its reports have no number that would show the
+  // repetition. To the loop, the hand rests in the ball.
   FakeArm arm;
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
@@ -1095,7 +1100,8 @@ TEST_CASE("the force fades while an arm keeps sending the same counts", "[hid][s
 
 namespace {
 
-/// A simulated arm that reports, or does not report, for how long its counters have been constant.
+/// A simulated arm. If `tells` is true, it also reports for how long its counters have been
+/// constant.
 class Counting final : public Device {
  public:
   Counting(SimulatedDevice& arm, double friction, bool tells)
@@ -1163,7 +1169,8 @@ struct Holding {
 
 }  // namespace
 
-TEST_CASE("a joint that does not move the tip does not count as motion", "[hid][safety]") {
+TEST_CASE("motion of a joint that does not move the tip does not keep the force on",
+          "[hid][safety]") {
   // A planar arm with a third joint without a motor, like a wrist's. The last bit of its counter
   // trembles.
   HidProfile profile = slides();
@@ -1215,7 +1222,7 @@ TEST_CASE("a fading force moves a held arm by at most its friction and one encod
   }
 }
 
-TEST_CASE("a reconnected arm repeats its request to the user", "[hid]") {
+TEST_CASE("a reconnected arm repeats its request for the user's action", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   const HidStep wait = waitForState(5, 20.0, "press the button");
@@ -1251,7 +1258,7 @@ TEST_CASE("a reconnected arm repeats its request to the user", "[hid]") {
   CHECK(said == std::vector<std::string>(2, "arm slides: press the button"));
 }
 
-TEST_CASE("a counter that may have wrapped unseen is a fault, and is homed again",
+TEST_CASE("a counter that may have wrapped unnoticed is a fault and the arm is homed again",
           "[hid][safety]") {
   FakeArm arm;
   HidProfile profile = slides();
@@ -1276,7 +1283,7 @@ TEST_CASE("a counter that may have wrapped unseen is a fault, and is homed again
   CHECK(device->read().position.x() == Approx(0.0204));
   pass(0.1);
   arm.giveCounts(-2000, 0, 0);
-  // Reports that came in the pause are not used.
+  // Reports that arrived during the pause are not used.
   CHECK(device->read().fault == Fault::kNone);
   arm.giveCounts(-2000, 0, 0);
   const HandState hand = device->read();
@@ -1289,7 +1296,8 @@ TEST_CASE("a counter that may have wrapped unseen is a fault, and is homed again
   CHECK(device->read().position.x() == Approx(1e-4));
 }
 
-TEST_CASE("after homing, counters are taken in the range nearest to home", "[hid]") {
+TEST_CASE("after homing, each counter is placed in the range nearest to the home position",
+          "[hid]") {
   // The arm starts one count below its home, which is the middle along x, and 5 cm away along y.
   HidProfile profile = narrowSlides();
   HidStep home;
@@ -1304,8 +1312,8 @@ TEST_CASE("after homing, counters are taken in the range nearest to home", "[hid
   CHECK((device->read().position - Vec3(-1e-5, 0.05003, 1e-2)).norm() < 1e-12);
 }
 
-TEST_CASE("the first read trusts the homed flag after any pause", "[hid]") {
-  // The counters are below zero.
+TEST_CASE("the first read after any pause accepts the position of an arm that reports itself homed",
+          "[hid]") {
   HidProfile profile = narrowSlides();
   HidFlag homed;
   homed.field = {0, 3};
@@ -1331,7 +1339,8 @@ TEST_CASE("the first read trusts the homed flag after any pause", "[hid]") {
   CHECK(device->read().fault == Fault::kMiscounted);
 }
 
-TEST_CASE("a miscounted arm gets zero force and its closing command", "[hid][safety]") {
+TEST_CASE("an arm with a miscounted encoder gets zero force and its closing command",
+          "[hid][safety]") {
   FakeArm arm;
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) field.bits = 12;
@@ -1370,7 +1379,7 @@ TEST_CASE("a miscounted arm gets zero force and its closing command", "[hid][saf
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
 }
 
-TEST_CASE("a fault that a reconnected arm reports during preparation is kept", "[hid]") {
+TEST_CASE("a fault that an arm reports while it is prepared again stays set", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 3.0, HidFlag::Means::kHot}};
@@ -1388,7 +1397,7 @@ TEST_CASE("a fault that a reconnected arm reports during preparation is kept", "
   CHECK(device->read().fault == Fault::kTemperature);
 }
 
-TEST_CASE("a counter is not followed past its end while the arm is not homed", "[hid]") {
+TEST_CASE("a counter is not unwrapped while the arm is not homed", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kHomed}};
@@ -1399,12 +1408,12 @@ TEST_CASE("a counter is not followed past its end while the arm is not homed", "
   };
   CHECK_FALSE(at(30000, 0).ready);
   CHECK_THAT(device->whyNotReady(), Contains("not homed"));
-  // Homing sets the counter from the pose. This change does not count as a motion of the arm.
+  // Homing sets the counter to that of the home pose. This change is not a motion of the arm.
   CHECK(at(-20000, 1).position.x() == Approx(-0.2));
   CHECK(device->whyNotReady().empty());
 }
 
-TEST_CASE("the reason why an arm is not ready is reported", "[hid]") {
+TEST_CASE("a HID arm reports the reason why it is not ready", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kEnabled}};
@@ -1426,7 +1435,8 @@ TEST_CASE("the reason why an arm is not ready is reported", "[hid]") {
   CHECK_THAT(device->whyNotReady(), Contains("do not arrive"));
 }
 
-TEST_CASE("a silent arm fails to open with a hint, an arm that only answers is polled", "[hid]") {
+TEST_CASE("a silent HID arm fails to open with a hint, an arm that sends only replies is polled",
+          "[hid]") {
   HidProfile profile = slides();
   profile.firmware = "version 3";
   FakeArm silent;
@@ -1438,7 +1448,7 @@ TEST_CASE("a silent arm fails to open with a hint, an arm that only answers is p
   CHECK(device.read().ready);
 }
 
-TEST_CASE("an untested arm is limited to 1 N and 100 N/m", "[hid][safety]") {
+TEST_CASE("an untested HID arm is limited to 1 N and 100 N/m", "[hid][safety]") {
   FakeArm arm;
   const auto wild = open(arm, slides(), false);
   CHECK(wild->info().limits.peak == kUntestedForce);
@@ -1449,7 +1459,7 @@ TEST_CASE("an untested arm is limited to 1 N and 100 N/m", "[hid][safety]") {
   CHECK(tame->info().max_stiffness == 1000.0);
 }
 
-TEST_CASE("a puck's velocities move the hand within its reach", "[hid]") {
+TEST_CASE("under rate control a HID puck moves the simulated hand within its workspace", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.output.reset();
@@ -1503,7 +1513,6 @@ TEST_CASE("a puck's velocities move the hand within its reach", "[hid]") {
   CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.05));
   pass(0.01);
   CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.04));
-  // If the device is unplugged, the position stays.
   arm.there = false;
   const Vec3 left = device.read().position;
   pass(0.05);
@@ -1527,7 +1536,7 @@ TEST_CASE("reading and writing a HID arm does not allocate", "[hid]") {
   CHECK(sum.allFinite());
 }
 
-TEST_CASE("a replugged arm gets force again only after the fault is cleared",
+TEST_CASE("a replugged HID arm gets force again only after the fault is cleared",
           "[hid][safety][host]") {
   FakeArm arm;
   int z = 4000;

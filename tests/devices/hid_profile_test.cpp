@@ -86,7 +86,7 @@ std::string trouble(const Json& json) {
 
 }  // namespace
 
-TEST_CASE("a complete profile is read", "[profile]") {
+TEST_CASE("a complete HID profile is read with all its values", "[profile]") {
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
   CHECK(arm.match[0].vendor == 0x1209);
   CHECK(arm.match[0].usage_page == 0xFF00);
@@ -105,7 +105,7 @@ TEST_CASE("a complete profile is read", "[profile]") {
   CHECK(arm.handle.gripper->ratio == -10);
 }
 
-TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
+TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "[profile]") {
   REQUIRE(trouble(full()) == "none");
   REQUIRE(schemaAccepts(full()));
   struct Bad {
@@ -143,7 +143,7 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
        "/handle/orientation/0/axis: it is not a direc",
        false},
       {"/handle/orientation/1/from", "a",
-       "from: palpate follows a counter that wraps only as a joint", false},
+       "from: palpate can follow a counter that wraps only if it belongs to a joint", false},
       {"/handle/orientation/1/ratio", 0, "/handle/orientation/1/ratio: it is 0", true},
       {"/handle/orientation", Json::array(), "/handle/orientation: it is not a list", true},
       {"/handle/gripper/axis", {0, 0, 1}, "/handle/gripper/axis: unknown key", true},
@@ -157,9 +157,10 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
       {"/kinematics/joints/0/motor", "fz", "did you mean \"fa\"?", false},
       {"/kinematics/joints/0/torque_constant", 0, "0 is not > 0", true},
       {"/kinematics/joints/0/ratio", 0, "/kinematics/joints/0/ratio: it is 0", true},
-      {"/kinematics/joints/0/continuous", 2, "and its heating time belong together", true},
-      {"/kinematics/joints/0/heating", 9, "and its heating time belong together", true},
-      {"/kinematics/home_at_open", true, "the user must know the home pose", false},
+      {"/kinematics/joints/0/continuous", 2, "are valid only together", true},
+      {"/kinematics/joints/0/heating", 9, "are valid only together", true},
+      {"/kinematics/home_at_open", true, "the user must be told which pose is the home pose",
+       false},
       {"/kinematics/rate_control", 0.1, "does not take forces", false},
       {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is not a rotation", false},
       {"/mount/rotation_wxyz", {0, 1e200, 0, 0}, "it is not a rotation", false},
@@ -169,7 +170,7 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
       {"/output/fields/fb/bit", 56, "it shares bits with another field", false},
       {"/output/fields/fa/offset", 6000, "cannot hold a force of zero", false},
       {"/output/fields/fa/most", -1, "cannot hold a force of zero", false},
-      {"/output/fields/fa/most", 0, "cannot both pull and push", false},
+      {"/output/fields/fa/most", 0, "cannot hold both positive and negative forces", false},
       {"/output/fields/fa/most", 40000, "/most: 40000 does not fit: its bits hold -32768", false},
       {"/output/fields/fa/type", "unsigned", "/least: -5000 does not fit", false},
       {"/output/fields/fa/rest", 1, "the field drives a motor", false},
@@ -182,7 +183,8 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
       {"/kinematics/joints/1/from", "a", "it shares bits with another joint", false},
       {"/input/0/fields/b/bit", 100, "it shares bits with another joint", false},
       {"/kinematics/joints/1/home", 90, "90 is more than 6.2832 radians", true},
-      {"/kinematics/joints/1/torque_constant", 0.01, "5 N needs 500 of fb", false},
+      {"/kinematics/joints/1/torque_constant", 0.01, "a force of 5 N at the tip needs 500 from fb",
+       false},
       {"/kinematics/joints",
        {{{"from", "a"}}, {{"from", "b"}}, {{"from", "c"}}},
        "no joint has a motor",
@@ -251,8 +253,8 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
   Json homeless = full();
   homeless.erase("flags");
   homeless.erase("home");
-  CHECK_THAT(trouble(homeless),
-             Contains("/kinematics/joints/0/from: the pose at zero of its counter is unknown"));
+  CHECK_THAT(trouble(homeless), Contains("/kinematics/joints/0/from: its counter wraps, and the "
+                                         "pose at the counter's zero is unknown"));
   Json numbers = full();
   numbers["output"].erase("id");
   CHECK_THAT(trouble(numbers), Contains("numbers all its reports or none"));
@@ -265,10 +267,10 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
   CHECK(trouble(flag) == "none");
   Json motorless = full();
   motorless.erase("output");
-  CHECK_THAT(trouble(motorless), Contains("an output and its rate belong together"));
+  CHECK_THAT(trouble(motorless), Contains("\"output\" and rate/output are valid only together"));
 }
 
-TEST_CASE("the shipped profile schema equals the printed one", "[profile]") {
+TEST_CASE("the shipped schema of profiles equals the one that the program prints", "[profile]") {
   std::ifstream in(test::sourceDir() + "/devices/hid/hid_profile.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
@@ -277,7 +279,7 @@ TEST_CASE("the shipped profile schema equals the printed one", "[profile]") {
   CHECK(shipped.str() == hidProfileSchema());
 }
 
-TEST_CASE("a report's sequence field and stale time are read", "[profile]") {
+TEST_CASE("a profile's sequence field and stale time of a report are read", "[profile]") {
   Json json = full();
   json["input"][0]["sequence"] = "d";
   json["input"][0]["stale"] = 0.25;
@@ -292,7 +294,8 @@ TEST_CASE("a report's sequence field and stale time are read", "[profile]") {
   CHECK(plain.input[0].stale == 0.0);
 }
 
-TEST_CASE("a counter that is homed only by a flag must span the workspace", "[profile]") {
+TEST_CASE("a profile whose homed flag is its only home needs counters that span the workspace",
+          "[profile]") {
   Json json = full();
   json.erase("home");
   REQUIRE(trouble(json) == "none");  // 32 bits of 1 um per count
@@ -337,7 +340,7 @@ TEST_CASE("a counter that is homed only by a flag must span the workspace", "[pr
   CHECK(trouble(chain) == "none");
 }
 
-TEST_CASE("a device is claimed by one program at a time", "[profile]") {
+TEST_CASE("only one program at a time can claim a device", "[profile]") {
   const test::TemporaryFolder folder;
   const std::string file = (folder / "hidraw0").string();
   std::ofstream(file) << "x";
@@ -356,7 +359,8 @@ TEST_CASE("a device is claimed by one program at a time", "[profile]") {
   close(second);
 }
 
-TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[profile]") {
+TEST_CASE("a claim of a device waits for the guardian of a killed program and reports the wait",
+          "[profile]") {
   const test::TemporaryFolder folder;
   const std::string file = (folder / "hidraw0").string();
   std::ofstream(file) << "x";
@@ -383,6 +387,9 @@ TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[pro
     REQUIRE(read(ready[0], &byte, 1) == 1);
     close(ready[0]);
     REQUIRE(kill(program, SIGKILL) == 0);
+    // kill() returns before the program has ended.
+    siginfo_t end{};
+    REQUIRE(waitid(P_PID, static_cast<id_t>(program), &end, WEXITED | WNOWAIT) == 0);
     return program;
   };
   const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
@@ -397,7 +404,7 @@ TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[pro
   CHECK(waitpid(short_one, nullptr, 0) == short_one);
   REQUIRE(flock(ours, LOCK_UN) == 0);
 
-  // The wait is limited. The message does not name the program that has ended.
+  // The claim waits for a limited time. Its message does not name the program that has ended.
   const pid_t long_one = killed(static_cast<unsigned>(1000.0 * kLongestClaim) + 2000);
   CHECK(waitpid(long_one, nullptr, 0) == long_one);
   CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
@@ -405,7 +412,7 @@ TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[pro
   close(ours);
 }
 
-TEST_CASE("a motor's continuous limit is read and checked", "[profile]") {
+TEST_CASE("a profile's continuous limit of a motor is read and checked", "[profile]") {
   Json json = full();
   json["limits"].erase("continuous");
   json["limits"].erase("heating");
@@ -446,7 +453,7 @@ TEST_CASE("a motor's continuous limit is read and checked", "[profile]") {
   CHECK_FALSE(schemaAccepts(sensed));
 }
 
-TEST_CASE("every geometry is read from a profile", "[profile]") {
+TEST_CASE("every kind of arm geometry is read from a profile", "[profile]") {
   const auto with = [](const char* kinematics, std::size_t joints, const Vec3& middle) {
     Json json = full();
     Json& model = json["kinematics"];
@@ -465,7 +472,7 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
     CHECK(schemaAccepts(json));
     // The tip must be able to reach the middle of the hand's world.
     json["mount"]["origin"] = {0.0, 0.0, 1.9};
-    CHECK_THAT(trouble(json), Contains("/mount/origin: the middle of the hand's world is"));
+    CHECK_THAT(trouble(json), Contains("/mount/origin: the origin of the hand's world is"));
     json["mount"]["origin"] = {middle.x(), middle.y(), middle.z()};
     const HidProfile profile = parseHidProfile(json.dump(), "arm.json");
     CHECK(factsOf(profile).off < 1e-3);
@@ -493,7 +500,9 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
             .norm() == 0.0);
 }
 
-TEST_CASE("gravity masses are read, and may use at most half of a motor's force", "[profile]") {
+TEST_CASE(
+    "a profile's masses are read and refused if carrying them needs over half of a motor's force",
+    "[profile]") {
   Json json = full();
   json["limits"].erase("continuous");
   json["limits"].erase("heating");
@@ -525,7 +534,8 @@ TEST_CASE("gravity masses are read, and may use at most half of a motor's force"
   CHECK(trouble(json) == "none");
 }
 
-TEST_CASE("the axes along which an arm moves and is driven are found", "[profile]") {
+TEST_CASE("the world axes along which an arm moves and is driven follow from its profile",
+          "[profile]") {
   const auto axes = [](const Json& json) {
     const ProfileFacts facts = factsOf(parseHidProfile(json.dump(), "arm.json"));
     std::string words;
@@ -572,7 +582,8 @@ TEST_CASE("the axes along which an arm moves and is driven are found", "[profile
                 {{"origin", {0.3, 0.2, 0}}})) == "xy|xy|");
 }
 
-TEST_CASE("a profile's resolution, home position and motor demands are computed", "[profile]") {
+TEST_CASE("a profile's resolution, home position and largest motor demand are computed correctly",
+          "[profile]") {
   const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
   CHECK(facts.off < 1e-6);
   CHECK(facts.step == Approx(3e-6));
@@ -582,8 +593,8 @@ TEST_CASE("a profile's resolution, home position and motor demands are computed"
   CHECK(facts.motors[0].asked == Approx(5.0));
   CHECK(facts.motors[2].asked == Approx(2.5));
   CHECK(facts.motors[0].room == Approx(5.0));
-  // The Polhem, with 5 N across the arm at 0.14 m from its axis, converted by gear ratio and torque
-  // constant.
+  // The Polhem arm: 5 N perpendicular to the arm, 0.14 m from its axis, converted by gear ratio and
+  // torque constant.
   std::vector<std::string> notes;
   for (const HidProfile& arm : hidProfiles("/nowhere", notes)) {
     if (arm.name != "polhem") continue;
@@ -595,7 +606,7 @@ TEST_CASE("a profile's resolution, home position and motor demands are computed"
   }
 }
 
-TEST_CASE("self-test results are stored by serial number and profile", "[profile]") {
+TEST_CASE("self-test results are stored by serial number and by profile", "[profile]") {
   const test::TemporaryFolder folder;
   setenv("XDG_STATE_HOME", folder.path().c_str(), 1);
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
@@ -634,7 +645,7 @@ TEST_CASE("self-test results are stored by serial number and profile", "[profile
   CHECK_FALSE(isTested(identityOf(parseHidProfile(other.dump(), "arm.json"), "S1")));
   rememberTest(identityOf(parseHidProfile(other.dump(), "arm.json"), "S2"), measured);
   CHECK(isTested(identityOf(arm, "S1")));
-  // Invalid contents of the file count as no test, not as an error.
+  // If the file has invalid contents, the arm counts as untested, without an error.
   for (const char* text : {"{", "[]", R"({"mine@S1": 3})", R"({"mine@S1": {"profile": 7}})", ""}) {
     std::ofstream(testedArmsFile()) << text;
     CHECK_FALSE(isTested(identityOf(arm, "S1")));
@@ -708,7 +719,7 @@ TEST_CASE("an arm's name is split into profile, serial number and file", "[profi
   CHECK_THROWS_WITH(openArm("hid@S1", {}), Contains("hid:PROFILE@SERIAL"));
 }
 
-TEST_CASE("an ambiguous profile name is refused with the matching profiles", "[profile]") {
+TEST_CASE("a profile name that fits two profiles is refused with both their names", "[profile]") {
   // The motors of the two editions differ twelvefold, so an arm with the wrong edition's profile
   // would get twelve times its force.
   const std::string editions =
@@ -726,10 +737,10 @@ TEST_CASE("an ambiguous profile name is refused with the matching profiles", "[p
   CHECK(young.joints[1].torque_constant == 0.0603);
 }
 
-TEST_CASE("a profile with an output must have limits", "[profile]") {
+TEST_CASE("a profile with an output but without limits is refused", "[profile]") {
   Json json = full();
   json.erase("limits");
-  CHECK_THAT(trouble(json), Contains("an arm with an output has limits"));
+  CHECK_THAT(trouble(json), Contains("an arm with \"output\" needs limits"));
 }
 
 TEST_CASE("the shipped profiles are valid, and every number has a source", "[profile]") {
@@ -769,7 +780,8 @@ TEST_CASE("the shipped profiles are valid, and every number has a source", "[pro
   }
 }
 
-TEST_CASE("a user's profiles replace shipped ones, and a broken profile is reported", "[profile]") {
+TEST_CASE("a user's profile replaces the shipped one and a broken profile is reported",
+          "[profile]") {
   const test::TemporaryFolder folder;
   Json mine = full();
   mine["name"] = "polhem";
@@ -794,14 +806,14 @@ TEST_CASE("a user's profiles replace shipped ones, and a broken profile is repor
   CHECK(notes.size() == 4);
   CHECK_THAT(notes[0], Contains("a.json: /name: this file replaces palpate's own profile polhem"));
   CHECK_THAT(notes[1], Contains("b.json") && Contains("not valid JSON"));
-  // Two files of the user give the same name.
+  // Two files of the user define the same name.
   std::ofstream(folder / "b.json") << mine.dump();
   notes.clear();
   CHECK(hidProfiles(folder.path(), notes).size() == 3);
   CHECK_THAT(notes[1], Contains("b.json: /name: another file in this folder has the name polhem"));
 }
 
-TEST_CASE("the known arms have limits and sources", "[profile]") {
+TEST_CASE("every known arm has limits and a source", "[profile]") {
   const auto arms = knownArms();
   CHECK(arms.size() >= 8);
   for (const KnownArm& arm : arms) {
@@ -813,7 +825,7 @@ TEST_CASE("the known arms have limits and sources", "[profile]") {
   }
 }
 
-TEST_CASE("damaged profiles never crash the reader", "[profile]") {
+TEST_CASE("damaged profiles never crash the profile reader", "[profile]") {
   const std::string good = full().dump();
   // At each byte in turn: replaces the byte, removes it, or ends the text there.
   for (std::size_t i = 0; i < good.size(); ++i) {
@@ -835,7 +847,8 @@ TEST_CASE("damaged profiles never crash the reader", "[profile]") {
   SUCCEED();
 }
 
-TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[profile][pid]") {
+TEST_CASE("a profile of a PID device gives axis travel in metres and forces in newtons",
+          "[profile][pid]") {
   const Json good = Json::parse(R"({
     "palpate_arm": 1, "name": "stick", "firmware": "f",
     "match": [{"vendor": "1209", "product": "FFB0"}],
@@ -857,7 +870,7 @@ TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[p
   CHECK(facts.off < 1e-6);
   CHECK(facts.moves.isApprox(Mat3(Vec3(1, 1, 0).asDiagonal())));
   REQUIRE(facts.motors.size() == 2);
-  CHECK(facts.motors[0].asked == Approx(5.0));  // share of everything that the device can give [N]
+  CHECK(facts.motors[0].asked == Approx(5.0));  // [N], of the 10 N that the device can give
   CHECK(facts.motors[0].room == Approx(10.0));
 
   std::ifstream in(test::sourceDir() + "/docs/profiles.md");
@@ -881,7 +894,7 @@ TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[p
            {"/pid/axes/0/axis", "x", "/pid/axes/1/axis: the axis occurs twice", false},
            {"/pid/axes/0/way", 0, "/pid/axes/0/way: it is 0", true},
            {"/pid/axes/0/way", 200, "200 is more than 2 metres", true},
-           {"/pid/axes/0/way", 0.19, "the workspace is 0.2 m wide, and the grip travels 0.19",
+           {"/pid/axes/0/way", 0.19, "the workspace is 0.2 m wide, but the grip travels only 0.19",
             false},
            {"/pid/axes/0/force", 0, "/pid/axes/0/force: it is 0", true},
            {"/pid/axes/0/force", 4, "limits/force is 5 N, and this axis gives 4", false},
@@ -909,10 +922,10 @@ TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[p
   }
   Json slow = good;
   slow["rate"].erase("output");
-  CHECK_THAT(trouble(slow), Contains("an output and its rate belong together"));
+  CHECK_THAT(trouble(slow), Contains("\"output\" and rate/output are valid only together"));
 }
 
-TEST_CASE("a PID profile with an axis that the device lacks is refused", "[profile][pid]") {
+TEST_CASE("a PID profile is refused if it has an axis that the device lacks", "[profile][pid]") {
   const HidProfile arm = parseHidProfile(R"({
     "palpate_arm": 1, "name": "stick", "firmware": "f",
     "match": [{"vendor": "1209", "product": "FFB0"}], "rate": {"input": 1000, "output": 500},
@@ -931,7 +944,8 @@ TEST_CASE("a PID profile with an axis that the device lacks is refused", "[profi
         "arm.json: /pid/axes/1: the device does not report its z: remove this axis");
 }
 
-TEST_CASE("a device is refused while another program holds its force effects", "[profile][pid]") {
+TEST_CASE("a PID device is refused while another program uses its force effects",
+          "[profile][pid]") {
   namespace fs = std::filesystem;
   const test::TemporaryFolder folder;
   const fs::path input = folder / "hidraw3" / "device" / "input" / "input7";

@@ -1,4 +1,4 @@
-/// Converts bytes to numbers and back.
+/// Tests the conversion of the bytes of HID reports to numbers and back.
 #include "palpate/devices/hid/hid_report.h"
 
 #include <array>
@@ -39,7 +39,7 @@ ReportField field(std::uint32_t bit, std::uint32_t bits, ReportField::Type type)
 
 }  // namespace
 
-TEST_CASE("fields are decoded at their bit positions", "[hid]") {
+TEST_CASE("fields of a HID report are decoded at their bit positions", "[hid]") {
   using Type = ReportField::Type;
   const auto report = bytes({0x34, 0x12, 0xFE, 0xFF, 0xA5});
   CHECK(rawOf(report, field(0, 16, Type::kUnsigned)) == 0x1234);
@@ -55,7 +55,8 @@ TEST_CASE("fields are decoded at their bit positions", "[hid]") {
   CHECK(rawOf(pi, field(0, 32, Type::kFloat)) == 3.25);
 }
 
-TEST_CASE("a written field reads back, and all other bits stay unchanged", "[hid]") {
+TEST_CASE("writing a field of a HID report keeps all other bits, and a read returns the value",
+          "[hid]") {
   Random random(1);
   using Type = ReportField::Type;
   for (long i = 0; i < test::cases(20000); ++i) {
@@ -95,7 +96,10 @@ TEST_CASE("a written field reads back, and all other bits stay unchanged", "[hid
   }
 }
 
-TEST_CASE("a written value is clamped to its limits, and a non-finite value becomes 0", "[hid]") {
+TEST_CASE(
+    "a value for a field of a HID report is clamped to the field's range, a non-finite one becomes "
+    "0",
+    "[hid]") {
   ReportField f = field(0, 16, ReportField::Type::kSigned);
   f.least = -3000;
   f.most = 2000;
@@ -107,7 +111,7 @@ TEST_CASE("a written value is clamped to its limits, and a non-finite value beco
   }
 }
 
-TEST_CASE("a counter is followed past its ends", "[hid]") {
+TEST_CASE("the decoder of HID reports unwraps a counter that overflows or underflows", "[hid]") {
   for (const std::uint32_t bits : {8U, 16U, 24U, 32U}) {
     Random random(bits);
     const double range = std::ldexp(1.0, static_cast<int>(bits));

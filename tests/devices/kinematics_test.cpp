@@ -54,7 +54,7 @@ std::vector<Arm> arms() {
 
 }  // namespace
 
-TEST_CASE("Jacobians are the derivatives of the tip position", "[kinematics]") {
+TEST_CASE("an arm's Jacobians are the derivatives of its tip position", "[kinematics]") {
   Random random(3);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -64,7 +64,7 @@ TEST_CASE("Jacobians are the derivatives of the tip position", "[kinematics]") {
       const ArmPose pose = arm.model->at(q);
       REQUIRE(pose.reachable);
       for (std::size_t i = 0; i < arm.model->joints(); ++i) {
-        // Five points, so the error is of the fourth order.
+        // A five-point difference, with an error of fourth order.
         const double h = 1e-3;
         const auto at = [&](double d) {
           Joints moved = q;
@@ -79,7 +79,7 @@ TEST_CASE("Jacobians are the derivatives of the tip position", "[kinematics]") {
   }
 }
 
-TEST_CASE("link points move as their Jacobians say, and include the tip", "[kinematics]") {
+TEST_CASE("points on an arm's links move as their Jacobians predict", "[kinematics]") {
   Random random(13);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -126,9 +126,9 @@ TEST_CASE("link points move as their Jacobians say, and include the tip", "[kine
   CHECK((delta->on(3, Vec3::Zero(), level).position_D - delta->at(level).position_D).norm() == 0.0);
 }
 
-TEST_CASE("joint torques reproduce the force at the tip", "[kinematics]") {
-  // Checks virtual work in both directions: the torques for a force do the force's work, and the
-  // force that these torques make at the tip, from the transposed Jacobian, is the same force.
+TEST_CASE("joint torques from the Jacobian reproduce the force at the tip", "[kinematics]") {
+  // Checks virtual work. The torques for a force do the same work as the force. The force that the
+  // torques produce at the tip, by the transposed Jacobian, equals the given force.
   Random random(5);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -149,7 +149,7 @@ TEST_CASE("joint torques reproduce the force at the tip", "[kinematics]") {
                                                   Eigen::ComputeThinU | Eigen::ComputeThinV);
       if (svd.singularValues().tail(1)[0] < 1e-3) continue;
       const Vec3 back = svd.solve(torques);
-      // A planar arm cannot make a force across its plane.
+      // A planar arm cannot make a force perpendicular to its plane.
       const Vec3 wanted = n == 2 ? Vec3(force.x(), force.y(), 0.0) : force;
       REQUIRE((back - wanted).norm() < 1e-9);
     }
@@ -173,17 +173,17 @@ TEST_CASE("known joint angles give the known tip positions", "[kinematics]") {
   CHECK(middle.x() == Approx(-0.025));
   CHECK(middle.y() > 0.08);
   CHECK(middle.z() == 0.0);
-  // Two links of a chain in the plane.
   const auto chain =
       makeChain(std::vector<ChainLink>{{0, 0, 0.3, 0}, {0, 0, 0.2, 0}, {0, 0, 0, 0}});
   CHECK((chain->at({M_PI / 2, -M_PI / 2, 1.0}).position_D - Vec3(0.2, 0.3, 0)).norm() < 1e-15);
 }
 
-TEST_CASE("unreachable poses give no torque, and all poses give finite numbers", "[kinematics]") {
+TEST_CASE("unreachable poses of an arm give no torque and every pose gives finite numbers",
+          "[kinematics]") {
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.12);
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
-  // First elbows that are farther apart than the rods' lengths, then rods in one line, which cannot
-  // hold the tip.
+  // First the elbows are farther apart than the rods reach. Then the rods are in one line and
+  // cannot hold the tip.
   CHECK_FALSE(makeDelta(0.08, 0.03, 0.06, 0.1)->at({0, 0, 0}).reachable);
   CHECK_FALSE(panto->at({0.0, M_PI}).reachable);
   // Elbows 0.2 apart, so the rods are in one line.
@@ -210,7 +210,7 @@ TEST_CASE("unreachable poses give no torque, and all poses give finite numbers",
   CHECK(lost > 0);
 }
 
-TEST_CASE("impossible geometries are refused", "[kinematics]") {
+TEST_CASE("impossible arm geometries are refused", "[kinematics]") {
   CHECK_THROWS_AS(makeCapstanArm(0.1, 0.0, 0.1), DeviceError);
   CHECK_THROWS_AS(makeCapstanArm(std::nan(""), 0.1, 0.1), DeviceError);
   CHECK_THROWS_AS(makeDelta(0.1, 0.05, -1, 0.1), DeviceError);

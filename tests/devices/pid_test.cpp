@@ -41,7 +41,7 @@ void pass(double time) {
   virtual_now += std::llround(1e9 * time);
 }
 
-/// A device with its link to the driver.
+/// A device and its connection to the driver.
 class Wire {
  public:
   explicit Wire(PidShape shape = {}) : model(shape), raw(static_cast<std::size_t>(shape.axes)) {}
@@ -190,7 +190,7 @@ PidMap mapOf(const PidModel& model) {
 
 }  // namespace
 
-TEST_CASE("a PID device of either kind with one to three axes is read, driven and released",
+TEST_CASE("a PID device of either kind with one to three axes gives positions and takes forces",
           "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
@@ -242,7 +242,7 @@ TEST_CASE("a PID device of either kind with one to three axes is read, driven an
   CHECK(wire.model.strange() == 0);
 }
 
-TEST_CASE("reports that a PID device lacks are not sent", "[hid][pid]") {
+TEST_CASE("palpate sends no report that the PID device lacks", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   const int without = GENERATE(0, 1, 2, 3, 4, 5, 6, 7);
@@ -262,14 +262,15 @@ TEST_CASE("reports that a PID device lacks are not sent", "[hid][pid]") {
     const std::string& source = device->info().source;
     CHECK((source.find("it has no guardian") == std::string::npos) == shape.control);
     CHECK((source.find("ends within 0.5 s") == std::string::npos) == !shape.duration);
-    CHECK((source.find("it has no durations") == std::string::npos) == shape.duration);
+    CHECK((source.find("effects have no duration") == std::string::npos) == shape.duration);
   }
   CHECK(wire.playing() == 0);
   CHECK(wire.model.strange() == 0);
 }
 
-TEST_CASE("an effect is stopped individually if the device can neither free nor stop all",
-          "[hid][pid]") {
+TEST_CASE(
+    "an effect is stopped individually if the PID device can neither free nor stop all effects",
+    "[hid][pid]") {
   PidShape shape;
   shape.free = shape.control = false;
   Wire wire(shape);
@@ -293,8 +294,8 @@ TEST_CASE("an untested PID device opens without force and with a tenth of its ga
   CHECK(wire.model.gainShare() > 0.09);
   CHECK(device->info().limits.peak == kUntestedForce);
   CHECK(device->info().max_stiffness <= kUntestedStiffness);
-  CHECK_THAT(device->info().source, Contains("its gain is a tenth"));
-  // If the firmware ignores its gain, the force still does not exceed the requested one.
+  CHECK_THAT(device->info().source, Contains("its gain is reduced to a tenth"));
+  // The sent force does not exceed the requested one, even if the firmware ignores its gain.
   send(*device, {0.5, 0.0, 0.0});
   CHECK(8.0 * wire.share(0) == Approx(0.5 * wire.model.gainShare()).epsilon(0.03));
   CHECK(8.0 * wire.share(0) / wire.model.gainShare() <= 0.5);
@@ -315,7 +316,7 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     shape.load_status = 2;
     Wire wire(shape);
     CHECK_THAT(refusal(wire), Contains("arm stick: it has no memory left for an effect: "));
-    // After a failure, earlier commands are undone.
+    // If an opening fails, the device's earlier commands are reversed.
     CHECK_FALSE(wire.model.active());
   }
   {
@@ -349,8 +350,8 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     CHECK(refusal(wire) == "none");
   }
   {
-    // Outdated status reports, of the previous effect, are ignored. So a force goes along its own
-    // axis.
+    // The driver ignores outdated status reports of the previous effect. So each force acts along
+    // its own axis.
     PidShape late = shape;
     late.load_refused = 0;
     late.load_stale = 3;
@@ -365,14 +366,15 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     Wire wire(shape);
     CHECK_THAT(
         refusal(wire),
-        Contains("it plays at most 1 effects at once, and each axis needs one: remove axes"));
+        Contains(
+            "it plays at most 1 effects at the same time, and each axis needs one: remove axes"));
     shape.at_once = 0;  // the device does not report this number
     Wire other(shape);
     CHECK(refusal(other) == "none");
   }
 }
 
-TEST_CASE("effects have a finite duration and are renewed in time", "[hid][pid]") {
+TEST_CASE("PID effects have a finite duration and are renewed before it ends", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   shape.duration_bits = GENERATE(8, 16);
@@ -397,7 +399,6 @@ TEST_CASE("effects have a finite duration and are renewed in time", "[hid][pid]"
       wire.model.starts() / 2.0 / (130.0 / (shape.duration_bits == 8 ? 0.254 : 0.5));
   CHECK(times > 3.0);
   CHECK(times < 4.6);
-  // The program stops writing.
   pass(0.51);
   CHECK(wire.share(0) == 0.0);
   CHECK(wire.playing() == 0);
@@ -405,7 +406,8 @@ TEST_CASE("effects have a finite duration and are renewed in time", "[hid][pid]"
   CHECK(wire.share(0) > 0.2);
 }
 
-TEST_CASE("an effect that cannot restart while it plays restarts after its end", "[hid][pid]") {
+TEST_CASE("a PID effect that cannot restart while it plays is restarted after its end",
+          "[hid][pid]") {
   PidShape shape;
   shape.deaf_to_starts = true;
   Wire wire(shape);
@@ -421,7 +423,7 @@ TEST_CASE("an effect that cannot restart while it plays restarts after its end",
   CHECK(longest <= 0.25 * PidPort::kDuration + 0.011);
 }
 
-TEST_CASE("only changed magnitudes are sent", "[hid][pid]") {
+TEST_CASE("a PID device is sent only the magnitudes that have changed", "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);
   send(*device, {1.0, 1.0, 0.0});
@@ -439,7 +441,8 @@ TEST_CASE("only changed magnitudes are sent", "[hid][pid]") {
   CHECK(sent({NAN, 0.0, 0.0}) == 0);
 }
 
-TEST_CASE("a decrease on one axis is sent before an increase on another", "[hid][pid]") {
+TEST_CASE("a PID device gets a decrease on one axis before an increase on another axis",
+          "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);
   for (const Vec3& force : {Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(4, 0, 0)}) {
@@ -463,7 +466,8 @@ TEST_CASE("a PID device's power, safety and actuator states cut the force", "[hi
   // State bits that the device never set have no meaning.
   CHECK(says(true, false, false).fault == Fault::kNone);
   CHECK(device->read().ready);
-  // Power returns. The force would be there at once, so it starts from zero as at the opening.
+  // The power returns. The device would apply the old force immediately, so the driver starts the
+  // force from zero as after an opening.
   const HandState powered = says(true, true, false);
   CHECK(powered.fault == Fault::kNone);
   CHECK_FALSE(powered.ready);
@@ -508,7 +512,7 @@ TEST_CASE("actuators that a guardian stopped are enabled again only at zero forc
   CHECK(wire.share(0) > 0.2);
 }
 
-TEST_CASE("one control report stops a PID device of either kind", "[hid][pid]") {
+TEST_CASE("one control report stops the force of a PID device of either kind", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   Wire wire(shape);
@@ -524,7 +528,8 @@ TEST_CASE("one control report stops a PID device of either kind", "[hid][pid]") 
   CHECK(wire.model.active());  // still enabled
 }
 
-TEST_CASE("a PID device's stiffness limit follows from the time of its reports", "[hid][pid]") {
+TEST_CASE("the stiffness limit of a PID device follows from the time that its reports take",
+          "[hid][pid]") {
   PidShape shape;
   shape.axes = 2;
   Wire wire(shape);
@@ -546,7 +551,7 @@ TEST_CASE("a PID device's stiffness limit follows from the time of its reports",
   wire.takes = 0.0;
   // If reports take less time, the profile's rate holds.
   CHECK(open(wire, true, {}, 500.0)->info().output_rate == 500.0);
-  // The limit follows from measured friction and delay too.
+  // The limit also follows from measured friction and delay.
   HidHost host;
   host.measured = {2.0, 0.1, 0.003, 0.001, 0.2};
   const auto device = open(wire, true, host, 500.0);
@@ -557,7 +562,7 @@ TEST_CASE("a PID device's stiffness limit follows from the time of its reports",
   CHECK_THAT(device->info().source, Contains("a measured friction"));
 }
 
-TEST_CASE("a reconnected PID device is set up again", "[hid][pid]") {
+TEST_CASE("a reconnected PID device gets its effects again", "[hid][pid]") {
   Wire wire;
   HidHost host;
   host.find = [&]() -> std::unique_ptr<ReportPort> {
@@ -611,7 +616,8 @@ TEST_CASE("reading and writing a PID device does not allocate", "[hid][pid][real
   CHECK(test::CountScope::counts().allocations == 0);
 }
 
-TEST_CASE("a descriptor without constant force is refused with the missing part", "[hid][pid]") {
+TEST_CASE("a PID descriptor without constant force is refused with the name of the missing part",
+          "[hid][pid]") {
   const PidModel model(PidShape{});
   CHECK(mapOf(model).buttons.size() == 32);
   // Replaces the usage that shows the purpose of a report.
@@ -651,10 +657,11 @@ TEST_CASE("a descriptor without constant force is refused with the missing part"
   const auto pulls = parseHidDescriptor(bytes);
   REQUIRE(pulls);
   CHECK_THROWS_WITH(readPidMap(*pulls, "arm"),
-                    Contains("its constant force cannot both pull and push"));
+                    Contains("its constant force cannot be both positive and negative"));
 }
 
-TEST_CASE("mutated PID descriptors and answers never crash the device", "[hid][pid][fuzz]") {
+TEST_CASE("mutated PID descriptors and answers never crash the driver of PID devices",
+          "[hid][pid][fuzz]") {
   test::Random random(11);
   std::vector<std::vector<std::byte>> seeds;
   for (const bool rhino : {false, true}) {

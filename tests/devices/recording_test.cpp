@@ -112,7 +112,7 @@ RecordedSetting setting() {
 
 }  // namespace
 
-TEST_CASE("the checksum is CRC-32C", "[record]") {
+TEST_CASE("the checksum of a recording is CRC-32C", "[record]") {
   const auto of = [](const std::string& text) {
     return crc32c(std::as_bytes(std::span(text.data(), text.size())));
   };
@@ -126,7 +126,7 @@ TEST_CASE("the checksum is CRC-32C", "[record]") {
   }
 }
 
-TEST_CASE("one wrong bit loses at most one chunk of 1024 ticks", "[record]") {
+TEST_CASE("one wrong bit in a recording loses at most one chunk of 1024 ticks", "[record]") {
   const Folder folder;
   Random random(90);
   std::vector<RecordedTick> ticks;
@@ -139,7 +139,7 @@ TEST_CASE("one wrong bit loses at most one chunk of 1024 ticks", "[record]") {
   CHECK(recording.lost() == 1024);
 }
 
-TEST_CASE("recorded ticks, scenes and settings are read back unchanged", "[record]") {
+TEST_CASE("ticks, scenes and settings are read back from a recording unchanged", "[record]") {
   const Folder folder;
   Random random(91);
   const fs::path file = folder.file("a.rec");
@@ -176,7 +176,7 @@ TEST_CASE("recorded ticks, scenes and settings are read back unchanged", "[recor
   CHECK(recordingHeader(recording.setting()) == recordingHeader(setting()));
 }
 
-TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
+TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[record]") {
   const Folder folder;
   Random random(92);
   std::string whole = recordingHeader(setting());
@@ -236,7 +236,7 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
   CHECK(Recording(file).damaged() == ends[2] - ends[1]);
   CHECK(ticksOf(whole.substr(0, ends[0]) + chunk(1) + chunk(0) + chunk(2)) == 6);
   CHECK(Recording(file).lost() == 0);
-  // Every mark may begin a chunk, but the search in a file full of marks must end soon.
+  // Each mark may begin a chunk. The search must end soon even in a file full of marks.
   const std::size_t record = sizeof(RecordedTick);
   std::string marks;
   for (std::uint64_t left = 8000; left-- > 0;) {
@@ -260,7 +260,6 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
   std::string other = whole;
   other.replace(other.find("[\"time\""), 7, "[\"tame\"");
   CHECK_THROWS_WITH(ticksOf(other), Contains("another version"));
-  // Invalid headers.
   const auto header_with = [&](const std::string& from, const std::string& to) {
     std::string bad = whole;
     bad.replace(bad.find(from), from.size(), to);
@@ -274,12 +273,12 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
   CHECK_THROWS_AS(header_with("{\"version\"", deep + "{\"version\""), Error);
 }
 
-TEST_CASE("a full disk ends the recording, and the file stays readable", "[record][fault]") {
+TEST_CASE("a full disk ends the recording and leaves its file readable", "[record][fault]") {
   const Folder folder;
   const fs::path file = folder.file("full.rec");
   CHECK_THROWS_WITH(Recorder(folder.path, setting()).begin(), Contains("it cannot be written"));
   CHECK_THROWS_WITH(Recorder(folder.path / "no" / "a.rec", setting()), Contains("No such file"));
-  // A recorder that never begins leaves the existing file.
+  // A recorder that never begins does not change the existing file.
   put(file, "what was there");
   { const Recorder never(file, setting()); }
   CHECK(fs::file_size(file) == 14);
@@ -469,7 +468,7 @@ TEST_CASE("a run with many faults replays bit for bit", "[record][replay]") {
 }
 
 #if defined(__x86_64__)
-TEST_CASE("replay is bitwise equal in any floating-point mode of the host", "[record][replay]") {
+TEST_CASE("a replay is bitwise equal in any floating-point mode of the host", "[record][replay]") {
   const Troubles troubles(20000);
   const unsigned before = _mm_getcsr();
   constexpr unsigned kFlush = 0x8040;    // treats denormals as zero
@@ -484,7 +483,7 @@ TEST_CASE("replay is bitwise equal in any floating-point mode of the host", "[re
     CHECK(other == 0);
     // The host program's floating-point mode is restored.
     CHECK((after & ~0x3FU) == (host & ~0x3FU));
-    // Ticks in a loop are the same too, although its watch on the hand reads the device's values in
+    // A loop gives the same ticks too, although its check of the hand reads the device's values in
     // the host's mode.
     const Troubles again(troubles.ticks.size(), [&](bool set) { _mm_setcsr(set ? host : before); });
     for (std::size_t i = 0; i < again.ticks.size(); ++i) {
@@ -497,7 +496,8 @@ TEST_CASE("replay is bitwise equal in any floating-point mode of the host", "[re
 }
 #endif
 
-TEST_CASE("a replay starts at any time and gives the recorded positions and shares", "[replay]") {
+TEST_CASE("a replay can start at any time and gives the recorded positions and force shares",
+          "[replay]") {
   const Folder folder;
   const fs::path file = folder.file("hand.rec");
   Random random(97);

@@ -1,4 +1,4 @@
-/// Tests the self-test on simulated arms, correct ones and faulty ones.
+/// Tests the self-test on correct and on faulty simulated arms.
 #include "palpate/devices/arm/self_test.h"
 
 #include <algorithm>
@@ -94,7 +94,7 @@ TEST_CASE("the self-test measures an arm's friction with at most 0.5 N", "[hid][
   }
 }
 
-TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
+TEST_CASE("the self-test names an arm's faults and their remedy", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   const auto says = [](const Run& run, const std::string& words) {
     expectWords(run, words);
@@ -124,11 +124,13 @@ TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
          up < 0.0 ? "add a mass of 0.0306 kg to gravity/masses"
                   : "reduce gravity/masses of its profile by 0.0306 kg");
     params.down = Vec3(1, 0, 0);
-    says(tried(good, {0, 0}, nullptr, {0, 0, 0.3 * up}, params), "that is not down");
+    says(tried(good, {0, 0}, nullptr, {0, 0, 0.3 * up}, params),
+         "this direction is not gravity/down");
   }
 }
 
-TEST_CASE("wrong force scales and directions are found from implausible motion", "[hid]") {
+TEST_CASE("the self-test finds wrong force scales and directions from implausible motion",
+          "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   // Motors that are ten times too strong, one motor that is six times too strong, and a force that
   // is turned by 35 degrees.
@@ -143,15 +145,16 @@ TEST_CASE("wrong force scales and directions are found from implausible motion",
   CHECK_FALSE(tried(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
-  // An axis with a wrong sign, which moves with the force along another axis. The test must not
-  // drive an axis whose sign it does not know.
+  // An axis with a wrong sign that also moves along another axis. The test must not drive an axis
+  // whose sign is unknown.
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
   expectWords(coupled, "pushed to +y, it moved the other way");
   CHECK(coupled.farthest < 0.06);
 }
 
-TEST_CASE("the delay of an arm's force is measured to a fraction of a tick", "[hid]") {
+TEST_CASE("the delay of an arm's force is measured by the self-test to a fraction of a tick",
+          "[hid]") {
   test::Random random(7);
   const long arms = test::cases(60);
   std::vector<double> off;  // relative errors of the viscous friction
@@ -162,7 +165,7 @@ TEST_CASE("the delay of an arm's force is measured to a fraction of a tick", "[h
                         random.logUniform(0.01, 0.25));
     any.encoder = random.logUniform(2e-6, 6e-5);
     any.delay = random.uniform(0.0, 6e-3);
-    // The fit takes an amplifier lag for a delay.
+    // The fit cannot distinguish an amplifier lag from a delay.
     if (random.uniform(0.0, 1.0) < 0.3) any.lag = random.logUniform(1e-4, 1e-3);
     const double late = any.delay + any.lag;
     CAPTURE(any.mass, any.viscous, any.coulomb, any.encoder, any.delay, any.lag);
@@ -176,7 +179,7 @@ TEST_CASE("the delay of an arm's force is measured to a fraction of a tick", "[h
       most = std::max(most, axis.delay + 3.0 * axis.delay_error + 0.5e-3);
       if (any.encoder < 2e-5) farthest = std::max(farthest, std::abs(axis.delay - late));
       off.push_back(std::abs(axis.viscous / any.viscous - 1.0));
-      // The loop relies on at least these shares of the measured friction.
+      // The loop relies on these shares of the measured friction as a lower limit.
       CHECK(0.25 * axis.viscous < any.viscous);
       CHECK(0.5 * axis.coulomb < any.coulomb);
     }
@@ -195,7 +198,7 @@ TEST_CASE("the delay of an arm's force is measured to a fraction of a tick", "[h
   expectWords(tried(slow), "ms late or more");
 }
 
-TEST_CASE("a small weight is distinguished from friction", "[hid]") {
+TEST_CASE("the self-test distinguishes a small weight from friction", "[hid]") {
   const Run run = tried(arm(0.2, 0.5, 0.15), {0, 0}, nullptr, {0, 0, -0.08});
   for (const std::string& problem : run.result.problems) UNSCOPED_INFO(problem);
   REQUIRE(run.result.problems.empty());
@@ -204,7 +207,7 @@ TEST_CASE("a small weight is distinguished from friction", "[hid]") {
   CHECK(run.result.axes[0].bias == Approx(0.0).margin(0.01));
 }
 
-TEST_CASE("a ruler measurement reveals a wrong scale of any axis", "[hid]") {
+TEST_CASE("comparing with a ruler reveals a wrong position scale of any axis", "[hid]") {
   const ArmAxes axes;
   const auto trouble = [&](const Vec3& way, int axis = 0) {
     return rulerTrouble(way, 0.1, axes, axis);
@@ -224,7 +227,8 @@ TEST_CASE("a ruler measurement reveals a wrong scale of any axis", "[hid]") {
   CHECK_THAT(trouble({0, 0.1, 0}, 2), Contains("along +z the arm reports the direction (0, 1, 0)"));
 }
 
-TEST_CASE("an arm that is driven in a plane is tested in that plane", "[hid]") {
+TEST_CASE("the self-test of an arm without motors in one direction uses only the driven plane",
+          "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   for (const double lean : {0.0, 0.5}) {  // [rad], about x
     const Vec3 across(0, -std::sin(lean), std::cos(lean));
@@ -252,7 +256,6 @@ TEST_CASE("an arm that is driven in a plane is tested in that plane", "[hid]") {
     expectWords(turned, "pushed to +y" + std::string(lean > 0.0 ? " (0, 0.878, 0.479)" : "") +
                             ", it moved the other way");
   }
-  // An arm with one axis only.
   SelfTestParams params;
   params.axes = axesWithin(Vec3::UnitY() * Vec3::UnitY().transpose());
   const Run run = tried(
@@ -262,7 +265,7 @@ TEST_CASE("an arm that is driven in a plane is tested in that plane", "[hid]") {
   CHECK(run.result.seconds < 10.0);
 }
 
-TEST_CASE("a low position rate and long pauses are reported", "[hid]") {
+TEST_CASE("the self-test reports a low position rate and long pauses", "[hid]") {
   SelfTestParams params;
   params.input_rate = 1000.0;
   params.stale = 0.01;
@@ -283,7 +286,8 @@ TEST_CASE("a low position rate and long pauses are reported", "[hid]") {
              Contains("a pause of 20 ms between two positions is longer than the limit of 10 ms"));
 }
 
-TEST_CASE("new positions are counted, and their longest pause is measured", "[hid]") {
+TEST_CASE("the self-test counts new positions and measures the longest pause between them",
+          "[hid]") {
   // An arm that reports at 250 Hz, in a loop of 1 kHz.
   SelfTest self;
   HandState hand;

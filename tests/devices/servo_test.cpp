@@ -1,4 +1,4 @@
-/// Tests palpate inside another program's servo loop.
+/// Tests the engine inside the servo loop of another program.
 #include "palpate/devices/arm/servo.h"
 
 #include <cmath>
@@ -68,8 +68,8 @@ TEST_CASE("a servo's force grows over half a second after a fault", "[servo]") {
   CHECK(servo.tick(hand, kDt) == Vec3::Zero());
   CHECK(servo.latest().fault == Fault::kStopped);
   servo.clear();
-  // The hand enters again from outside. The force is at most the peak's share of the engagement so
-  // far.
+  // The hand enters again from outside. The force is at most the peak times the completed share of
+  // the engagement.
   const double peak = arm().limits.peak;
   double strongest = 0.0;
   for (int i = 0; i < 400; ++i) {
@@ -81,7 +81,7 @@ TEST_CASE("a servo's force grows over half a second after a fault", "[servo]") {
   CHECK(strongest > 0.5);
 }
 
-TEST_CASE("a servo cuts the force on a late call or an arm fault, and stays cut", "[servo]") {
+TEST_CASE("a servo cuts the force on a late call or an arm fault and keeps it cut", "[servo]") {
   const auto faultOf = [](const HandState& hand, double dt) {
     Servo servo(arm(), 1.0 / kDt);
     servo.publish(ball());
@@ -108,7 +108,7 @@ TEST_CASE("a servo cuts the force on a late call or an arm fault, and stays cut"
   CHECK(faultOf(hand, kDt) == Fault::kNotFinite);
 }
 
-TEST_CASE("a servo's force fades while a held arm's position is frozen, and then returns",
+TEST_CASE("a servo's force fades while a held arm's position is frozen and returns afterwards",
           "[servo]") {
   for (const bool hand_on_it : {true, false}) {
     DeviceInfo info = arm();
@@ -149,7 +149,7 @@ TEST_CASE("a servo's force fades if the arm reports that it stands still", "[ser
   }
 }
 
-TEST_CASE("a servo with a stopped clock has a late fault", "[servo]") {
+TEST_CASE("a servo reports a late fault if its clock has stopped", "[servo]") {
   for (const double dt : {0.0, -1e-3, 1e-6, 1e-320, std::numeric_limits<double>::quiet_NaN()}) {
     Servo servo(arm(), 1.0 / kDt);
     servo.publish(ball());
@@ -184,7 +184,8 @@ TEST_CASE("an invalid time step does not increase a servo's force", "[servo]") {
   }
 }
 
-TEST_CASE("a servo's tick does not allocate, and invalid rates or limits are refused", "[servo]") {
+TEST_CASE("a servo's tick does not allocate, and a servo refuses invalid rates and limits",
+          "[servo]") {
   Servo servo(arm(), 1.0 / kDt);
   servo.publish(ball());
   {

@@ -37,8 +37,10 @@ std::shared_ptr<const Scene> wallScene() {
 
 }  // namespace
 
-TEST_CASE("the engine is stable below 0.8 of the wall formula's stiffness, and not above 1.25",
-          "[stability]") {
+TEST_CASE(
+    "the engine is stable on a wall below 0.8 times the formula's stiffness and not above 1.25 "
+    "times",
+    "[stability]") {
   const MapSetting setting;
   std::vector<std::pair<MapContact, MapMethod>> tried;
   for (const MapContact& contact : {wallContact(), troughContact(20.0)}) {
@@ -69,7 +71,8 @@ TEST_CASE("the engine is stable below 0.8 of the wall formula's stiffness, and n
   }
 }
 
-TEST_CASE("other methods oscillate at couplings where the engine is stable", "[stability]") {
+TEST_CASE("other methods oscillate at coupling settings at which the engine is stable",
+          "[stability]") {
   const MapSetting setting;
   const MapContact trough = troughContact(20.0);
   const auto methods = methodsOver(trough);
@@ -86,7 +89,7 @@ TEST_CASE("other methods oscillate at couplings where the engine is stable", "[s
     }
   }
   // A solver that chatters makes soft couplings vibrate, because their damping reacts to each
-  // tick's error. A solver with wrong answers runs away with a stiff coupling.
+  // tick's error. With a stiff coupling, a solver with wrong results is unstable.
   struct Shaken {
     const char* method;
     std::vector<double> stiffness;
@@ -108,7 +111,7 @@ TEST_CASE("other methods oscillate at couplings where the engine is stable", "[s
   }
 }
 
-TEST_CASE("the map has the same outcomes as a trial of every cell", "[stability]") {
+TEST_CASE("a stability map has the same outcomes as a trial of each of its cells", "[stability]") {
   const MapSetting setting;
   const MapContact wall = wallContact();
   const MapMethod method = solverOver(wall);

@@ -68,8 +68,8 @@ class Oscillator {
   double xx_, xv_, vx_, vv_, xf_, vf_;
 };
 
-/// Returns the slope of the logarithm of the swing's envelope, by least squares. The loop settles
-/// if the slope is below 0. Simulates from event to event, without a matrix.
+/// Returns the slope of the logarithm of the oscillation's envelope, by least squares. The loop is
+/// stable if the slope is below 0. Simulates from event to event, without a matrix.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
                      double damping, int span, int swings) {
   const double ticks = arm.delay / period;
@@ -126,7 +126,7 @@ double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period
 
 }  // namespace
 
-TEST_CASE("the stability boundary from eigenvalues equals the one of an event simulation",
+TEST_CASE("the stability boundary from eigenvalues equals that of a simulation of every event",
           "[stability]") {
   Random random(7);
   long cases = 0;
@@ -157,7 +157,7 @@ TEST_CASE("the stability boundary from eigenvalues equals the one of an event si
   }
 }
 
-TEST_CASE("without hand and delay the boundary equals the closed form", "[stability]") {
+TEST_CASE("without hand and delay the stability boundary equals the closed form", "[stability]") {
   Random random(8);
   for (int i = 0; i < 100; ++i) {
     const double m = random.logUniform(0.05, 0.5);
@@ -178,9 +178,11 @@ TEST_CASE("without hand and delay the boundary equals the closed form", "[stabil
   }
 }
 
-TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivity]") {
-  // For a motion z^k: returns the energy at the port per |x_{k+1} - x_k|^2, with the motion of the
-  // arm between samples that gains most (docs/passivity.md, section 1).
+TEST_CASE("above the passive stiffness the worst-case motion of the hand gains energy",
+          "[passivity]") {
+  // Computes the energy at the port for positions x_n = z^n with |z| = 1, per |x_{n+1} - x_n|^2.
+  // Between samples, the arm makes the motion that gains most (docs/passivity.md, section 1).
+  // Returns true if the hand gains energy for some z.
   const auto gains = [](double k, double b, double period, int whole, double part,
                         double damping = 0.0, int span = 1) {
     double least = 1e9;
@@ -205,8 +207,8 @@ TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivi
     CAPTURE(b, period, whole, part, k);
     CHECK_FALSE(gains(k * (1.0 - 1e-4), b, period, whole, part));
     CHECK(gains(k * (1.0 + 1e-4), b, period, whole, part));
-    // The coupling's damping reduces the available friction of the arm by the same amount, however
-    // many periods its velocity is taken over.
+    // The coupling's damping reduces the available friction of the arm by the same amount. The
+    // number of periods over which the damper's velocity is computed has no effect.
     const double damping = 0.3 * b;
     const double damped = passiveStiffness(arm, 1.0 / period, damping);
     CHECK(damped < k);
@@ -216,7 +218,8 @@ TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivi
     }
     CHECK(passiveStiffness(arm, 1.0 / period, b) == 0.0);
   }
-  // The bounds of Abbott and Okamura: 2 b / T and 2 c / D.
+  // The bounds of Abbott and Okamura: 2 b / T and 2 c / D, for viscous friction b, Coulomb friction
+  // c, period T and encoder step D.
   ArmParams arm = bare(0.1, 0.5);
   arm.coulomb = 0.02;
   arm.encoder = 1e-5;
@@ -295,7 +298,7 @@ TEST_CASE("beyond the boundary Coulomb friction stops small oscillations but not
   CHECK(std::isinf(holdingAmplitude(arm, 1000.0, 0.5 * passiveStiffness(arm, 1000.0))));
 }
 
-TEST_CASE("the stability margin gives the rate or friction that makes a coupling passive",
+TEST_CASE("the stability margin states the rate or friction at which a coupling becomes passive",
           "[stability]") {
   ArmParams arm = bare(0.1, 0.5, 1e-3);
   arm.coulomb = 0.02;
@@ -330,7 +333,7 @@ struct Pressed {
   double drained = 0.0;
 };
 
-/// Runs the whole loop: a hand slowly pushes into the wall, and is kicked at 2 s.
+/// Runs the whole loop. A hand slowly presses into the wall, and gets an impulse at 2 s.
 Pressed press(const ArmParams& arm, const GripParams& grip, double rate, double stiffness,
               double load, double kick) {
   const double depth = load / grip.stiffness + load / stiffness;
@@ -375,7 +378,8 @@ Pressed press(const ArmParams& arm, const GripParams& grip, double rate, double 
 
 }  // namespace
 
-TEST_CASE("the whole loop on a wall is stable up to its boundary, and not beyond", "[stability]") {
+TEST_CASE("the whole loop on a wall is stable up to its stability boundary and not beyond",
+          "[stability]") {
   const GripParams grip{200.0, 1.0};
   test::Thinned rates(3);
   for (const double rate : {1000.0, 4000.0, 10000.0}) {
@@ -436,7 +440,8 @@ TEST_CASE("the stable stiffness is at least the passive one for any arm, hand an
   }
 }
 
-TEST_CASE("the friction that makes a coupling passive is found at any stiffness", "[stability]") {
+TEST_CASE("the friction at which a coupling becomes passive is found for any stiffness",
+          "[stability]") {
   ArmParams arm;
   arm.delay = 0.02;
   for (const double stiffness : {500.0, 1e5}) {

@@ -1,5 +1,4 @@
-/// Tests the tree with which boxes near a hand are found: it finds the same boxes as a search
-/// through all boxes.
+/// Tests the tree that finds the boxes near a hand.
 #include "palpate/engine/scene/broad_phase.h"
 
 #include <algorithm>
@@ -48,7 +47,7 @@ std::vector<std::uint32_t> found(const BroadPhase& tree, const Box& query) {
   return all;
 }
 
-/// Requires that the tree finds every box that meets the query. Boxes that it finds in addition
+/// Requires that the tree finds every box that overlaps the query. Boxes that it finds in addition
 /// must be within the resolution of floats.
 void compare(const BroadPhase& tree, const std::vector<Box>& boxes, const Box& query) {
   const auto all = found(tree, query);
@@ -86,8 +85,9 @@ TEST_CASE("the box tree finds the same boxes as a search through all boxes", "[b
   }
 }
 
-TEST_CASE("a point on a face meets its box, and an empty or non-finite box meets no box",
-          "[broad]") {
+TEST_CASE(
+    "a query point on a face of a box finds the box and an empty or non-finite box is never found",
+    "[broad]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   std::vector<Box> boxes{boxAt({0.1, 0.2, 0.3}, {0.1, 0.1, 0.1}),
@@ -112,7 +112,7 @@ TEST_CASE("a point on a face meets its box, and an empty or non-finite box meets
   CHECK(BroadPhase().meeting(boxAt({0, 0, 0}, {1, 1, 1}), {}) == 0);
 }
 
-TEST_CASE("a hand at 0.1 m/s searches the tree in less than 2 % of the ticks and misses no box",
+TEST_CASE("a hand at 0.1 m/s searches the box tree in less than 2 % of the ticks and misses no box",
           "[broad]") {
   Random random(2);
   const std::vector<Box> boxes = someBoxes(3000, random);
@@ -139,7 +139,9 @@ TEST_CASE("a hand at 0.1 m/s searches the tree in less than 2 % of the ticks and
   CHECK(asked > 0);
 }
 
-TEST_CASE("more boxes near the hand than the limit are reported as incomplete", "[broad]") {
+TEST_CASE(
+    "the box tree reports its result as incomplete if more boxes than the limit are near the hand",
+    "[broad]") {
   std::vector<Box> boxes(NearBoxes::kMost + 1, boxAt(Vec3::Zero(), Vec3::Ones()));
   NearBoxes near;
   BroadPhase heap(boxes);

@@ -11,7 +11,7 @@
 namespace palpate::coupling_test {
 using palpate::test::Random;
 
-TEST_CASE("the coupling is a spring and a damper from probe to proxy", "[coupling][eq3]") {
+TEST_CASE("the coupling acts as a spring and a damper from probe to proxy", "[coupling][eq3]") {
   const Vec3 f = couplingForce({500.0, 2.0}, {1e-3, 0, 0}, 0.1);
   CHECK((f - Vec3(0.7, 0, 0)).norm() < 1e-15);
   // The damper never reverses the force, and at most doubles it.
@@ -20,7 +20,7 @@ TEST_CASE("the coupling is a spring and a damper from probe to proxy", "[couplin
   CHECK(couplingForce({500.0, 2.0}, Vec3::Zero(), 0.0) == Vec3::Zero());
 }
 
-TEST_CASE("the rate of a length is measured over two milliseconds for any tick length",
+TEST_CASE("the rate of the spring's length is measured over 2 ms for any tick length",
           "[coupling][eq3]") {
   Random random(3);
   for (const double rate : {500.0, 1000.0, 4000.0, 10000.0, 60000.0}) {
@@ -39,8 +39,8 @@ TEST_CASE("the rate of a length is measured over two milliseconds for any tick l
       length = 1.0 + 0.3 * time;
       REQUIRE(uneven.next(length, dt) == Approx(0.3).epsilon(1e-6));
     }
-    // At any rate of the loop, an encoder step has the same total effect: the sum over all ticks in
-    // which it counts.
+    // At any rate of the loop, an encoder step has the same total effect, summed over all ticks
+    // that see it.
     LengthRate stepped;
     for (int i = 0; i < 200; ++i) (void)stepped.next(0.0, 1.0 / rate);
     double sum = 0.0;

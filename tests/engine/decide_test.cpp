@@ -25,7 +25,9 @@ constexpr bool kYes = true;
 
 }  // namespace
 
-TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a release", "[step]") {
+TEST_CASE(
+    "after a trial step the tick reads, arrives, waits or releases as the table of states says",
+    "[step]") {
   // All sixteen states.
   constexpr std::array<TrialRow, 16> kRows{{
       // Before the first reading, every other state leads to a reading.
@@ -46,7 +48,7 @@ TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a releas
       // Readings are left.
       {{kYes, kNo, kNo, kNo}, Next::kRead},
       {{kYes, kNo, kNo, kYes}, Next::kRead},
-      // No reading is left.
+      // The limit of readings is reached.
       {{kYes, kNo, kYes, kYes}, Next::kWait},
       {{kYes, kNo, kYes, kNo}, Next::kRelease},
   }};
@@ -56,7 +58,7 @@ TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a releas
   }
 }
 
-TEST_CASE("a free proxy reads at the first surface and at the new parts that its sweep meets",
+TEST_CASE("a free proxy reads the field at the first surface and at new parts on its path",
           "[step]") {
   constexpr std::array<SweepRow, 8> kRows{{
       {{kNo, kNo, kNo, kNo}, Next::kRead},  // the first surface on the path

@@ -36,15 +36,16 @@ Mat3 randomMatrix(Random& random) {
 
 }  // namespace
 
-TEST_CASE("known flows have their Q and lambda2", "[flow]") {
-  // Solid rotation by w about z: |O|^2 = 2 w^2, S^2 + O^2 = diag(-w^2, -w^2, 0).
+TEST_CASE("Q and lambda2 of known flows have their analytic values", "[flow]") {
+  // Solid rotation at w about z, with strain rate S and rotation rate O: |O|^2 = 2 w^2, S^2 + O^2 =
+  // diag(-w^2, -w^2, 0).
   Mat3 rotation = Mat3::Zero();
   rotation(0, 1) = -3.0;
   rotation(1, 0) = 3.0;
   CHECK(qCriterion(rotation) == Approx(9.0));
   CHECK(lambda2(rotation) == Approx(-9.0));
   CHECK(curl(rotation) == Vec3(0, 0, 6));
-  // Pure strain: no vortex.
+  // Pure strain has no vortex.
   const Mat3 strain = Vec3(2.0, -1.0, -1.0).asDiagonal();
   CHECK(qCriterion(strain) == Approx(-3.0));
   CHECK(lambda2(strain) == Approx(1.0));
@@ -86,7 +87,7 @@ TEST_CASE("Q and lambda2 agree with the definitions for any Jacobian", "[flow]")
   CHECK(worst_lambda2 < 1e-14);
 }
 
-TEST_CASE("Q and lambda2 do not depend on the axes", "[flow]") {
+TEST_CASE("Q and lambda2 do not depend on the choice of axes", "[flow]") {
   Random random(2);
   for (int i = 0; i < 1000; ++i) {
     const Mat3 J = randomMatrix(random);
@@ -97,8 +98,10 @@ TEST_CASE("Q and lambda2 do not depend on the axes", "[flow]") {
   }
 }
 
-TEST_CASE("a bad Jacobian gives a NaN lambda2, and a zero or bad vector a zero unit vector",
-          "[flow]") {
+TEST_CASE(
+    "a non-finite Jacobian gives a NaN lambda2 and a zero or non-finite vector gives a zero unit "
+    "vector",
+    "[flow]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinite = std::numeric_limits<double>::infinity();
   CHECK(qCriterion(Mat3::Zero()) == 0.0);

@@ -45,14 +45,14 @@ struct Balance {
   }
 };
 
-/// Returns a random direction across q.
+/// Returns a random direction perpendicular to q.
 Vec3 across(const Vec3& q, Random& random) {
   return q.cross(random.direction()).normalized();
 }
 
 }  // namespace
 
-TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction]") {
+TEST_CASE("slip starts at mu times the normal load of the same tick", "[modes][friction]") {
   Random random(61);
   test::FreshHand hand({100.0, 1e9});
   for (int i = 0; i < 1000; ++i) {
@@ -88,8 +88,9 @@ TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction
   }
 }
 
-TEST_CASE("a plane with friction and drags at its grip balances without the general solver",
-          "[modes][friction]") {
+TEST_CASE(
+    "a plane with friction balances with drags at its contact point without the general solver",
+    "[modes][friction]") {
   Random random(64);
   const long cases = test::cases(20000);
   int slipped = 0;
@@ -123,8 +124,8 @@ TEST_CASE("a plane with friction and drags at its grip balances without the gene
     const SolveResult result = b.solve(probe, grip);
     const std::vector<Primitive> items(b.set.items().begin(), b.set.items().end());
     CAPTURE(i, height, mu, test::describe(probe, kStiffness, items));
-    // Skips planes that the drags might cause to yield; Newton's method solves those cases. Drags
-    // that hold in front of the plane do not count.
+    // Skips planes that the drags may cause to yield, because Newton's method solves those cases.
+    // Drags that hold the proxy in front of the plane do not count.
     const double pressed = q.dot(anchor - probe) * kStiffness - q.dot(push);
     if (std::max(pressed, 0.0) + (height > 0.0 ? 0.0 : drags) > strength) continue;
     REQUIRE(result.status == SolveStatus::kConverged);
@@ -184,7 +185,8 @@ TEST_CASE("a plane with friction and drags at its grip balances without the gene
   CHECK(in_front > cases / 10);
 }
 
-TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]") {
+TEST_CASE("on one plane with a drag the proxy moves at most 1 + mu times as far as the hand",
+          "[modes][friction]") {
   Random random(65);
   const long cases = test::cases(300);
   Balance b;
@@ -214,7 +216,7 @@ TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]")
   }
 }
 
-TEST_CASE("behind a yielding surface a drag holds the proxy in place", "[modes][friction]") {
+TEST_CASE("behind a surface that yields a drag holds the proxy in place", "[modes][friction]") {
   // A skin that yields at 0.8 N, and a drag below it. The hand moves in to 3.2 mm, then repeatedly
   // part of the way out and in again.
   ModeSpec skin;
@@ -264,7 +266,8 @@ TEST_CASE("behind a yielding surface a drag holds the proxy in place", "[modes][
   }
 }
 
-TEST_CASE("Coulomb's law holds among other primitives in the same balance", "[modes][friction]") {
+TEST_CASE("Coulomb's law holds for a plane that is balanced together with other primitives",
+          "[modes][friction]") {
   Random random(62);
   const long cases = test::cases(20000);
   long iterations = 0;
@@ -307,8 +310,9 @@ TEST_CASE("Coulomb's law holds among other primitives in the same balance", "[mo
   CHECK(worst <= 2 * SolverParams{}.max_iterations);
 }
 
-TEST_CASE("several rough planes each obey Coulomb's law, or the error bound covers the excess",
-          "[modes][friction]") {
+TEST_CASE(
+    "several planes with friction each obey Coulomb's law or the error bound covers the excess",
+    "[modes][friction]") {
   Random random(63);
   const long cases = test::cases(5000);
   int limited = 0;
@@ -340,14 +344,14 @@ TEST_CASE("several rough planes each obey Coulomb's law, or the error bound cove
 }
 
 TEST_CASE(
-    "rough walls about a point balance, and a failed search keeps the strength of held frictions",
+    "friction on walls around one point is balanced, and a failed search keeps the held strengths",
     "[modes][friction]") {
   // The hand moves from place to place within two to four walls.
   Random random(64);
   const long cases = test::cases(3000);
   long limited = 0;
   long stopped = 0;
-  long weaker = 0;  // number of frictions whose best trial is below the strength that they held
+  long weaker = 0;  // number of frictions whose strength equals that of the last balance
   Balance b;
   for (long i = 0; i < cases; ++i) {
     b.restart();
@@ -372,7 +376,7 @@ TEST_CASE(
       }
       REQUIRE(result.error_bound >= excess / kStiffness);
       ++(at % 2 == 0 ? limited : stopped);
-      // The laws may be met even if the error bound is large.
+      // Coulomb's law may hold even if the error bound is large.
       for (std::size_t l = 0; remembered && excess > 1e-9 && l < links.size(); ++l) {
         const double most = links[l].coefficient * b.set.items()[links[l].plane].strength;
         CAPTURE(i, at, l, held[l], most);
@@ -387,9 +391,10 @@ TEST_CASE(
   CHECK(weaker > cases / 10);
 }
 
-TEST_CASE("the solver finds the next balance where one ends at a fold", "[modes][friction]") {
-  // A rough wall, a cloud's plane and a drag, from two recorded ticks in which no balance was
-  // found, because Newton's method returned from beyond a fold.
+TEST_CASE("the solver finds the next balance where a branch of balances ends at a fold",
+          "[modes][friction]") {
+  // A wall with friction, a plane of a cloud and a drag, from two recorded ticks whose branch of
+  // balances ends at a fold.
   struct Tick {
     double stiffness;
     Vec3 probe;
@@ -453,9 +458,7 @@ TEST_CASE("the solver finds the next balance where one ends at a fold", "[modes]
 
 TEST_CASE("a converged tick at a yielding skin over bone has an error bound of at most 3 um",
           "[modes][friction][release]") {
-  // A skin that yields, a drag below the skin, and bone behind. Earlier, with the state of the last
-  // tick, a wrong place was reported as balanced. Without that state, the place missed the balance
-  // by up to 2.5 N (in 33 of 1,000,000 ticks).
+  // A skin that yields, a drag below the skin, and bone behind.
   const auto rough = [](const char* of, double strength, double friction) {
     ModeSpec mode;
     mode.kind = ModeKind::kIsosurface;
@@ -496,7 +499,7 @@ TEST_CASE("a converged tick at a yielding skin over bone has an error bound of a
   }
 }
 
-TEST_CASE("in a groove a failed friction search does not make the proxy slip",
+TEST_CASE("a failed search for frictions in a groove does not make the proxy slip",
           "[modes][friction]") {
   // Two walls with friction share a load, which passes from one wall to the other during a slow
   // push along the groove. Even where Coulomb's law is not met, the walls must hold. k times the
@@ -540,7 +543,7 @@ TEST_CASE("in a groove a failed friction search does not make the proxy slip",
   }
 }
 
-TEST_CASE("a proxy dragged to its friction threshold rests while the hand rests",
+TEST_CASE("a proxy that is dragged to its friction limit rests while the hand rests",
           "[modes][friction]") {
   Random random(67);
   for (int walls = 1; walls <= 3; ++walls) {
@@ -600,8 +603,8 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   Reader reader;
   ProxyState state(ForceLimits{100.0, 1e9});
   (void)hapticStep(*scene, reader, {Vec3(0.0501, 0, 0)}, state, 1e-3);
-  // The proxy sticks where its path met the ball, up to the effect of the ball's curvature in one
-  // tick.
+  // The proxy sticks at the point where its path met the ball, except for the effect of the ball's
+  // curvature in one tick.
   const double met = 0.0009 * 0.1 / 2.1;
   StepReport first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
   CHECK(first.proxy.y() == Approx(met).epsilon(0.01));
@@ -616,7 +619,7 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   CHECK(last.wanted.y() == Approx(-kStiffness * (0.0009 - met)).epsilon(1e-3));
 }
 
-TEST_CASE("without friction links the solver gives the plain balance bit for bit",
+TEST_CASE("without friction the solver and the plain solver give bitwise equal balances",
           "[modes][friction]") {
   Random random(64);
   Balance b;
@@ -631,7 +634,7 @@ TEST_CASE("without friction links the solver gives the plain balance bit for bit
   }
 }
 
-TEST_CASE("primitives that meet share a load, and an unloaded plane carries no force",
+TEST_CASE("primitives at one place share a load and a plane without load carries no force",
           "[modes][friction]") {
   Random random(66);
   Balance b;
@@ -653,7 +656,7 @@ TEST_CASE("primitives that meet share a load, and an unloaded plane carries no f
     REQUIRE(b.solve(along * t - into * q).status == SolveStatus::kConverged);
     const double share = wall / (wall + drag) * kStiffness * into;
     CHECK(q.dot(b.forces[0]) == Approx(share).epsilon(1e-6));
-    // Three walls that meet in a point can share the load in one way only.
+    // Three walls that meet in a point can share the load in only one way.
     b.set.clear();
     for (const Vec3& n : {q, t, Vec3(q.cross(t))}) {
       const Vec3 tilted = (n + 0.1 * random.direction()).normalized();
@@ -685,7 +688,7 @@ TEST_CASE("bad input is reported, and a balance with friction allocates no memor
   CHECK((after.proxy - good.proxy).norm() <= good.error_bound + after.error_bound);
 }
 
-TEST_CASE("the primitives' forces balance the spring, each within its strength and direction",
+TEST_CASE("the forces of the primitives balance the spring, each within its strength and direction",
           "[solver][forces]") {
   Random random(65);
   const long cases = test::cases(20000);

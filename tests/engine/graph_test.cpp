@@ -29,7 +29,7 @@ ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength = 
 
 }  // namespace
 
-TEST_CASE("a property that two modes read is sampled once", "[graph]") {
+TEST_CASE("a property that two modes read is sampled only once", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "head"), mode(ModeKind::kSurface, "head"),
                 mode(ModeKind::kViscosity, "head", TransferFunction::window(0, 1, 1))};
@@ -55,7 +55,7 @@ TEST_CASE("a property that no mode reads is not sampled", "[graph]") {
   CHECK(graph.unused == std::vector<std::string>{"head", "speed", "spin"});
 }
 
-TEST_CASE("derived fields reach the modes with their values", "[graph]") {
+TEST_CASE("modes read derived fields with the correct values", "[graph]") {
   GraphSpec spec;
   spec.fields = {{"spin", {Derivation::kCurl, "flow"}},
                  {"swirl", {Derivation::kMagnitude, "spin"}},
@@ -123,7 +123,7 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   CHECK(refused({{2.0, ""}, {3.0, ""}}, "") == "accepted");
 }
 
-TEST_CASE("a product of transfer functions is zero where one factor has no data", "[graph]") {
+TEST_CASE("a product of transfer functions is zero if one of its scalars has no data", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kViscosity, "flow")};
   spec.modes[0].strength =
@@ -138,7 +138,7 @@ TEST_CASE("a product of transfer functions is zero where one factor has no data"
   CHECK(strength(at) == 0.0);
 }
 
-TEST_CASE("direction, Q and lambda2 come from one reading of the volume", "[graph]") {
+TEST_CASE("a vector's direction, Q and lambda2 come from one reading of the volume", "[graph]") {
   GraphSpec spec;
   spec.fields = {{"way", {Derivation::kUnit, "flow"}},       {"spin", {Derivation::kCurl, "flow"}},
                  {"axis", {Derivation::kUnit, "spin"}},      {"again", {Derivation::kUnit, "axis"}},
@@ -154,7 +154,7 @@ TEST_CASE("direction, Q and lambda2 come from one reading of the volume", "[grap
   CHECK(graph.units.size() == 3);
   CHECK(graph.unused == std::vector<std::string>{"head"});
 
-  // The vortex turns at 2 rad/s about z and flows along z at 0.1.
+  // The vortex turns at 2 rad/s about z and flows along z at 0.1 m/s.
   Reader reader;
   reader.bind(*scene);
   Properties at;
@@ -231,7 +231,8 @@ TEST_CASE("a bad coupling or sub-step limit is refused when the scene is made", 
   CHECK_THROWS_WITH(makeScene(spec, fields(), {}, {0}), Contains("/accuracy/max_substeps"));
 }
 
-TEST_CASE("the nearest name is suggested, a far one is not", "[graph]") {
+TEST_CASE("the error for an unknown name suggests a similar name but not a different one",
+          "[graph]") {
   CHECK(nearestName("denisty", {"heat", "density"}) == "density");
   CHECK(nearestName("velocity", {"heat", "density"}).empty());
 }

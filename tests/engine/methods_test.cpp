@@ -1,5 +1,5 @@
-/// Tests the published methods in bench/methods: they give correct answers where their sources
-/// claim this, and the expected wrong numbers elsewhere.
+/// Tests the published methods in bench/methods. They must give correct results where their sources
+/// claim this, and the expected wrong results elsewhere.
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -92,8 +92,9 @@ Score scoreOf(const Method& method, const std::vector<Known>& known) {
 
 }  // namespace
 
-TEST_CASE("f_res is minus the slope of the potential, and zero on a primitive's kink",
-          "[methods][eq14]") {
+TEST_CASE(
+    "the residual force f_res is minus the slope of the potential and zero on a primitive's kink",
+    "[methods][eq14]") {
   Random random(1);
   for (int i = 0; i < 200; ++i) {
     const Vec3 probe = random.inCube(5e-3);
@@ -119,7 +120,7 @@ TEST_CASE("f_res is minus the slope of the potential, and zero on a primitive's 
   }
 }
 
-TEST_CASE("a force function pushes with all its strength where a plane would only hold",
+TEST_CASE("a force function pushes with its full strength where a plane would only hold the proxy",
           "[methods][fig5]") {
   const auto force = [](double depth, double strength) {
     const Vec3 probe(0, 0, -depth);
@@ -140,7 +141,9 @@ TEST_CASE("a force function pushes with all its strength where a plane would onl
   CHECK(force(1e-9, 1.0) == Approx(1.0));
 }
 
-TEST_CASE("eq. 2 gives the balance of orthogonal primitives at any positions", "[methods][eq2]") {
+TEST_CASE(
+    "the constraint approach of eq. 2 gives the balance of orthogonal primitives at any positions",
+    "[methods][eq2]") {
   Random random(2);
   for (int i = 0; i < 300; ++i) {
     BalanceProblem p = makeProblem(Family::kOrthogonal, 1 + i % 3, random);
@@ -155,8 +158,10 @@ TEST_CASE("eq. 2 gives the balance of orthogonal primitives at any positions", "
   }
 }
 
-TEST_CASE("eq. 2 gives forces of newtons for weak primitives that are not orthogonal",
-          "[methods][eq2][eq7]") {
+TEST_CASE(
+    "the constraint approach of eq. 2 gives more than 1 N for weak primitives that are not "
+    "orthogonal",
+    "[methods][eq2][eq7]") {
   // Two planes, 45 degrees apart, with strengths of 1e-9 N. The hand is 4 mm behind the first
   // plane, along its normal.
   const Vec3 slanted = Vec3(1, 0, 1).normalized();
@@ -165,13 +170,15 @@ TEST_CASE("eq. 2 gives forces of newtons for weak primitives that are not orthog
   const Vec3 probe(0, 0, -4e-3);
   const Reference r = solveReference(probe, kStiffness, set);
   CHECK(kStiffness * r.offset.norm() < 2.1e-9);
-  // By eq. (5) the result is (0, 0, -4) + (-2, 0, -2) mm; correct is (0, 0, -4) mm.
+  // By eq. (5) of Lundin et al. the result is (0, 0, -4) + (-2, 0, -2) mm; correct is (0, 0, -4)
+  // mm.
   const Balance b = constraintApproach(probe, kStiffness, set, Vec3::Zero());
   CHECK((b.offset - Vec3(-2e-3, 0, -2e-3)).norm() < 1e-9);
   CHECK(kStiffness * b.offset.norm() == Approx(std::sqrt(2.0)));
 }
 
-TEST_CASE("Euler: a residual force within the tolerance bounds the error", "[methods][eq15]") {
+TEST_CASE("Euler's method: a residual force within the tolerance bounds the error",
+          "[methods][eq15]") {
   // The potential is strongly convex with constant k, and eq. (14) always gives one of its
   // subgradients.
   const int count = GENERATE(1, 2, 5);
@@ -188,8 +195,10 @@ TEST_CASE("Euler: a residual force within the tolerance bounds the error", "[met
   CHECK(settled > 5);
 }
 
-TEST_CASE("Euler with a fixed step oscillates about a holding plane by at most its step times s/k",
-          "[methods][eq14]") {
+TEST_CASE(
+    "Euler's method with a fixed step oscillates about a holding plane by at most its step times "
+    "s/k",
+    "[methods][eq14]") {
   const double s = 2.0;
   const Vec3 probe(0, 0, -1e-3);  // s/k is 4 mm, so the answer is on the plane
   for (const double step : {0.5, 0.1, 1e-2}) {
@@ -230,8 +239,9 @@ TEST_CASE("Euler with an adaptive step finds the plane of fig. 6 though |f_res| 
   }
 }
 
-TEST_CASE("Euler with an adaptive step never settles at a plane loaded to 0.999 of its strength",
-          "[methods][fig6]") {
+TEST_CASE(
+    "Euler's method with an adaptive step never settles at a plane loaded to 0.999 of its strength",
+    "[methods][fig6]") {
   const double s = 2.0;
   const Vec3 probe(0, 0, -0.999 * s / kStiffness);
   const Balance b = eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero());
@@ -285,7 +295,7 @@ TEST_CASE(
   CHECK(score.mean_iterations < 400.0);
 }
 
-TEST_CASE("the smallest |f_res| is the balance of one plane, figs 5 and 6",
+TEST_CASE("the point with the smallest |f_res| is the balance of one plane, figs 5 and 6",
           "[methods][fig5][fig6]") {
   const double s = 2.0;
   for (double depth = 1e-4; depth < 10e-3; depth += 1e-4) {

@@ -251,7 +251,7 @@ std::vector<Primitive> placed(const ModeSpec& mode, const Vec3& p) {
 
 }  // namespace
 
-TEST_CASE("each mode places the primitives of its row in the modes table", "[modes]") {
+TEST_CASE("each mode places the primitives that the table of modes gives for it", "[modes]") {
   const Vec3 p(0.02, 0.01, 0.03);
   const auto all = fields();
   FieldCache cache;
@@ -328,7 +328,7 @@ TEST_CASE("each mode places the primitives of its row in the modes table", "[mod
   CHECK(placed(near, p - Vec3(0.0, 2e-3, 0.0)).empty());
 }
 
-TEST_CASE("a guide releases by the distance of the proxy, not by that of the hand", "[modes]") {
+TEST_CASE("a guide releases the hand at a distance of the proxy and not of the hand", "[modes]") {
   ModeSpec guide;
   guide.kind = ModeKind::kGuide;
   guide.guide = {PrimitiveKind::kPoint, Vec3(0.1, 0, 0), Vec3::UnitX(), 4e-3};
@@ -346,7 +346,9 @@ TEST_CASE("a guide releases by the distance of the proxy, not by that of the han
   CHECK(held == Approx(8e-3).margin(2e-4));
 }
 
-TEST_CASE("a line holds the proxy on a vortex core, and a tube holds it off the core", "[modes]") {
+TEST_CASE(
+    "on a vortex core a line holds the proxy and around it a tube keeps the proxy off the core",
+    "[modes]") {
   const Vec3 axis = Vec3(1, 2, 2) / 3.0;
   const std::map<std::string, FieldPtr> at{
       {"flow", makeVortex(Vec3::Zero(), 3.0 * axis, 0.2, 0.1)}};
@@ -362,8 +364,8 @@ TEST_CASE("a line holds the proxy on a vortex core, and a tube holds it off the 
   const auto step = [&](const Vec3& hand) {
     return hapticStep(*scene, reader, {hand}, state, kDt);
   };
-  // The proxy moves at a radius of 2 cm. A pull of 1 mm outwards is held; motion along and around
-  // the tube is free.
+  // The proxy moves at a radius of 2 cm. The hand is 1 mm outside it, and the tube holds the proxy
+  // against the spring's 0.5 N. Motion along and around the tube is free.
   const Vec3 start = 0.02 * out + 0.01 * axis;
   (void)step(start);
   CHECK((step(start + 1e-3 * out).wanted + 0.5 * out).norm() < 1e-9);
@@ -372,8 +374,8 @@ TEST_CASE("a line holds the proxy on a vortex core, and a tube holds it off the 
     const double angle = 2.0 * std::numbers::pi * i / 400.0;
     step(0.021 * (std::cos(angle) * out + std::sin(angle) * round) + 0.0105 * axis);
   }
-  // The plane is tangent to the tube, so each step drifts outwards by about the square of its
-  // length: 2 um for 0.3 mm.
+  // The plane is tangent to the tube, so a step of length h drifts outwards by about h^2 / (2 r): 2
+  // um for h = 0.3 mm and r = 2 cm.
   const double radius = (state.proxy() - state.proxy().dot(axis) * axis).norm();
   CHECK(radius > 0.0199);
   CHECK(radius < 0.0211);
@@ -391,7 +393,7 @@ TEST_CASE("a line holds the proxy on a vortex core, and a tube holds it off the 
   CHECK(state.primitives().items()[1].strength == Approx(0.75));
 }
 
-TEST_CASE("the force does not jump between core and tube, and rounding makes no vortex force",
+TEST_CASE("the force of a vortex tube does not jump at its core and rounding errors cause no force",
           "[modes]") {
   const std::map<std::string, FieldPtr> at{{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.1)}};
   ModeSpec tube;
@@ -405,7 +407,7 @@ TEST_CASE("the force does not jump between core and tube, and rounding makes no 
   double worst = 0.0;
   constexpr double kStep = 5e-5;
   for (int i = 0; i <= 2000; ++i) {
-    // The hand moves outwards from the core on a spiral, and always pulls at its proxy.
+    // The hand moves outwards from the core on a spiral, and always pulls the proxy.
     const double r = 6e-3 * i / 2000.0;
     const Vec3 hand(r * std::cos(kStep * i / std::max(r, 1e-3)),
                     r * std::sin(kStep * i / std::max(r, 1e-3)), 0.01);
@@ -430,8 +432,10 @@ TEST_CASE("the force does not jump between core and tube, and rounding makes no 
   }
 }
 
-TEST_CASE("snap-drag puts fronts at even distances both ways, and without it the front follows",
-          "[modes]") {
+TEST_CASE(
+    "a front with snap-drag snaps at even distances both ways, and without snap-drag follows the "
+    "hand",
+    "[modes]") {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
   const std::map<std::string, FieldPtr> at{
       {"flow", makeVectorField(frame, [](const Vec3&) {
@@ -460,8 +464,8 @@ TEST_CASE("snap-drag puts fronts at even distances both ways, and without it the
     return where;
   };
   CHECK(drops(0.0).empty());
-  // A front holds for 2 mm (s/k) of pull, and then for 4 voxels. Then the next front starts to
-  // pull.
+  // A front holds the proxy until the spring is 2 mm long (s/k). The next front takes effect 4
+  // voxels farther on.
   const std::vector<double> fronts = drops(4.0);
   REQUIRE(fronts.size() == 4);  // on a path of 30 mm
   for (std::size_t i = 1; i < fronts.size(); ++i) {
@@ -469,7 +473,8 @@ TEST_CASE("snap-drag puts fronts at even distances both ways, and without it the
   }
 }
 
-TEST_CASE("an isosurface with viscosity but no strength drags throughout its solid", "[modes]") {
+TEST_CASE("an isosurface with viscosity but without strength drags everywhere in its solid",
+          "[modes]") {
   // The plate is 2 mm thick, so its surface is within range at every place.
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 1.0};
   const std::map<std::string, FieldPtr> at{
@@ -494,7 +499,7 @@ TEST_CASE("an isosurface with viscosity but no strength drags throughout its sol
   CHECK(dragged < 250);
 }
 
-TEST_CASE("a user-defined mode reads its fields, places its primitives and keeps its state",
+TEST_CASE("a user-defined mode reads its fields and places its primitives and keeps its state",
           "[modes]") {
   auto count = std::make_shared<int>(0);
   ModeSpec own;
@@ -507,8 +512,8 @@ TEST_CASE("a user-defined mode reads its fields, places its primitives and keeps
   const StepReport first = hapticStep(*scene, reader, {p}, state, kDt);
   const int before = *count;
   const StepReport pulled = hapticStep(*scene, reader, {p + Vec3(0, 0, 1.2e-3)}, state, kDt);
-  // The first tick reads at the proxy and then where the balance led. Each tick balances once with
-  // the known primitives, and once per reading.
+  // The first tick reads at the proxy and then at the place to which the balance led. Each tick
+  // balances once with the known primitives, and once per reading.
   CHECK(first.samples == 4);
   CHECK(pulled.samples == 2 * pulled.substeps);
   CHECK(*count - before == 1 + pulled.substeps);
@@ -522,7 +527,7 @@ TEST_CASE("a user-defined mode reads its fields, places its primitives and keeps
                                         Catch::Contains("did you mean \"ball\""));
 }
 
-TEST_CASE("pairs and triples of modes balance like the reference solver",
+TEST_CASE("pairs and triples of modes balance as the reference solver does",
           "[modes][eq14][eq15][release]") {
   const std::vector<Named> modes = allModes();
   Random random(71);
@@ -613,7 +618,8 @@ TEST_CASE("a mode of zero strength does not change the result, bit for bit", "[m
   }
 }
 
-TEST_CASE("rotating and moving scene and hand together rotates the force with them", "[modes]") {
+TEST_CASE("rotating and moving scene and hand together rotates the force in the same way",
+          "[modes]") {
   Random random(73);
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
@@ -625,7 +631,8 @@ TEST_CASE("rotating and moving scene and hand together rotates the force with th
     CAPTURE(still[i].name);
     Scene scene = *sceneOf({still[i].mode, still[1].mode});
     Scene turned = *sceneOf({moved[i].mode, moved[1].mode}, fields(pose));
-    // How primitives share a common load, and so the friction, is only as precise as the balance.
+    // The precision of the balance limits the precision with which primitives share a load, and so
+    // that of the friction.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     if (rough) scene.solver.tolerance = turned.solver.tolerance = 1e-9;
     const ClosedPath path(random, 400);
@@ -652,9 +659,9 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     const std::vector<Named> still = allModes();
     CAPTURE(still[i].name);
-    // The path through a moving volume is cut at different places. If two surfaces coincide,
-    // micrometres decide which of them bears a load and its friction. So a rough surface is
-    // combined with a front instead.
+    // The path through a moving volume is split at different places. If two surfaces coincide,
+    // micrometres decide which surface bears a load and has the friction. So the test combines a
+    // surface with friction with a front instead.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     const ModeSpec& beside = still[rough ? 5 : 1].mode;
     Scene scene = *sceneOf({still[i].mode, beside});
@@ -683,7 +690,7 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
   }
 }
 
-TEST_CASE("a motion that stands still does not change the result, bit for bit", "[modes][moving]") {
+TEST_CASE("a motion that stands still does not change the forces, bit for bit", "[modes][moving]") {
   const MotionPtr rest = std::make_shared<const Motion>(std::vector<Keyframe>(1));
   for (const Named& mode : allModes()) {
     CAPTURE(mode.name);
@@ -732,8 +739,8 @@ TEST_CASE("work from moving volumes is at most the injected and held energy, wit
         for (int tick = 0; tick <= path.ticks(); ++tick) {
           const Vec3 hand = path(tick);
           const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
-          // The last force was held along the hand's path to here. This alone adds up to k/2
-          // |dh|^2.
+          // The last force acted along the hand's path dh up to this tick. This alone adds up to
+          // k/2 |dh|^2.
           work += force.dot(hand - last) - 0.5 * kStiffness * (hand - last).squaredNorm();
           force = r.wanted;
           injected += r.injected;
@@ -772,7 +779,8 @@ TEST_CASE("the work on a closed path is at most the counted injection",
     CAPTURE(names);
     const auto scene = sceneOf(specs);
     Random random(74);
-    // Enough paths that each set that could inject energy would do so. Sanitizers run fewer paths.
+    // Enough paths to show every set that injects energy. With sanitizers the test runs fewer
+    // paths.
     const long paths = std::max(test::cases(kPaths), test::kSanitized ? 10L : 50L);
     double injected_sum = 0.0;
     for (long i = 0; i < paths; ++i) {
@@ -812,7 +820,8 @@ TEST_CASE("a released hand ends at zero force", "[modes][passivity]") {
     CAPTURE(mode.name);
     const auto scene = sceneOf({mode.mode});
     for (int i = 0; i < hands; ++i) {
-      // The hand is moved about, then released. It is a mass with the arm's own friction.
+      // The hand is moved about and then released. The released hand is a mass with the arm's own
+      // friction.
       const ClosedPath path(random, 300);
       fresh.restart();
       Vec3 x = path(0);
@@ -834,7 +843,7 @@ TEST_CASE("a released hand ends at zero force", "[modes][passivity]") {
   }
 }
 
-TEST_CASE("unneeded volumes are not read, and orthogonal sets are solved in closed form",
+TEST_CASE("volumes that no mode needs are not read, and orthogonal sets are solved in closed form",
           "[modes][graph]") {
   const auto box = [](const Vec3& centre, double half) {
     return FieldFrame{1e-3, 1.0, {centre - Vec3::Constant(half), centre + Vec3::Constant(half)}, 1};
@@ -884,7 +893,7 @@ TEST_CASE("unneeded volumes are not read, and orthogonal sets are solved in clos
   CHECK(countAt({0.08, 0, 0.03}) == 1);   // b
   CHECK(countAt({1, 0, 0.03}) == 1);      // far
   CHECK(countAt({0.5, 0, 0}) == 0);
-  // A weight is not read where its mode has no data. So pressure is not read where there is no
+  // A weight is not read where its mode has no data. So the pressure is not read where there is no
   // wind.
   GraphSpec weighted = spec;
   weighted.modes = {spec.modes[2]};

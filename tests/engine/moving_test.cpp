@@ -94,7 +94,8 @@ FieldPtr wind(const Vec3& v) {
 
 }  // namespace
 
-TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][moving]") {
+TEST_CASE("a motion rotates and translates at a constant rate between two keyframes",
+          "[modes][moving]") {
   const Vec3 axis = Vec3(1, 2, 2) / 3.0;
   const auto turn = [&](double angle) {
     return Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis));
@@ -139,7 +140,7 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
   CHECK(quarter.topSpeed(box) == Approx(1.0 + kPi * std::hypot(far, 0.01)));
 }
 
-TEST_CASE("a motion turns the short way for either sign of its quaternions", "[modes][moving]") {
+TEST_CASE("a motion turns the shorter way for either sign of its quaternions", "[modes][moving]") {
   for (const double angle : {0.3, 1.2, 2.4, 3.1}) {
     const Eigen::Quaterniond to(Eigen::AngleAxisd(angle, Vec3(1, 2, 2) / 3.0));
     for (const double sign : {1.0, -1.0}) {
@@ -188,7 +189,8 @@ TEST_CASE("invalid keyframes are refused with their JSON path", "[modes][moving]
   CHECK_THROWS_WITH(sceneOf({skin}, fields, {{"ball", nullptr}}), Contains("/volumes/ball"));
 }
 
-TEST_CASE("a ball that moves past a still hand keeps the proxy on its surface", "[modes][moving]") {
+TEST_CASE("a ball that moves over a resting hand keeps the proxy on its surface",
+          "[modes][moving]") {
   // The ball orbits at 0.2 m/s, and a hand at rest is 2.56 voxels deep in it.
   constexpr double kRadius = 40.0 * kVoxel;
   constexpr double kDeep = 2.56 * kVoxel;
@@ -198,7 +200,6 @@ TEST_CASE("a ball that moves past a still hand keeps the proxy on its surface", 
   const auto orbit = [&](double spin) {
     const double r = kRadius - kDeep;
     const double lap = 2.0 * kPi * r / kSpeed;
-    // The ball first comes from outside.
     std::vector<Keyframe> keys{keyAt(-0.05, still - Vec3(r + 0.01, 0, 0))};
     constexpr int kSteps = 7200;
     for (int i = 0; i <= kSteps; ++i) {
@@ -302,7 +303,8 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
   }
 }
 
-TEST_CASE("two bodies with different motions are felt together and in turn", "[modes][moving]") {
+TEST_CASE("two bodies with different motions act on the hand together and one after the other",
+          "[modes][moving]") {
   // One ball comes from the left, a spinning ball from the front, and a floor stands still.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{
@@ -333,10 +335,10 @@ TEST_CASE("two bodies with different motions are felt together and in turn", "[m
     }
   }
   CHECK(worst <= 0.01);
-  // Each ball pushes p out by about 1.03 mm instead of 1 mm, because the balls are round.
+  // Each ball pushes the proxy out by about 1.03 mm instead of 1 mm, because the balls are round.
   CHECK((r.wanted / kStiffness - Vec3(deep, deep, deep)).norm() < 0.05 * deep);
 
-  // The two balls pass the hand one after the other, and each is felt in turn.
+  // The two balls pass the hand one after the other.
   const auto passing = sceneOf(
       {mode(ModeKind::kIsosurface, "left", 5.0), mode(ModeKind::kIsosurface, "front", 5.0)}, fields,
       {{"left", straight({-0.1, deep - kRadius, 0}, {0.1, deep - kRadius, 0}, 0.2)},
@@ -354,7 +356,7 @@ TEST_CASE("two bodies with different motions are felt together and in turn", "[m
   CHECK(other.at(Vec3::Zero()).wanted.norm() < 1e-12);
 }
 
-TEST_CASE("a volume that passes a hand in free space is not felt", "[modes][moving]") {
+TEST_CASE("a moving volume that passes beside the hand causes no force", "[modes][moving]") {
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
   for (const double speed : {0.2, 2.0, 20.0}) {
@@ -371,7 +373,8 @@ TEST_CASE("a volume that passes a hand in free space is not felt", "[modes][movi
   }
 }
 
-TEST_CASE("a fast body does not pass through the proxy", "[modes][moving]") {
+TEST_CASE("a surface that moves at up to 3 m/s does not pass through the proxy",
+          "[modes][moving]") {
   // At 3 m/s, a tick moves the surface by 3.84 voxels, which takes eight sub-steps of half a voxel.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
@@ -391,7 +394,8 @@ TEST_CASE("a fast body does not pass through the proxy", "[modes][moving]") {
   }
 }
 
-TEST_CASE("a moving medium drags along a hand inside it", "[modes][moving]") {
+TEST_CASE("a moving viscous medium pulls the hand in the medium's direction of motion",
+          "[modes][moving]") {
   const Vec3 way = Vec3(1, -2, 2) / 3.0;
   const std::map<std::string, FieldPtr> fields{{"air", wind(Vec3::UnitZ())}};
   const std::map<std::string, MotionPtr> moving{{"air", straight(Vec3::Zero(), 2.0 * way, 0.1)}};
@@ -407,7 +411,7 @@ TEST_CASE("a moving medium drags along a hand inside it", "[modes][moving]") {
     }
     CHECK(r.injected < 1e-12);  // in a steady motion, the drag adds no energy
   }
-  SECTION("a held hand in a stream is dragged only across it") {
+  SECTION("a held hand in a stream is dragged only perpendicular to the stream") {
     const auto scene = sceneOf({mode(ModeKind::kFollow, "air", 0.4)}, fields, moving);
     Hand hand(*scene);
     StepReport r;
@@ -434,7 +438,7 @@ TEST_CASE("a moving medium drags along a hand inside it", "[modes][moving]") {
   }
 }
 
-TEST_CASE("a scene's time starts at the proxy's first tick in it and continues through faults",
+TEST_CASE("a scene's time starts with the proxy's first tick in it and continues through faults",
           "[modes][moving]") {
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), 0.03, kVoxel)}};
   const auto make = [&] {

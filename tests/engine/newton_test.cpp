@@ -1,4 +1,4 @@
-/// Tests Newton's step against the fixed point that it must find.
+/// Tests Newton's step against the known fixed point.
 #include "palpate/engine/balance/newton.h"
 
 #include <cmath>
@@ -17,8 +17,8 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// A surface V = 0. Its planes are perpendicular to the slope of another quadric, as the planes of
-/// a trilinear volume are perpendicular to its continuous gradient.
+/// A surface V = 0. The planes on it are perpendicular to the slope of another quadric, as the
+/// planes on a trilinear volume are perpendicular to its continuous gradient.
 struct Quadric {
   double value = 0.0;
   Vec3 slope = Vec3::Zero();
@@ -100,12 +100,15 @@ Course converge(Vec3 x, const Vec3& probe, const std::vector<Surface>& surfaces,
 
 }  // namespace
 
-TEST_CASE("Newton's residual falls quadratically where Picard's grows", "[newton]") {
-  // The fillet has a radius of 0.3 mm, and the hand is 2 mm deep. Picard's factor is -6.7.
+TEST_CASE("Newton's residual falls quadratically on a fillet on which Picard's iteration diverges",
+          "[newton]") {
+  // The fillet has a radius of 0.3 mm, and the hand is 2 mm deep. Picard's iteration multiplies the
+  // error by -6.7.
   const double radius = 3e-4;
   Surface fillet;
   fillet.strength = 10.0;
-  // The free side is inside the cylinder x^2 + z^2 < r^2 (to its quadric).
+  // The free side is inside the cylinder x^2 + z^2 < r^2, which the quadric approximates near the
+  // origin.
   fillet.value = {0.0, Vec3::UnitZ(), -Vec3(1.0, 0.0, 1.0).asDiagonal().toDenseMatrix() / radius};
   fillet.normal = fillet.value;
   const Vec3 probe(2e-5, 1e-5, -2e-3);
@@ -118,8 +121,9 @@ TEST_CASE("Newton's residual falls quadratically where Picard's grows", "[newton
   CHECK(newton.residuals[4] < 1e-12);
 }
 
-TEST_CASE("Newton's step converges quadratically on one, two and three surfaces that hold",
-          "[newton]") {
+TEST_CASE(
+    "Newton's step converges quadratically on one and two and three surfaces that hold the proxy",
+    "[newton]") {
   test::Random random(3);
   const long count = test::cases(2000);
   long held = 0;
@@ -159,8 +163,10 @@ TEST_CASE("Newton's step converges quadratically on one, two and three surfaces 
   CHECK(held > 8 * count / 10);
 }
 
-TEST_CASE("Newton's step converges where a yielding surface turns the balance", "[newton]") {
-  // The surface has yielded, so it pulls with its strength along n: x = h + s/k n(x).
+TEST_CASE("Newton's step converges where a surface yields and the direction of the balance changes",
+          "[newton]") {
+  // The surface has yielded, so it acts on the proxy with its strength s along its normal n: x = h
+  // + s/k n(x), with the hand at h.
   test::Random random(4);
   const long count = test::cases(2000);
   long gave = 0;
@@ -171,7 +177,7 @@ TEST_CASE("Newton's step converges where a yielding surface turns the balance", 
     const Vec3 out = surface.value.slope;
     const Vec3 probe = -1e-2 * out;
     const Course course = converge(probe + 5e-4 * out, probe, {surface});
-    // The quadric curves back, so it does not yield.
+    // The quadric curves back, so the surface does not yield.
     if (course.last.loads[0] != Load::kYielding) continue;
     ++gave;
     converged += course.residuals[8] < 1e-11 ? 1 : 0;
@@ -181,7 +187,7 @@ TEST_CASE("Newton's step converges where a yielding surface turns the balance", 
 }
 
 TEST_CASE(
-    "on a convex edge Newton's step lowers the energy, and without surfaces it equals the residual",
+    "on a convex edge Newton's step lowers the energy, without surfaces it equals the residual",
     "[newton]") {
   // A cylinder of radius 1 mm, with the hand 3 mm deep and 10 um to one side. The nearest point
   // is on that side.

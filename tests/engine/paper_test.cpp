@@ -33,7 +33,8 @@ constexpr double kStiffness = 500.0;
 constexpr double kDt = 1e-3;
 const ForceLimits kOpen{100.0, 1e9};
 
-/// Returns the force of one primitive on a proxy at x off its kink, as printed in eqs (8) to (13).
+/// Returns the force of one primitive on a proxy at x by the paper's eqs (8) to (13); x is not on a
+/// kink.
 Vec3 printedForce(const Primitive& p, const Vec3& x) {
   const Vec3 q = p.direction;
   switch (p.kind) {
@@ -74,8 +75,10 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 
 }  // namespace
 
-TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy, then pulls",
-          "[paper][fig1][eq3]") {
+TEST_CASE(
+    "fig. 1: a tick reads properties along the proxy's path, moves the proxy, then computes the "
+    "pull",
+    "[paper][fig1][eq3]") {
   // The ground's mode is a surface with a drag. Its field records where it is read.
   std::vector<Vec3> read;
   const FieldPtr ground = makeScalarField(
@@ -98,18 +101,19 @@ TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy,
     read.clear();
     const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
     CAPTURE(tick);
-    // 1: local properties. The paper reads them at the old proxy. palpate reads them where the
-    // constraints of the last tick lead the proxy, because they must hold there. Each tick reads
-    // the ground once.
+    // Step 1, local properties. The paper reads them at the old proxy. The engine reads them where
+    // the constraints of the last tick lead the proxy, because they must hold there. Each tick
+    // reads the ground once.
     REQUIRE(r.samples == (tick == 0 ? 2 : 1));
     if (tick > 0) {
       for (Primitive& p : known) p.position = before;
       const test::Reference foreseen = solveReference(hand, kStiffness, known);
-      // The field is read first at that place, then at points around it, which show how its normal
-      // turns.
+      // The field is read first at that place, then at points around it, to find how the ground's
+      // normal changes.
       REQUIRE((read.front() - hand - foreseen.offset).norm() < 1e-9);
     }
-    // 2: constraints, anchored at the old proxy. The proxy moves to where they balance the spring.
+    // Step 2, constraints at the old proxy. The proxy moves to where the constraints balance the
+    // spring.
     const auto items = state.primitives().items();
     known.assign(items.begin(), items.end());
     REQUIRE(known.size() == 2);
@@ -118,7 +122,7 @@ TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy,
     const test::Reference reference = solveReference(hand, kStiffness, known);
     const Vec3 offset = r.proxy - hand;
     REQUIRE((offset - reference.offset).norm() <= r.error_bound + reference.error_bound + 1e-15);
-    // 3: the force follows from the new proxy by eq. (3) alone.
+    // Step 3: the force follows from the new proxy by eq. (3) alone.
     lengths.push_back(offset.norm());
     const int back = std::min(tick, static_cast<int>(kRateTime / kDt + 0.5));
     const double then = lengths[static_cast<std::size_t>(tick - back)];
@@ -129,10 +133,8 @@ TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy,
   CHECK(farthest > 1e-3);  // otherwise it would not matter where the field is read
 }
 
-TEST_CASE(
-    "eqs 1 and 2: a constraint moves the proxy along its direction as a plane does, and not across "
-    "it",
-    "[paper][eq1][eq2]") {
+TEST_CASE("eqs 1 and 2: a constraint moves the proxy as a plane does, and only along its direction",
+          "[paper][eq1][eq2]") {
   Random random(31);
   int yielded = 0;
   for (int i = 0; i < 300; ++i) {
@@ -147,7 +149,8 @@ TEST_CASE(
     yielded += static_cast<int>(yields);
     const std::vector<Constraint> constraint{{q, s}};
     REQUIRE((constraintProxy(probe, proxy, kStiffness, constraint) - proxy - moved).norm() < 1e-15);
-    // q of eq. (2) points from the proxy to where the hand wants to go, q of eq. (13) points back.
+    // q of eq. (2) points from the proxy towards the hand, q of eq. (13) points in the opposite
+    // direction.
     const std::vector<Primitive> plane{{PrimitiveKind::kPlane, proxy, -q, s}};
     const SolveResult solved = solveProxy(probe, kStiffness, plane, proxy);
     REQUIRE(std::abs(q.dot(solved.proxy - proxy - moved)) < 1e-15);
@@ -158,8 +161,9 @@ TEST_CASE(
 
 TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
           "[paper][eq4][eq5][eq6][eq7]") {
-  // Eq. (5) adds (sum q q^T - 1) eta to eta. The largest singular value of this matrix is that of
-  // Q^T Q - 1, whose entries are the cosines between the directions. No entry exceeds it.
+  // Eq. (5) adds (sum q q^T - 1) eta to eta. The matrix in brackets has the same largest singular
+  // value as Q^T Q - 1. The off-diagonal elements of Q^T Q - 1 are the cosines between the
+  // directions. No element exceeds the largest singular value.
   Random random(32);
   for (int i = 0; i < 300; ++i) {
     Mat3 Q = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
@@ -334,7 +338,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl balance together in e
   CHECK(old_error > 0.5);  // [N]: the error if the constraints are applied one after the other
 }
 
-TEST_CASE("fig. 3: the proxy is where the paper's force of a primitive balances the spring",
+TEST_CASE("fig. 3: at the proxy the paper's force of a primitive balances the spring",
           "[paper][fig3][eq8][eq9][eq10][eq11][eq12][eq13]") {
   Random random(34);
   for (int i = 0; i < 1000; ++i) {
@@ -343,8 +347,8 @@ TEST_CASE("fig. 3: the proxy is where the paper's force of a primitive balances 
     const Vec3 f = printedForce(p, x);
     CAPTURE(describe(x, kStiffness, {p}), f);
     CHECK((f - methods::forceOf(p, x - p.position)).norm() < 1e-12);
-    // The figure shows the full strength, directed to the nearest point where the primitive's force
-    // ends.
+    // The figure shows a force of full strength, directed to the nearest point at which the
+    // primitive's force is zero.
     const Vec3 d = x - p.position;
     if (p.kind == PrimitiveKind::kPoint) {
       CHECK((x + d.norm() / p.strength * f - p.position).norm() < 1e-12);
@@ -356,7 +360,7 @@ TEST_CASE("fig. 3: the proxy is where the paper's force of a primitive balances 
     } else {
       CHECK(f.norm() == Approx(p.strength));
     }
-    // The spring must then pull the proxy by -f, and the hand feels f.
+    // The spring must then act on the proxy with -f, and the hand feels f.
     const std::vector<Primitive> set{p};
     const SolveResult solved = solveProxy(x - f / kStiffness, kStiffness, set, Vec3::Zero());
     CHECK((kStiffness * solved.offset - f).norm() < 1e-12);
@@ -370,7 +374,7 @@ TEST_CASE("eqs 14 and 15: at the proxy the paper's forces and the spring add up 
     std::vector<Primitive> set;
     const int count = 1 + random.integer(8);
     for (int j = 0; j < count; ++j) set.push_back(random.primitive());
-    // Any x off the kinks is the proxy of one probe.
+    // Each x that is not on a kink is the proxy of exactly one probe.
     const Vec3 x = random.inCube(3e-3);
     Vec3 sum = Vec3::Zero();
     for (const Primitive& p : set) sum += printedForce(p, x);
@@ -384,14 +388,14 @@ TEST_CASE("eqs 14 and 15: at the proxy the paper's forces and the spring add up 
   }
 }
 
-TEST_CASE("eq. 8: a directed force is felt in full, alone and among other primitives",
+TEST_CASE("eq. 8: a directed force acts with its full strength, alone and among other primitives",
           "[paper][eq8]") {
   Random random(36);
   for (int i = 0; i < 200; ++i) {
     const Vec3 probe = random.inCube(5e-3);
     Primitive push = random.primitive();
     push.kind = PrimitiveKind::kForce;
-    // A directed force alone is felt in full.
+    // A directed force alone acts on the hand with its full strength.
     std::vector<Primitive> set{push};
     const Vec3 alone = solveProxy(probe, kStiffness, set, probe).offset;
     CHECK((alone - methods::forceFunction(probe, kStiffness, set, probe).offset).norm() < 1e-15);
@@ -424,9 +428,9 @@ TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force"
     REQUIRE((solved.offset - reference.offset).norm() <=
             solved.error_bound + reference.error_bound);
     if ((solved.proxy - point.position).norm() < 1e-5) continue;  // the point holds the proxy too
-    // The plane supplies the difference between the point's force and the spring's. It acts along
-    // the plane's normal. It is the full strength behind the plane, zero in front, and anything in
-    // between on the plane.
+    // The plane gives the difference between the point's force and the spring's, along the plane's
+    // normal. This difference is the full strength behind the plane, zero in front of the plane,
+    // and any value in between on the plane.
     const Vec3 left = kStiffness * solved.offset - printedForce(point, solved.proxy);
     const double along = left.dot(q);
     const double height = solved.proxy.dot(q);
@@ -442,8 +446,9 @@ TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force"
   CHECK(behind > 50);
 }
 
-TEST_CASE("section 4.2: on and about a plane that holds, eq. 14 does not vanish",
-          "[paper][eq14][fig5]") {
+TEST_CASE(
+    "section 4.2: the residual force of eq. 14 does not vanish near a plane that holds the proxy",
+    "[paper][eq14][fig5]") {
   const std::vector<Primitive> set{{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 1.0}};
   for (const double pull : {0.1, 0.5, 0.8}) {
     const Vec3 probe(0, 0, -pull / kStiffness);
@@ -502,7 +507,7 @@ TEST_CASE("fig. 6: the proxy leaves the plane at s/k and stays s/k from the prob
   }
 }
 
-TEST_CASE("section 4.2: the smallest |f_res| is not always the balance", "[paper][eq15]") {
+TEST_CASE("section 4.2: the smallest |f_res| is not always at the balance", "[paper][eq15]") {
   const bench::BalanceProblem pair = bench::makeMisledPair();
   const std::vector<Primitive>& planes = pair.primitives;
   const Vec3& probe = pair.probe;
@@ -517,7 +522,7 @@ TEST_CASE("section 4.2: the smallest |f_res| is not always the balance", "[paper
         smallestResidualNear(solved.proxy, probe, planes) - 0.1);
 }
 
-TEST_CASE("section 4.3: O(N): the work of a balance grows no faster than its primitives",
+TEST_CASE("section 4.3: the work of a balance grows at most linearly with the number of primitives",
           "[paper]") {
   // An iteration of palpate, like one of Euler's method, visits each primitive a fixed number of
   // times. So the test counts N times the iterations. Strengths are up to 6 N divided by N, so that

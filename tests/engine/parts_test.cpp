@@ -1,5 +1,5 @@
-/// Tests scenes of many parts: parts that are far away are not read, and parts that are near feel
-/// the same as if they were alone.
+/// Tests scenes of many parts. Distant parts are not read, and near parts give the same force as
+/// alone.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -98,8 +98,8 @@ std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
   return makeScene(spec, fields, coupling);
 }
 
-/// Builds a graph and a wall in the proxy's way. The wall is a separate part, or one of the graph's
-/// own volumes.
+/// Builds a graph and a wall that blocks the proxy. The wall is a separate part, or one of the
+/// graph's own volumes.
 std::unique_ptr<const Scene> besideWall(GraphSpec spec, std::map<std::string, FieldPtr> fields,
                                         const Ball& wall, bool as_part,
                                         const CouplingParams& coupling = {}) {
@@ -126,7 +126,7 @@ std::vector<Ball> someBalls(std::size_t count, double room, Random& random) {
 
 }  // namespace
 
-TEST_CASE("parts give the same forces as volumes that are always read", "[scale]") {
+TEST_CASE("parts give the same forces as volumes that are read in every tick", "[scale]") {
   Random random(11);
   long felt = 0;
   for (int room = 0; room < 8; ++room) {
@@ -150,7 +150,7 @@ TEST_CASE("parts give the same forces as volumes that are always read", "[scale]
   CHECK(felt > 2000);
 }
 
-TEST_CASE("a fast hand follows a part's stream like a volume's", "[scale]") {
+TEST_CASE("a fast hand follows a stream of a part as it follows one of a volume", "[scale]") {
   // A hand at 2 m/s needs several moves in a tick.
   GraphSpec spec;
   spec.modes.resize(1);
@@ -179,7 +179,7 @@ TEST_CASE("a fast hand follows a part's stream like a volume's", "[scale]") {
   }
 }
 
-TEST_CASE("of ten thousand parts only the near ones are read", "[scale]") {
+TEST_CASE("only the parts near the hand are read among ten thousand parts", "[scale]") {
   Random random(3);
   std::vector<Ball> balls = someBalls(test::cases(10000), 1.0, random);
   // Two balls overlap, far from all other balls.
@@ -222,7 +222,7 @@ TEST_CASE("of ten thousand parts only the near ones are read", "[scale]") {
   CHECK(away.parts == 0);
 }
 
-TEST_CASE("a fast hand feels every part that it passes", "[scale]") {
+TEST_CASE("a fast hand feels every part on its path", "[scale]") {
   Random random(9);
   const std::vector<Ball> balls = someBalls(30, 0.3, random);
   long allocations = 0;
@@ -255,8 +255,8 @@ TEST_CASE("a fast hand feels every part that it passes", "[scale]") {
 }
 
 TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]") {
-  // A wind of 3 N or 12 N would push the proxy 6 or 24 mm beyond the hand, but a wall is in its
-  // way.
+  // A wind of 3 N or 12 N would push the proxy 6 or 24 mm beyond the hand, but a wall blocks the
+  // proxy.
   for (const double wind : {3.0, 12.0}) {
     for (const double gap : {1e-3, 4e-3, 5.5e-3, 0.011, 0.02}) {
       CAPTURE(wind, gap);
@@ -279,14 +279,15 @@ TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]")
         b = together.step({0.06 - gap, 0, 0});
         REQUIRE(a.proxy.x() < 0.0601);
       }
-      // The wall bears the part of the wind's force that is left after the way to the wall.
+      // The wall bears the part of the wind's force that the spring, stretched over the gap, does
+      // not bear.
       CHECK((a.wanted - b.wanted).norm() < 1e-6);
       if (wind / 500.0 > gap) CHECK(a.parts == 1);
     }
   }
 }
 
-TEST_CASE("a moving body pushes the proxy against a part, not through it", "[scale]") {
+TEST_CASE("a moving body pushes the proxy against a part but not through it", "[scale]") {
   // A plane that moves at 1 m/s carries the proxy against a ball that stands still.
   const Ball wall{Vec3(0.1, 0, 0), 0.04, 30.0, 0.0};
   const auto scene_of = [&](bool parts) {
@@ -317,7 +318,8 @@ TEST_CASE("a moving body pushes the proxy against a part, not through it", "[sca
   CHECK(off < 1e-6);
 }
 
-TEST_CASE("if there are more parts than the limit, the strongest are evaluated", "[scale]") {
+TEST_CASE("if more parts than the limit are near the hand, the strongest parts are evaluated",
+          "[scale]") {
   // Seventy balls are near one place. One graph contains thirty of them, and forty parts the
   // others.
   Random random(5);
@@ -374,7 +376,7 @@ TEST_CASE("if there are more parts than the limit, the strongest are evaluated",
   CHECK(off <= most);
 }
 
-TEST_CASE("a part with an unsupported property is refused with a reason", "[scale]") {
+TEST_CASE("a part with an unsupported property is refused with the reason", "[scale]") {
   const auto says = [](const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields,
                        const char* words) {
     CHECK_THROWS_WITH(makePart(spec, fields), Catch::Contains(words));

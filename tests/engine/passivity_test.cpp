@@ -1,5 +1,5 @@
-/// Tests the energy tank: with it, no hand, arm or scene can extract energy. Other methods fail
-/// these tests.
+/// Tests the energy tank. With the tank, no hand, arm or scene can extract energy. Other methods
+/// fail these tests.
 #include "palpate/engine/safety/passivity.h"
 
 #include <cmath>
@@ -54,8 +54,10 @@ constexpr auto kAsDrawn = [](PassivityRun&) {};
 
 }  // namespace
 
-TEST_CASE("no scene gives a hand energy through the tank, but some do through an observer",
-          "[passivity]") {
+TEST_CASE(
+    "with an energy tank no scene gives a hand energy, but with a passivity observer some scenes "
+    "do",
+    "[passivity]") {
   const long count = test::cases(400);
   const Many tank = playMany(count, Keeper::kTank, kAsDrawn);
   const Many nobody = playMany(count, Keeper::kNobody, kAsDrawn);
@@ -71,7 +73,7 @@ TEST_CASE("no scene gives a hand energy through the tank, but some do through an
   CHECK(observer.worst < -1e-3);
 }
 
-TEST_CASE("no adversarial hand takes energy out of the tank", "[passivity]") {
+TEST_CASE("no adversarial hand extracts energy from the energy tank", "[passivity]") {
   const auto wicked = [](PassivityRun& run) {
     run.adversary = true;
     run.seconds = 1.0;
@@ -86,7 +88,7 @@ TEST_CASE("no adversarial hand takes energy out of the tank", "[passivity]") {
   CHECK(activeShare(nobody) > 0.25);
 }
 
-TEST_CASE("a lagging amplifier lets no hand take energy out of the tank", "[passivity]") {
+TEST_CASE("with a lagging amplifier no hand extracts energy from the energy tank", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto lagging = [&](PassivityRun& run) {
       run.adversary = adversary;
@@ -102,8 +104,8 @@ TEST_CASE("a lagging amplifier lets no hand take energy out of the tank", "[pass
 
 namespace {
 
-/// Checks passive hands and adversaries. If the tank knows the uncertainty, no hand gains energy.
-/// If the tank does not know it, some hands do.
+/// Runs passive hands and adversaries. If the tank knows the uncertainty, no hand gains energy. If
+/// the tank does not know the uncertainty, some hands gain energy.
 template <class Doubt>
 void onlyWhereTold(long count, Doubt doubt) {
   for (const bool adversary : {false, true}) {
@@ -128,15 +130,16 @@ void onlyWhereTold(long count, Doubt doubt) {
 
 }  // namespace
 
-TEST_CASE("an uncertain delay gives no energy if the tank knows the uncertainty",
-          "[passivity][release]") {
+TEST_CASE(
+    "a force delay of uncertain length gives no energy if the energy tank knows the uncertainty",
+    "[passivity][release]") {
   onlyWhereTold(240, [](PassivityRun& run) {
     bench::doubtDelay(run);
     run.every = run.seed % 16 == 1 ? 3 : 1;
   });
 }
 
-TEST_CASE("jittered reading times give no energy if the tank knows the jitter",
+TEST_CASE("jittered times of position readings give no energy if the energy tank knows the jitter",
           "[passivity][release]") {
   onlyWhereTold(160, [](PassivityRun& run) {
     bench::shakeReadings(run);
@@ -147,8 +150,8 @@ TEST_CASE("jittered reading times give no energy if the tank knows the jitter",
 
 namespace {
 
-/// One exactly simulated axis of an arm, with a tank. The forces act earlier or later than the
-/// middle of the range that the tank assumes.
+/// One exactly simulated axis of an arm, with a tank. The delays of the forces are shorter or
+/// longer than the middle of the range that the tank assumes.
 class Doubted {
  public:
   static constexpr double kPeriod = 1e-3;
@@ -162,7 +165,8 @@ class Doubted {
     send(0.0, -doubt);
   }
   /// Sends a force that acts `late` after the middle of that range. Then the hand moves for a
-  /// period at `speed`, plus `greed` times the speed that gains most against b.
+  /// period at `speed`, plus `greed` times the speed that gains the most energy against the viscous
+  /// friction.
   void tick(double force, double late, double speed, double greed, double given = 1.0) {
     ask(force);
     tank.weaken(given, params_.arm);
@@ -273,7 +277,8 @@ TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]
   }
 }
 
-TEST_CASE("the tank assumes the worst case of a reading's jitter", "[passivity]") {
+TEST_CASE("the energy tank assumes the worst case of the jitter of position readings",
+          "[passivity]") {
   const double period = 1e-3;
   TankParams params = acting(0.5);
   params.arm.delay = 1.25e-3;
@@ -287,7 +292,8 @@ TEST_CASE("the tank assumes the worst case of a reading's jitter", "[passivity]"
   (void)tank.pass(Vec3::Zero(), {speed * longest, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() <= 0.5 * speed * speed * longest + 1e-15);
   CHECK(tank.energy() > 0.99 * 0.5 * speed * speed * longest);
-  // With a force: a hand that stood still when it was read may since have moved with the force.
+  // With a force: a hand that stood still when its position was read can have moved with the force
+  // since then.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, 100.0);
   other.refill(10.0);
@@ -298,7 +304,8 @@ TEST_CASE("the tank assumes the worst case of a reading's jitter", "[passivity]"
   CHECK(other.energy() > 9.9);
 }
 
-TEST_CASE("the reserve for a force covers the delay's uncertainty", "[passivity]") {
+TEST_CASE("the energy that the tank reserves for a force covers the delay's uncertainty",
+          "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 1e-3;
   for (const double doubt : {0.0, 2e-4}) {
@@ -311,7 +318,9 @@ TEST_CASE("the reserve for a force covers the delay's uncertainty", "[passivity]
   }
 }
 
-TEST_CASE("weak motors give no energy if the tank knows the weakness", "[passivity]") {
+TEST_CASE(
+    "motors that give less force than ordered give no energy if the energy tank knows their share",
+    "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto weak = [&](PassivityRun& run) {
       run.weak = 0.3;
@@ -324,8 +333,8 @@ TEST_CASE("weak motors give no energy if the tank knows the weakness", "[passivi
     CHECK(told.broken == 0);
     CHECK(told.debt == 0.0);
   }
-  // If the tank does not know that motors give less, it counts work that was not done when a hand
-  // moves against the force. An adversary moves with the force, so no adversary is used here.
+  // If the tank does not know that motors give less force, it counts too much work when a hand
+  // moves against the force. An adversary moves with the force, so the test uses no adversary here.
   const Many untold = playMany(120, Keeper::kTank, [](PassivityRun& run) {
     run.weak = 0.3;
     run.tells_weak = false;
@@ -335,7 +344,8 @@ TEST_CASE("weak motors give no energy if the tank knows the weakness", "[passivi
   CHECK(untold.broken > 0);
 }
 
-TEST_CASE("early ticks give no energy, and late ticks become a debt", "[passivity]") {
+TEST_CASE("early ticks give the hand no energy, and late ticks put the energy tank into debt",
+          "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto early = [&](PassivityRun& run) {
       run.adversary = adversary;
@@ -358,7 +368,7 @@ TEST_CASE("early ticks give no energy, and late ticks become a debt", "[passivit
     // Energy comes out in less than a tenth of the runs, and at most 1.5 J.
     CHECK(10 * debtors.active < debtors.runs);
     CHECK(debtors.worst > -1.5);
-    // With a delay, ticks come between those for which the tank has accounted.
+    // With a delay and early ticks, the tank has no debt either.
     const auto delayed = [&](PassivityRun& run) {
       early(run);
       run.jitter = 0.3;
@@ -371,7 +381,8 @@ TEST_CASE("early ticks give no energy, and late ticks become a debt", "[passivit
   }
 }
 
-TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down", "[passivity]") {
+TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down by the energy tank",
+          "[passivity]") {
   struct Felt {
     double scaled = 0.0;
     double lost = 0.0;
@@ -410,10 +421,10 @@ TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down",
   CHECK(active.lost > 0.01);
 }
 
-TEST_CASE("without encoder step and delay the largest force equals the closed form",
+TEST_CASE("without encoder steps and delay the largest force of the tank equals the closed form",
           "[passivity]") {
-  // A path of 1 mm in a tick against viscous friction b puts in b dx^2 / T. A force R that is held
-  // for T can extract R^2 T / (4 b).
+  // A hand that moves by dx = 1 mm in a tick T against viscous friction b puts in b dx^2 / T. A
+  // force R that is held for T can extract R^2 T / (4 b).
   const double b = 0.5;
   const double period = 1e-3;
   Tank tank;
@@ -433,7 +444,7 @@ TEST_CASE("without encoder step and delay the largest force equals the closed fo
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
+TEST_CASE("the energy tank is charged the derived energy for an encoder step", "[passivity]") {
   // A path is known only to within an encoder step. A force costs half a step times the force when
   // it starts to act, and again while it acts.
   const double b = 0.5;
@@ -448,7 +459,7 @@ TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
   CHECK(tank.energy() == Approx(paid));
   const double r = 100.0 * tank.pass({100, 0, 0}, {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(r * r * period / (4.0 * b) == Approx(paid).epsilon(1e-6));
-  // The hand stands still, so only that cost is subtracted.
+  // The hand stands still, so the tank subtracts only that cost.
   (void)tank.pass(Vec3::Zero(), {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() == Approx(std::max(0.0, paid - step * r)).epsilon(1e-6));
   // A path against Coulomb friction counts with the cosine of 30 degrees.
@@ -460,8 +471,7 @@ TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
 }
 
 TEST_CASE(
-    "the tank is charged for a force that changes between two position readings, by the energy "
-    "that the hand can gain",
+    "a force that varies between two position readings costs the tank the energy the hand can gain",
     "[passivity]") {
   const double b = 0.5;
   const double period = 1e-3;
@@ -496,7 +506,8 @@ TEST_CASE("the tank stores a hand's work up to its cap and gives it back", "[pas
   CHECK(tank.energy() == Approx(cap - 10 * 0.5e-3));
 }
 
-TEST_CASE("encoder steps never overstate the work against Coulomb friction", "[passivity]") {
+TEST_CASE("encoder steps never make the tank overestimate the hand's work against Coulomb friction",
+          "[passivity]") {
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   const double c = 0.3;
@@ -520,7 +531,7 @@ TEST_CASE("encoder steps never overstate the work against Coulomb friction", "[p
   }
 }
 
-TEST_CASE("an arm of unknown friction is given no force", "[passivity]") {
+TEST_CASE("the energy tank gives no force to an arm of unknown friction", "[passivity]") {
   Tank tank;
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, acting(0.0), kCap) == 0.0);
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, acting(-1.0), kCap) == 0.0);
@@ -529,7 +540,7 @@ TEST_CASE("an arm of unknown friction is given no force", "[passivity]") {
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, off, kCap) == 1.0);
 }
 
-TEST_CASE("an invalid hand position empties the tank", "[passivity]") {
+TEST_CASE("an invalid position of the hand empties the energy tank", "[passivity]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Tank tank;
   const TankParams params = acting(0.5);
@@ -538,8 +549,8 @@ TEST_CASE("an invalid hand position empties the tank", "[passivity]") {
   CHECK(tank.energy() > 0.0);
   CHECK(tank.pass({1, 0, 0}, {nan, 0, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.energy() == 0.0);
-  // After a reset, the tank starts with the next call, at the hand's position then. The path before
-  // it does not count.
+  // After a reset, the tank starts at the next call, at the hand's position in this call. The path
+  // before does not count.
   CHECK(tank.pass({1, 0, 0}, {1, 1, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass({1, 0, 0}, {1, 1, 1}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass(Vec3::Zero(), {1, 1, 1.001}, true, 1e-3, params, kCap) == 1.0);
@@ -552,7 +563,9 @@ TEST_CASE("an invalid hand position empties the tank", "[passivity]") {
   }
 }
 
-TEST_CASE("a hand fills the tank to its cap, and refills beyond it are counted", "[passivity]") {
+TEST_CASE(
+    "the hand's work fills the energy tank to its cap, and refills beyond the cap are counted",
+    "[passivity]") {
   Tank tank;
   const TankParams params = acting(0.5);
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, 1e-3, params, 0.01);
@@ -563,7 +576,8 @@ TEST_CASE("a hand fills the tank to its cap, and refills beyond it are counted",
   CHECK(tank.refilled() == 0.02);
 }
 
-TEST_CASE("the tank restarts when more forces are in flight than it can store", "[passivity]") {
+TEST_CASE("the energy tank restarts if more forces are under way than it can store",
+          "[passivity]") {
   Tank tank;
   TankParams params = acting(5.0);
   params.arm.delay = 0.2;
@@ -578,7 +592,9 @@ TEST_CASE("the tank restarts when more forces are in flight than it can store", 
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE("a tank restarted in a late tick waits for the forces that still act", "[passivity]") {
+TEST_CASE(
+    "an energy tank that restarts in a late tick gives no force until the old forces have ended",
+    "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 3e-3;
   Tank tank;
@@ -596,7 +612,7 @@ TEST_CASE("a tank restarted in a late tick waits for the forces that still act",
   }
 }
 
-TEST_CASE("a refill beyond the cap causes no debt later", "[passivity]") {
+TEST_CASE("refilling the energy tank beyond its cap causes no debt later", "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 2e-3;
   Tank tank;
@@ -610,9 +626,9 @@ TEST_CASE("a refill beyond the cap causes no debt later", "[passivity]") {
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE("positions that repeat for several ticks give no hand energy", "[passivity]") {
-  // The arm gives a position only in every n-th tick, so its path was covered in n ticks, not in
-  // one.
+TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[passivity]") {
+  // The arm gives a position only in every n-th tick, so the hand took n ticks for the path between
+  // two positions.
   for (const bool adversary : {false, true}) {
     for (const int every : {1, 2, 4}) {
       const Many tank = playMany(test::cases(100), Keeper::kTank, [&](PassivityRun& run) {
@@ -634,8 +650,8 @@ TEST_CASE("positions that repeat for several ticks give no hand energy", "[passi
   CHECK(told.broken > 0);
 }
 
-TEST_CASE("a restarted tank waits for a new position", "[passivity]") {
-  // Part of the path since the last position was covered before the reset.
+TEST_CASE("a restarted energy tank gives no force until a new position arrives", "[passivity]") {
+  // The hand made part of the path since the last position before the reset.
   const TankParams params = acting(0.5);
   Tank tank;
   for (int n = 0; n < 3; ++n) {
@@ -653,7 +669,7 @@ TEST_CASE("a restarted tank waits for a new position", "[passivity]") {
   CHECK(other.energy() == 0.0);
 }
 
-TEST_CASE("no hand takes energy from a tank that restarts often", "[passivity]") {
+TEST_CASE("no hand extracts energy from an energy tank that restarts often", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto forgetful = [&](PassivityRun& run) {
       run.adversary = adversary;
@@ -681,7 +697,7 @@ TEST_CASE("no hand takes energy from a tank that restarts often", "[passivity]")
   }
 }
 
-TEST_CASE("invalid numbers and impossible positions add no energy", "[passivity]") {
+TEST_CASE("invalid numbers and impossible positions add no energy to the tank", "[passivity]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const TankParams params = acting(0.5, 0.02, 1e-5);
   Tank tank;
@@ -708,7 +724,8 @@ TEST_CASE("invalid numbers and impossible positions add no energy", "[passivity]
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap) == 0.0);
 }
 
-TEST_CASE("a restarted tank gives no force while an old force is in flight", "[passivity]") {
+TEST_CASE("a restarted energy tank gives no force while an older force is under way",
+          "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 3e-3;
   Tank tank;

@@ -51,7 +51,7 @@ TEST_CASE("a directed force moves the proxy by s/k", "[solver][eq8]") {
   CHECK(r.solver == SolverKind::kClosedForm);
 }
 
-TEST_CASE("point, line and plane hold the proxy within s/k and follow it beyond",
+TEST_CASE("a point, line or plane holds the proxy up to S/k from the probe and then lags by S/k",
           "[solver][eq9][eq11][eq13]") {
   const PrimitiveKind kind =
       GENERATE(PrimitiveKind::kPoint, PrimitiveKind::kLine, PrimitiveKind::kPlane);
@@ -71,7 +71,7 @@ TEST_CASE("point, line and plane hold the proxy within s/k and follow it beyond"
   }
 }
 
-TEST_CASE("a plane does not push a proxy in front of it", "[solver][eq12]") {
+TEST_CASE("a one-sided plane exerts no force on a proxy in front of it", "[solver][eq12]") {
   const std::vector<Primitive> set{plane(Vec3::Zero(), Vec3::UnitX(), 3.0)};
   const Vec3 probe(1e-3, 5e-3, 0);
   CHECK(solveProxy(probe, kStiffness, set, probe).offset.norm() == 0.0);
@@ -79,7 +79,7 @@ TEST_CASE("a plane does not push a proxy in front of it", "[solver][eq12]") {
 
 TEST_CASE("every balance of every family converges, and its certificate holds",
           "[solver][balance]") {
-  // The long run of docs/speed_accuracy.md: PALPATE_CASES=10000000.
+  // The long run of docs/speed_accuracy.md uses PALPATE_CASES=10000000.
   const long n = test::cases(100000);
   const long every = std::max(1L, n / 1000);  // interval of the checks against the reference
   long over_goal = 0;
@@ -135,7 +135,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
          << ", above 25: " << over_goal);
 }
 
-TEST_CASE("the stored hard balances converge within their error bounds", "[solver]") {
+TEST_CASE("the stored difficult balances converge within their error bounds", "[solver]") {
   std::ifstream file(test::sourceDir() + "/tests/engine/hard_balances.txt");
   REQUIRE(file.is_open());
   int problems = 0;
@@ -166,7 +166,7 @@ TEST_CASE("the stored hard balances converge within their error bounds", "[solve
   WARN(problems << " hard balances, at most " << most << " solves");
 }
 
-TEST_CASE("the error bound covers rounding for a plane and a nearly parallel plane or line",
+TEST_CASE("the error bound covers the rounding for a plane and a nearly parallel plane or line",
           "[solver]") {
   Random random(16);
   for (int i = 0; i < 2000; ++i) {
@@ -191,7 +191,7 @@ TEST_CASE("the error bound covers rounding for a plane and a nearly parallel pla
   }
 }
 
-TEST_CASE("a balance that is stopped early is within its error bound", "[solver]") {
+TEST_CASE("the result of a solve that is stopped early is within its error bound", "[solver]") {
   Random random(29);
   for (long i = 0; i < test::cases(1000); ++i) {
     const Family family = bench::kFamilies[static_cast<std::size_t>(i) % bench::kFamilies.size()];
@@ -209,7 +209,8 @@ TEST_CASE("a balance that is stopped early is within its error bound", "[solver]
   }
 }
 
-TEST_CASE("directions of unit length to 1e-6 count as unit vectors", "[solver]") {
+TEST_CASE("directions whose length differs from 1 by less than 1e-6 count as unit vectors",
+          "[solver]") {
   Random random(17);
   for (int i = 0; i < 500; ++i) {
     std::vector<Primitive> set;
@@ -232,7 +233,8 @@ TEST_CASE("directions of unit length to 1e-6 count as unit vectors", "[solver]")
   }
 }
 
-TEST_CASE("a full set of primitives of any family converges", "[solver][balance]") {
+TEST_CASE("a set with the largest number of primitives of any family converges",
+          "[solver][balance]") {
   Random random(12);
   for (const Family family : bench::kFamilies) {
     const BalanceProblem p = bench::makeProblem(family, static_cast<int>(kMaxPrimitives), random);
@@ -256,7 +258,7 @@ TEST_CASE("orthogonal sets are solved in closed form, to rounding", "[solver]") 
   }
 }
 
-TEST_CASE("nearly orthogonal sets are solved within their error bounds", "[solver]") {
+TEST_CASE("nearly orthogonal sets of primitives are solved within their error bounds", "[solver]") {
   Random random(14);
   for (int i = 0; i < 600; ++i) {
     BalanceProblem p = bench::makeProblem(Family::kOrthogonal, 2 + i % 2, random);
@@ -357,7 +359,7 @@ TEST_CASE("a warm start from random values converges to the cold start's balance
   }
 }
 
-TEST_CASE("the answer turns and moves with the problem", "[solver]") {
+TEST_CASE("rotating and shifting the problem rotates and shifts the balance", "[solver]") {
   Random random(5);
   for (int i = 0; i < 300; ++i) {
     const Mat3 R = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
@@ -413,7 +415,7 @@ TEST_CASE("the error bound covers the rounding of forces that cancel", "[solver]
   }
 }
 
-TEST_CASE("the same input and memory give the same bits", "[solver]") {
+TEST_CASE("the solver gives the same bits for the same input and memory", "[solver]") {
   Random random(8);
   for (const Family family : bench::kFamilies) {
     WarmStart one;
@@ -454,9 +456,9 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
   }
 }
 
-TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[solver]") {
-  // Newton's method stops when 1e-6 is proved, with an error of about 5e-7 left. Pivots find the
-  // exact answer.
+TEST_CASE("planes alone are balanced exactly by pivoting, far below the tolerance", "[solver]") {
+  // Newton's method would stop at an error bound of 1e-6 S/k, with an error of about 5e-7 S/k. The
+  // pivoting method finds the exact result.
   for (const std::size_t count : {3, 8, 64, 1024}) {
     CAPTURE(count);
     Random random(21);
@@ -468,7 +470,7 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
       REQUIRE(r.status == SolveStatus::kConverged);
       REQUIRE(r.error_bound <= 5e-8 * strength / p.stiffness);
       REQUIRE(r.iterations <= 40);
-      // With the same pivots, the error bound is as small as rounding allows.
+      // With the same pivoting steps, the error bound is as small as rounding allows.
       SolverParams fine;
       fine.tolerance = count == 1024 ? 1e-8 : 1e-10;
       const SolveResult exact = solveProxy(p.probe, p.stiffness, p.primitives, p.start, fine);
@@ -498,7 +500,9 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
   }
 }
 
-TEST_CASE("a plane and one other primitive are balanced however near their kinks are", "[solver]") {
+TEST_CASE(
+    "a plane and one other primitive are balanced even if their kinks are very near each other",
+    "[solver]") {
   Random random(22);
   for (long i = 0; i < test::cases(20000); ++i) {
     // A surface with viscosity places primitives like these: a point at the proxy, and a plane
@@ -521,7 +525,7 @@ TEST_CASE("a plane and one other primitive are balanced however near their kinks
   }
 }
 
-TEST_CASE("up to 1,024 primitives are balanced, more are refused", "[solver]") {
+TEST_CASE("a set of 1,024 primitives is balanced and a larger set is refused", "[solver]") {
   Random random(9);
   std::vector<Primitive> set;
   for (std::size_t j = 0; j < kMaxPrimitives; ++j) set.push_back(random.primitive());
@@ -531,7 +535,8 @@ TEST_CASE("up to 1,024 primitives are balanced, more are refused", "[solver]") {
   CHECK(solveProxy(Vec3::Zero(), kStiffness, set, Vec3::Zero()).status == SolveStatus::kBadInput);
 }
 
-TEST_CASE("bad input gives a status, and the proxy stays at the start", "[solver]") {
+TEST_CASE("bad input to the solver gives an error status and leaves the proxy at the start",
+          "[solver]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   const Primitive good = plane({0, 0, 0}, {0, 0, 1}, 1.0);
@@ -562,7 +567,7 @@ TEST_CASE("bad input gives a status, and the proxy stays at the start", "[solver
   CHECK(status(Vec3::Zero(), 500, far) == SolveStatus::kBadInput);
 }
 
-TEST_CASE("extreme but valid numbers stay finite and certified", "[solver]") {
+TEST_CASE("extreme but valid numbers give a finite balance with a valid certificate", "[solver]") {
   Random random(21);
   for (int i = 0; i < 4000; ++i) {
     std::vector<Primitive> set;
@@ -591,7 +596,7 @@ TEST_CASE("extreme but valid numbers stay finite and certified", "[solver]") {
   }
 }
 
-TEST_CASE("solving does not allocate, lock or throw", "[solver][realtime]") {
+TEST_CASE("the solver does not allocate, lock or throw", "[solver][realtime]") {
   Random random(10);
   std::vector<Primitive> set;
   for (int j = 0; j < 40; ++j) set.push_back(random.primitive());

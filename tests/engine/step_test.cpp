@@ -58,8 +58,9 @@ Bench sphere(double strength) {
 
 }  // namespace
 
-TEST_CASE("a sphere pressed along 1,000 directions answers k times depth, radially, to rounding",
-          "[step][fig6]") {
+TEST_CASE(
+    "a sphere pressed along 1,000 directions gives the radial force k times depth, to rounding",
+    "[step][fig6]") {
   Random random(1);
   double worst = 0.0;
   const long directions = test::cases(1000);
@@ -103,8 +104,9 @@ TEST_CASE("a surface pushed harder than its strength releases the proxy at s/k",
   }
 }
 
-TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to zero",
-          "[step][fig6]") {
+TEST_CASE(
+    "after yielding a surface pulls until its proxy is three voxels deep and then releases it",
+    "[step][fig6]") {
   Bench bench = sphere(1.0);
   const Vec3 d = Vec3::UnitZ();
   bench.go(1.1 * kRadius * d, kRadius * d);
@@ -129,7 +131,7 @@ TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to
   CHECK(r.force.norm() == Approx(0.5).epsilon(1e-6));
 }
 
-TEST_CASE("a hand that starts inside is not pushed out", "[step][safety]") {
+TEST_CASE("a hand that starts inside a solid is not pushed out", "[step][safety]") {
   Bench bench = sphere(3.0);
   const StepReport r = bench.go({0, 0, 0.9 * kRadius}, {0, 0, 0.99 * kRadius});
   CHECK(r.force.norm() == 0.0);
@@ -149,7 +151,7 @@ TEST_CASE("the force on a released hand goes to zero", "[step][passivity]") {
   CHECK(r.force.norm() < 1e-6);
 }
 
-TEST_CASE("anchored modes add no energy: the proxy never moves away from the probe",
+TEST_CASE("anchored modes add no energy because the proxy never moves away from the probe",
           "[step][passivity]") {
   Random random(4);
   const FieldPtr flow = makeVortex(Vec3::Zero(), {1, 2, 3}, 0.2, 1.0);
@@ -175,7 +177,7 @@ TEST_CASE("anchored modes add no energy: the proxy never moves away from the pro
   CHECK(most < 1e-12);
 }
 
-TEST_CASE("free space gives exactly zero force despite damping", "[step]") {
+TEST_CASE("in free space the force is exactly zero despite damping", "[step]") {
   Bench bench{
       makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 3.0)}, {500.0, 5.0}};
   Random random(5);
@@ -185,7 +187,7 @@ TEST_CASE("free space gives exactly zero force despite damping", "[step]") {
   }
 }
 
-TEST_CASE("damping acts on the rate of the spring's length", "[step][eq3]") {
+TEST_CASE("damping acts on the rate at which the spring's length changes", "[step][eq3]") {
   Bench bench{
       makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 9.0)}, {500.0, 2.0}};
   bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1e-3});
@@ -200,7 +202,8 @@ TEST_CASE("viscosity drags with a constant force", "[step][eq9]") {
   CHECK((r.force - Vec3(-0.7, 0, 0)).norm() < 1e-9);
 }
 
-TEST_CASE("follow lets the hand slide along the flow and holds it aside", "[step][eq11]") {
+TEST_CASE("mode follow lets the hand slide along the flow and holds it against sideways motion",
+          "[step][eq11]") {
   Bench bench{makeVortex(Vec3::Zero(), {0, 0, 1e-6}, 1.0, 1.0),
               {mode(ModeKind::kFollow, "it", 2.0)}};
   StepReport r = bench.go({0.01, 0, 0}, {0.01, 0, 0.05});
@@ -209,7 +212,7 @@ TEST_CASE("follow lets the hand slide along the flow and holds it aside", "[step
   CHECK((r.force - Vec3(-1.5, 0, 0)).norm() < 1e-5);
 }
 
-TEST_CASE("force mode pulls along a vector and down a gradient", "[step][eq8]") {
+TEST_CASE("mode force pulls along a vector or down a gradient", "[step][eq8]") {
   Bench along{makeVortex(Vec3::Zero(), {0, 0, 1e-6}, 1.0, 1.0),
               {mode(ModeKind::kForce, "it", 2.0)}};
   CHECK((along.go({0.01, 0, 0}, {0.01, 0, 0.001}).force - Vec3(0, 0, 2)).norm() < 1e-6);
@@ -221,7 +224,7 @@ TEST_CASE("force mode pulls along a vector and down a gradient", "[step][eq8]") 
   CHECK((up.go({0, 0, 0}, {0, 0, 0.001}).force - Vec3(0, 2, 0)).norm() < 1e-12);
 }
 
-TEST_CASE("a fast hand does not tunnel: the proxy moves a voxel at a time", "[step]") {
+TEST_CASE("a fast hand does not tunnel because the proxy moves one voxel at a time", "[step]") {
   Random random(6);
   for (int i = 0; i < 200; ++i) {
     Bench bench = sphere(50.0);
@@ -234,7 +237,7 @@ TEST_CASE("a fast hand does not tunnel: the proxy moves a voxel at a time", "[st
   }
 }
 
-TEST_CASE("beyond the sub-step cap the rest of the path waits, and the status reports it",
+TEST_CASE("at the limit of sub-steps the rest of the path waits and the status reports the limit",
           "[step]") {
   Bench bench{makeHalfSpace({0, 0, -1}, {0, 0, 1}), {mode(ModeKind::kViscosity, "it", 0.1)}};
   bench.step(Vec3::Zero());
@@ -259,7 +262,8 @@ TEST_CASE("a free proxy keeps up with a fast hand", "[step]") {
   }
 }
 
-TEST_CASE("a NaN hand is a fault: zero force until it is cleared", "[step][safety]") {
+TEST_CASE("a NaN position of the hand is a fault and gives zero force until it is cleared",
+          "[step][safety]") {
   Bench bench = sphere(3.0);
   const Vec3 pressed(0, 0, kRadius - 1e-3);
   bench.go({0, 0, 1.02 * kRadius}, pressed);
@@ -272,7 +276,8 @@ TEST_CASE("a NaN hand is a fault: zero force until it is cleared", "[step][safet
   CHECK(bench.step({0, 0, 0.08}).status == StepStatus::kConverged);
 }
 
-TEST_CASE("a field of invalid values gives a finite, limited force", "[step][safety]") {
+TEST_CASE("a field with invalid values gives a finite force within the peak limit",
+          "[step][safety]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Random random(7);
   const auto rubbish = makeScalarField(
@@ -295,7 +300,7 @@ TEST_CASE("a field of invalid values gives a finite, limited force", "[step][saf
   }
 }
 
-TEST_CASE("a new scene keeps the proxy and forgets contacts", "[step]") {
+TEST_CASE("a new scene keeps the proxy and forgets surfaces that have yielded", "[step]") {
   Bench a = sphere(3.0);
   const Vec3 pressed(0, 0, kRadius - 2e-3);
   const StepReport before = a.go({0, 0, 1.02 * kRadius}, pressed);
@@ -314,7 +319,7 @@ TEST_CASE("a new scene keeps the proxy and forgets contacts", "[step]") {
   CHECK(swapped.force.norm() < 1e-9);
 }
 
-TEST_CASE("a scene swapped while the proxy rests on its surface keeps the surface",
+TEST_CASE("a scene that is replaced while the proxy rests on its surface keeps the proxy there",
           "[step][release]") {
   Random random(12);
   for (int i = 0; i < 300; ++i) {
@@ -327,7 +332,8 @@ TEST_CASE("a scene swapped while the proxy rests on its surface keeps the surfac
   }
 }
 
-TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides over", "[step]") {
+TEST_CASE("in a concave edge both walls hold the hand and on a convex edge the hand slides over",
+          "[step]") {
   // Two half-spaces whose common edge is the y axis. Their union is a groove, their intersection a
   // roof.
   const auto wedge = [](bool groove, double slope) {
@@ -360,7 +366,7 @@ TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides ov
   CHECK(largest < 1.0);
 }
 
-TEST_CASE("after a fault a hand inside the surface is not pulled out", "[step][safety]") {
+TEST_CASE("after a fault a hand inside the surface is not pulled outwards", "[step][safety]") {
   Bench bench = sphere(3.0);
   const Vec3 pressed(0, 0, kRadius - 1.5e-3);
   bench.go({0, 0, 1.02 * kRadius}, pressed);
@@ -383,7 +389,7 @@ TEST_CASE("damping does not pull inwards as the hand enters or leaves a surface"
   CHECK(inward == 0.0);
 }
 
-TEST_CASE("the force on a hand that is too fast only brakes, along the driven directions",
+TEST_CASE("the force on a hand above the speed limit only brakes, along the driven directions",
           "[step][safety][release]") {
   Random random(23);
   for (int i = 0; i < 500; ++i) {

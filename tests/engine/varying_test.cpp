@@ -1,5 +1,5 @@
-// Tests primitives that vary with the place of the reading: strengths on a ramp, and directions
-// that turn. Checks the values that a tick uses, and the force on the hand.
+// Tests primitives whose strength or direction depends on the place of the reading. Checks the
+// values that a tick uses, and the force on the hand.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -76,8 +76,9 @@ FieldPtr height(double metres_per_unit = 1.0) {
 
 }  // namespace
 
-TEST_CASE("a curve's slope at a knot is that of the next piece, and zero beyond the ends",
-          "[transfer]") {
+TEST_CASE(
+    "the slope of a transfer curve at a knot is that of the next piece, and zero beyond the ends",
+    "[transfer]") {
   const auto curve = TransferFunction::piecewise({{0, 1}, {1, 3}, {1, 5}, {3, 4}});
   CHECK(curve.slope(-0.1) == 0.0);
   CHECK(curve.slope(0.0) == 2.0);
@@ -88,7 +89,7 @@ TEST_CASE("a curve's slope at a knot is that of the next piece, and zero beyond 
   CHECK(TransferFunction(2.0).slope(1.0) == 0.0);
 }
 
-TEST_CASE("a steeply rising directed force is felt smoothly, with less than 1.1 readings a tick",
+TEST_CASE("a directed force that rises steeply changes smoothly with less than 1.1 readings a tick",
           "[modes][eq8]") {
   // The force rises by 2 N over `width`, which is two to eight times as steep as the spring.
   const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
@@ -108,7 +109,8 @@ TEST_CASE("a steeply rising directed force is felt smoothly, with less than 1.1 
   CHECK(felt.readings < 1.1);
 }
 
-TEST_CASE("a force towards an axis changes smoothly as the hand passes the axis", "[modes][eq8]") {
+TEST_CASE("a force towards an axis changes smoothly while the hand passes the axis",
+          "[modes][eq8]") {
   const double strength = GENERATE(0.1, 0.5, 2.0);
   const auto radial = makeVectorField(frame(), [](const Vec3& p) {
     Mat3 J = Mat3::Zero();
@@ -131,7 +133,7 @@ TEST_CASE("a force towards an axis changes smoothly as the hand passes the axis"
   CHECK(felt.readings < 10.0);
 }
 
-TEST_CASE("the proxy keeps its radius round a vortex and on a front at speeds up to a voxel a tick",
+TEST_CASE("up to one voxel per tick the proxy keeps its radius around a vortex and on a front",
           "[modes]") {
   const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]: up to a voxel a tick
   const bool tube = GENERATE(false, true);
@@ -147,8 +149,8 @@ TEST_CASE("the proxy keeps its radius round a vortex and on a front at speeds up
   });
   const auto scene = sceneOf(
       {mode}, {{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.5)}, {"outwards", outwards}});
-  // The proxy moves to its radius while the hand rests. Then the hand goes round, outside by half
-  // of the distance that the surface holds.
+  // The proxy moves to its radius while the hand rests. Then the hand moves around, outside the
+  // radius by half of the distance that the surface holds.
   constexpr double kRadius = 0.02;
   const double outside = 0.5 * strength / kStiffness;
   const double turn = speed * kDt / kRadius;
@@ -201,8 +203,8 @@ TEST_CASE("a converged tick is within a quarter voxel of the balance for any str
         (kStiffness * (hand - middle) > curve(middle) ? low : high) = middle;
       }
       CAPTURE(c, i, hand, r.proxy.x(), low);
-      // If the last step is below the tolerance, it is not followed by a reading. If it should have
-      // ended at a knot of the curve, it is too short.
+      // If the last step is below the tolerance, no reading follows. If this step should end at a
+      // knot of the curve, it is too short.
       off += std::abs(r.proxy.x() - low) <= 0.01 * kVoxel + 1e-12 ? 0 : 1;
       CHECK(std::abs(r.proxy.x() - low) <= 0.25 * kVoxel);
     }
@@ -229,7 +231,7 @@ TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy"
   CHECK((x - (probe - (0.5 + slope * x.x()) / kStiffness * Vec3::UnitX())).norm() < 1e-15);
 }
 
-TEST_CASE("slopes and Jacobians match differences of the readings, including in moved volumes",
+TEST_CASE("slopes and Jacobians of properties match finite differences, also in moved volumes",
           "[modes][graph]") {
   // Values are in units of 3 mm: the magnitude of a vector, its direction, and a product of curves.
   const double unit_size = 3e-3;

@@ -44,7 +44,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (part == 0) break;
     }
   } catch (const palpate::DeviceError&) {
-    // Invalid facts.
+    // Invalid facts are rejected.
   }
   return 0;
 }

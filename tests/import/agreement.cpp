@@ -108,8 +108,8 @@ vtkSmartPointer<vtkDataSet> readOriginal(const std::string& kind, const char* fi
     reader->Update();
     vtkImageData* image = reader->GetOutput();
     image->GetPointData()->GetScalars()->SetName("density");
-    // This reader has the last row first, at 0. The header's space is left-handed, so that its
-    // first row is at 0 and the others go down. The image is the same, moved.
+    // This reader puts the last row first, at 0. In the header's left-handed space the first row is
+    // at 0, and the other rows have negative positions. The two images differ only by a shift.
     image->SetOrigin(0.0, -63 * 3.2, 0.0);
     return image;
   }

@@ -71,7 +71,7 @@ Slice& at(std::vector<File>& files, int k) {
 
 }  // namespace
 
-TEST_CASE("images in any order are stacked along their normal", "[dicom]") {
+TEST_CASE("DICOM images in any order are stacked along their normal", "[dicom]") {
   const Stack stack = stacked(axial());
   REQUIRE(stack.steps.size() == 1);
   CHECK(stack.times.empty());
@@ -86,7 +86,8 @@ TEST_CASE("images in any order are stacked along their normal", "[dicom]") {
   CHECK(stack.map.linear.col(2) == Vec3(0.0, 0.0, 2.0));
 }
 
-TEST_CASE("a tilted gantry shears the volume, and is reported", "[dicom]") {
+TEST_CASE("a tilted CT gantry shears the imported volume, and the import reports the tilt",
+          "[dicom]") {
   std::vector<File> files = axial();
   const double shift = 2.0 * std::tan(15.0 * M_PI / 180.0);
   for (int k = 0; k < kImages; ++k) at(files, k).position.y() += shift * k;
@@ -101,7 +102,7 @@ TEST_CASE("a tilted gantry shears the volume, and is reported", "[dicom]") {
              Contains("sheared by 81 degrees"));
 }
 
-TEST_CASE("images that do not form a volume are refused with the reason", "[dicom]") {
+TEST_CASE("DICOM images that do not form a volume are refused with the reason", "[dicom]") {
   using Files = std::vector<File>;
   CHECK_THAT(trouble([](Files& f) {
                at(f, 3).position.z() = 20.0;
@@ -109,7 +110,8 @@ TEST_CASE("images that do not form a volume are refused with the reason", "[dico
              }),
              Contains("slices are missing between z = 4 and 20 mm: 7 of 12 in all"));
   CHECK_THAT(trouble([](Files& f) { at(f, 2).position.x() += 1.0; }),
-             Contains("the slices are not on a line: the slice at z = 4 mm is 1 mm off"));
+             Contains("the slices are not on a line: the slice at z = 4 mm is 1 mm away "
+                      "from the line"));
   CHECK_THAT(trouble([](Files& f) { at(f, 2).format[0] = 5; }),
              Contains("1 of 5 images differ from the others") && Contains("such as image2"));
   CHECK_THAT(trouble([](Files& f) { at(f, 1).row = Vec3(0, 1, 0); }), Contains("localisers"));
@@ -140,7 +142,7 @@ std::vector<File> placed(const std::vector<double>& heights, const std::vector<d
 
 }  // namespace
 
-TEST_CASE("slices at changing distances get a lattice with the finer distance", "[dicom]") {
+TEST_CASE("DICOM slices at changing distances are resampled to the finer distance", "[dicom]") {
   // 2.5 mm, then 5 mm, with numbers and without.
   const std::vector<double> head{0, 2.5, 5, 7.5, 10, 15, 20, 25};
   for (const std::vector<double>& numbers :
@@ -151,11 +153,11 @@ TEST_CASE("slices at changing distances get a lattice with the finer distance", 
     REQUIRE(stack.notes.size() == 1);
     CHECK_THAT(stack.notes.front(), Contains("2.5 to 5 mm apart") && Contains("every 2.5 mm"));
   }
-  // Distances that no lattice has: both ends keep their slices.
+  // These distances fit no even spacing. Both ends keep their slices.
   const Stack abdomen = stacked(placed({0, 7.5, 15, 22.5, 35, 47.5}, {}));
   CHECK(abdomen.depths.back() == 6.0);
   CHECK(abdomen.map.linear(2, 2) == Approx(47.5 / 6));
-  // One displaced slice does not make the lattice finer.
+  // One displaced slice does not reduce the spacing.
   const Stack displaced = stacked(placed({0, 2, 4.3, 6, 8}, {}));
   CHECK(displaced.map.linear(2, 2) == Approx(2.0));
   CHECK(displaced.depths[2] == Approx(2.15));
@@ -168,7 +170,8 @@ TEST_CASE("slices at changing distances get a lattice with the finer distance", 
   CHECK((stacked(tilted).map.linear.col(2) - Vec3(0, -1.25, 2.5)).norm() < 1e-12);
 }
 
-TEST_CASE("slices are missing only where the numbers or the gaps show it", "[dicom]") {
+TEST_CASE("a missing DICOM slice is reported only if instance numbers and gaps in position agree",
+          "[dicom]") {
   const auto says = [](const std::vector<double>& heights, const std::vector<double>& numbers) {
     try {
       (void)stacked(placed(heights, numbers));
@@ -186,7 +189,8 @@ TEST_CASE("slices are missing only where the numbers or the gaps show it", "[dic
   CHECK(says({0, 2, 4, 6, 8}, {1, 2, 3, 7, 8}) == "none");
 }
 
-TEST_CASE("a localiser and a screen save are skipped with the name of the file", "[dicom]") {
+TEST_CASE("a DICOM localiser and a screen save are skipped with the name of their file",
+          "[dicom]") {
   std::vector<File> files = axial();
   files.push_back(files.front());
   files.back().path = "scout";
@@ -204,7 +208,7 @@ TEST_CASE("a localiser and a screen save are skipped with the name of the file",
   CHECK_THAT(notes.front(), Contains("2 of 7 files, such as scout: a localiser"));
   CHECK(stackOf(rest, "the series").steps.front().size() == kImages);
 
-  // In series of their own.
+  // These images are in another series.
   files[kImages].series = "1.2.4";
   files[kImages + 1].series = "1.2.5";
   notes.clear();
@@ -222,7 +226,7 @@ TEST_CASE("a localiser and a screen save are skipped with the name of the file",
   CHECK(withoutStrays(localisers.front(), notes).files.size() == files.size());
 }
 
-TEST_CASE("images at one position are time steps if they carry times", "[dicom]") {
+TEST_CASE("DICOM images at the same position are time steps if they carry times", "[dicom]") {
   const auto twice = [](std::size_t tag, double later) {
     std::vector<File> files = axial();
     const std::vector<File> again = files;

@@ -54,7 +54,7 @@ def element(tag, vr, value):
 
 
 def packed_bits(data):
-    """Encodes with RLE, PackBits without any run."""
+    """Encodes with RLE (PackBits), without using runs."""
     out = b""
     for i in range(0, len(data), 128):
         part = data[i:i + 128]
@@ -240,7 +240,7 @@ class Case(unittest.TestCase):
         return json.loads(done.stdout)
 
     def refused(self, source, *more, says):
-        """The import is refused: one clear line on stderr, no output on stdout, no file left."""
+        """Checks that the import is refused: one clear line on stderr, no output on stdout, no file left."""
         done, line = refusal(self, self.dir, lambda: self.run_import(source, *more))
         self.assertEqual(done.returncode, 2, line)
         for part in [says] if isinstance(says, str) else says:
@@ -258,14 +258,14 @@ class Case(unittest.TestCase):
                 for row in csv.DictReader(io.StringIO(done.stdout))]
 
     def same(self, volume, expected=None, hidden=(), places=4):
-        """Every voxel has its value at its place; the hidden ones have no value."""
+        """Checks that every voxel has its value at its place, and that hidden voxels have no value."""
         expected = expected or (lambda i, j, k: volume.slope * volume.stored(i, j, k) +
                                 volume.intercept)
         voxels = [(i, j, k) for k in range(volume.size[2]) for j in range(volume.size[1])
                   for i in range(volume.size[0])]
         # DICOM's axes point to the patient's left and back, palpate's to the right and front.
         ras = [(-p[0], -p[1], p[2]) for p in (volume.at(*v) for v in voxels)]
-        # Between voxels the interpolated value varies with the place; the nearest voxel's value is exact.
+        # Between voxels the interpolated value varies, but the nearest voxel's value is exact.
         between = self.sampled(ras, "trilinear")
         nearest = self.sampled(ras, "nearest")
         without = {v for v, (_, inside) in zip(voxels, nearest) if not inside}
@@ -306,14 +306,14 @@ class Places(Case):
         self.same(volume)
 
     @suite.smoke
-    def test_a_tilted_gantry_shears_the_volume(self):
+    def test_a_tilted_gantry_shears_the_imported_volume(self):
         tilt = math.radians(20)
-        # The slices lean about x, but the table moves along z.
+        # The slices are tilted about x, but the table moves along z.
         volume = Volume(column=(0, math.cos(tilt), math.sin(tilt)), step=[0, 0, 2.5])
         self.imported(volume.write(self.dir / "ct"))
         self.same(volume)
 
-    def test_a_single_file_selects_its_series(self):
+    def test_importing_one_file_of_a_series_imports_the_whole_series(self):
         volume = Volume()
         folder = volume.write(self.dir / "ct")
         Volume(uid="9.9", size=(3, 3, 3)).write(folder, "other")
@@ -326,7 +326,7 @@ class Places(Case):
         self.same(volume)
 
     @suite.smoke
-    def test_frames_of_one_file_become_slices(self):
+    def test_the_frames_of_one_file_become_the_slices_of_a_volume(self):
         volume = Volume()
         # The frames have another order than the slices.
         order = [3, 0, 5, 1, 4, 2]
@@ -399,7 +399,7 @@ class Places(Case):
         self.refused(folder, says="deflated/3: ")
 
     @suite.smoke
-    def test_bits_under_rle_are_the_segmentation(self):
+    def test_a_segmentation_of_single_bits_compressed_by_rle_is_read(self):
         volume = Volume(size=(13, 5, 6), modality="SEG")
         volume.stored = lambda i, j, k: int((i - 6) ** 2 + 4 * (j - 2) ** 2 + 4 * (k - 3) ** 2 < 30)
         volume.slope, volume.intercept = 1, 0
@@ -449,7 +449,7 @@ class Distances(Case):
         return folder, step
 
     @suite.smoke
-    def test_slices_at_changing_distances_are_resampled(self):
+    def test_slices_at_changing_distances_are_resampled_to_even_distances(self):
         folder, step = self.check([0, 2.5, 5, 7.5, 10, 15, 20, 25], "head", 1e-6)
         self.assertAlmostEqual(step, 2.5, 9)
         notes = "\n".join(self.report(folder)["notes"])
@@ -461,7 +461,7 @@ class Distances(Case):
         _, step = self.check([0, 7.5, 15, 22.5, 35, 47.5], "abdomen", 0.01)
         self.assertAlmostEqual(step, 47.5 / 6, 9)
 
-    def test_the_error_of_resampling_is_stated(self):
+    def test_the_report_states_the_error_of_resampled_slices(self):
         volume = Volume(size=(5, 4, 6))
         volume.stored = lambda i, j, k: 1000 * (k % 2) + i
         heights = [0, 7.5, 15, 22.5, 35, 47.5]
@@ -475,7 +475,7 @@ class Distances(Case):
         self.assertGreater(error["largest"], 0.05)
         self.assertLess(error["rms"], error["largest"])
 
-    def test_padding_hides_only_what_is_interpolated_from_it(self):
+    def test_only_voxels_that_are_interpolated_from_padding_have_no_data(self):
         plain = Volume().stored
         volume = Volume(size=(5, 4, 6), t00280120=("SS", -2000))
         volume.stored = lambda i, j, k: -2000 if (i, j, k) == (2, 2, 4) else plain(i, j, k)
@@ -516,7 +516,7 @@ class Values(Case):
         self.same(volume, lambda i, j, k: (0.5 + k) * volume.stored(i, j, k) - 1024, places=2)
 
     @suite.smoke
-    def test_padding_has_no_data(self):
+    def test_voxels_of_the_padding_value_have_no_data(self):
         hidden = {(0, 0, 0), (4, 3, 5), (2, 1, 3)}
         plain = Volume().stored
         stored = lambda i, j, k: -2000 if (i, j, k) in hidden else plain(i, j, k)
@@ -573,7 +573,7 @@ class Choice(Case):
         self.imported(self.dir / "patient", "--series", "Head")
         self.same(second)
 
-    def test_refuses_folders_without_dicom(self):
+    def test_refuses_a_folder_without_dicom_files(self):
         empty = self.dir / "empty"
         empty.mkdir()
         self.refused(empty, says="the folder has no DICOM file")
@@ -617,7 +617,7 @@ class Trouble(Case):
         self.refused(folder, says="2 images are at the same position")
 
     @suite.smoke
-    def test_skips_localisers_and_screen_saves_by_name(self):
+    def test_skips_localisers_and_screen_saves_and_names_their_files(self):
         volume = Volume()
         for uid, number in ("1.2.3", 1), ("9.9", 2):  # in the same series, and in another series
             folder = volume.write(self.dir / uid)
@@ -634,7 +634,7 @@ class Trouble(Case):
             if number == 2:
                 self.assertIn("in screen: a screen save", notes)
 
-    def test_refuses_an_image_of_another_shape_by_name(self):
+    def test_refuses_an_image_of_another_shape_and_names_its_file(self):
         folder = Volume().write(self.dir / "ct")
         Volume(size=(9, 9, 1)).write(folder, "size")
         self.refused(folder, says=["1 of 7 images differ", "such as size000", "localiser"])
@@ -670,7 +670,7 @@ class Trouble(Case):
         file.write_bytes(whole[:-10])
         for source in folder, file, folder / "IM001":
             self.refused(source, says=["IM002", "10 bytes are missing"])
-        # Cut at any length.
+        # The file is cut at any length.
         cuts = cases((len(whole) - 134) // 7, "cuts")
         for length in range(133, len(whole) - 1, max(7, (len(whole) - 134) // cuts)):
             file.write_bytes(whole[:length])
@@ -687,7 +687,7 @@ class Trouble(Case):
             self.out.unlink(missing_ok=True)
 
     @suite.smoke
-    def test_refuses_a_size_with_too_few_pixels(self):
+    def test_refuses_an_image_with_fewer_pixels_than_its_size_states(self):
         volume = Volume(t00280010=("US", 60000), t00280011=("US", 60000))
         self.refused(volume.write(self.dir / "ct"), says="fewer pixels")
 
@@ -707,14 +707,14 @@ class Time(Case):
         return folder, volume
 
     @suite.smoke
-    def test_the_first_step_is_the_earliest(self):
+    def test_the_first_time_step_is_the_one_with_the_earliest_time(self):
         for tags in ({"t00181060": ("DS", ["20", "520"])}, {"t00200100": ("IS", ["1", "2"])},
                      {"t00080032": ("TM", ["095959.5", "100000.25"])}):
             folder, volume = self.series(**tags)
             self.imported(folder)
             self.same(volume)
 
-    def test_other_kinds_of_image_are_not_time_steps(self):
+    def test_images_that_differ_in_echo_time_or_diffusion_are_not_time_steps(self):
         folder, _ = self.series(t00181060=("DS", ["20", "520"]), t00180081=("DS", ["10", "90"]))
         self.refused(folder, says="differ in echo time")
         folder, _ = self.series(t00080032=("TM", ["100000", "100100"]),

@@ -13,7 +13,8 @@ namespace palpate::header_checks_test {
 using Catch::Contains;
 namespace fs = std::filesystem;
 
-TEST_CASE("a header may name data only within its folder, unless links are followed", "[header]") {
+TEST_CASE("a header may name a data file only in its own folder, unless option --follow is given",
+          "[header]") {
   std::string name = (fs::temp_directory_path() / "palpate_header_XXXXXX").string();
   REQUIRE(mkdtemp(name.data()) != nullptr);
   const fs::path folder = name;

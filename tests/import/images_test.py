@@ -45,7 +45,7 @@ IDENTITY = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def within(p):
-    """Returns false on the faces: a grid of a single value could not be felt."""
+    """Returns false on the faces of the image, because a grid with a single value gives no force."""
     return all(0 < p[a] < SIZE[a] - 1 for a in range(3))
 
 
@@ -54,7 +54,7 @@ def times(matrix, v):
 
 
 def place(columns, origin, index):
-    """Returns the place of an index. Columns are the steps in space along i, j and k."""
+    """Returns the position of an index. Columns are the steps in space along i, j and k."""
     return tuple(origin[d] + sum(columns[a][d] * index[a] for a in range(3)) for d in range(3))
 
 
@@ -78,12 +78,12 @@ class Case(unittest.TestCase):
         return out
 
     def refused(self, path, says, *words, out=None):
-        """The import is refused: one clear line on stderr, status 2, no file left."""
+        """Checks that the import is refused: one clear line on stderr, status 2, no file left."""
         done, line = refusal(self, self.dir, lambda: process.run(
             [str(BIN / "palpate-import"), str(path), str(out or self.dir / "out.vdb"), *words],
             capture_output=True, text=True, timeout=120))
         self.assertIn(says, line)
-        # 1: the sanitizers' allocator ends a program that requests too much memory.
+        # The status is 1 if a sanitizer's allocator ends a program that requests too much memory.
         self.assertIn(done.returncode, (1, 2) if "without a message" in line else (2,))
 
     def bits_are_guarded(self, name, before, packed, count=40):
@@ -134,7 +134,7 @@ class Case(unittest.TestCase):
         self.assertEqual(entry in volume.read_bytes(), says)
 
     def holds(self, volume, grid, columns, origin, expected, indices=INNER, places=4):
-        """The grid has expected(i, j, k), one number or three, at the place of (i, j, k)."""
+        """Checks that the grid has expected(i, j, k), one number or three, at the place of (i, j, k)."""
         rows = self.sample(volume, grid, [place(columns, origin, p) for p in indices])
         for index, row in zip(indices, rows):
             value = expected(*index)
@@ -180,7 +180,7 @@ class Nrrd(Case):
             raise unittest.SkipTest("built without teem")
 
     @suite.smoke
-    def test_every_space_becomes_ras(self):
+    def test_every_patient_space_of_an_nrrd_file_is_converted_to_ras(self):
         for space, turn in (("left-posterior-superior", RAS_FROM_LPS), ("LPS", RAS_FROM_LPS),
                             ("left-anterior-superior", RAS_FROM_LAS),
                             ("right-anterior-superior", IDENTITY),
@@ -198,7 +198,7 @@ class Nrrd(Case):
         self.says_patient(self.convert(path), says=False)
 
     @suite.smoke
-    def test_reads_every_encoding_and_byte_order(self):
+    def test_reads_an_nrrd_file_in_every_encoding_and_byte_order(self):
         text = " ".join(map(str, SCALARS))
         for encoding, data in (("raw", SHORTS), ("gzip", gzip.compress(SHORTS)),
                                ("bzip2", bz2.compress(SHORTS)), ("ascii", text.encode()),
@@ -214,7 +214,7 @@ class Nrrd(Case):
                        scalar)
 
     @suite.smoke
-    def test_reads_every_type(self):
+    def test_reads_an_nrrd_file_of_every_number_type(self):
         for kind, letter in (("signed char", "b"), ("uchar", "B"), ("ushort", "H"), ("int", "i"),
                              ("uint", "I"), ("longlong", "q"), ("ulonglong", "Q"), ("float", "f"),
                              ("double", "d")):
@@ -224,7 +224,7 @@ class Nrrd(Case):
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                        lambda i, j, k: scalar(i, j, k) % 100)
 
-    def test_axis_bounds_are_voxel_faces_unless_centers_are_node(self):
+    def test_nrrd_axis_bounds_are_voxel_faces_unless_the_centers_are_node(self):
         mins = ("axis mins: 10 20 30", "axis maxs: 18 25 42")
         path = self.write("a.nrrd", nrrd(*mins), "\n", SHORTS)
         self.holds(self.convert(path), "density", ((2, 0, 0), (0, 1, 0), (0, 0, 2)), (11, 20.5, 31),
@@ -235,7 +235,7 @@ class Nrrd(Case):
                    scalar)
 
     @suite.smoke
-    def test_reads_detached_headers(self):
+    def test_reads_an_nrrd_header_with_values_in_other_files(self):
         one = SHORTS
         self.write("whole.raw", b"junk" + one)
         self.write("a b.raw", one)
@@ -261,7 +261,7 @@ class Nrrd(Case):
         path = self.write("a.nhdr", nrrd("data file: part%03d.raw 1 6 1").replace("\n", "\r\n"))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_refuses_data_files_in_other_folders(self):
+    def test_refuses_an_nrrd_header_whose_data_file_is_in_another_folder(self):
         (self.dir / "within").mkdir()
         (self.dir / "headers" / "x").mkdir(parents=True)
         (self.dir / "headers" / "link.raw").symlink_to("../a.raw")
@@ -277,7 +277,7 @@ class Nrrd(Case):
                     self.convert(header, "--follow")
 
     @suite.smoke
-    def test_vectors_turn_with_their_space(self):
+    def test_vectors_of_an_nrrd_file_are_converted_to_ras_like_its_space(self):
         fields = ("space: left-posterior-superior", ORIGIN)
         columns, origin = turned(RAS_FROM_LPS)
         for word in ("vector", "3-vector", "covariant-vector", "3-gradient", "normal", "3-normal"):
@@ -293,7 +293,7 @@ class Nrrd(Case):
         self.holds(self.convert(path), "vector", columns, origin,
                    lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
 
-    def test_integer_vectors_can_be_turned(self):
+    def test_integer_vectors_of_an_nrrd_file_are_converted_to_ras_like_its_space(self):
         data = struct.pack("<360B", *(int(c) % 200 for p in INDICES for c in vector(*p)))
         path = self.write("a.nrrd", nrrd(
             "space: LPS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
@@ -302,7 +302,7 @@ class Nrrd(Case):
                    lambda i, j, k: times(RAS_FROM_LPS, tuple(c % 200 for c in vector(i, j, k))))
 
     @suite.smoke
-    def test_a_measurement_frame_turns_vectors_first(self):
+    def test_a_measurement_frame_is_applied_to_nrrd_vectors_before_the_space(self):
         # The frame's columns are listed: x of the frame is y of the space, y is -x.
         path = self.write("a.nrrd", nrrd(
             "space: LAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
@@ -311,7 +311,7 @@ class Nrrd(Case):
         self.holds(self.convert(path), "vector", *turned(RAS_FROM_LAS, IDENTITY, (0, 0, 0)),
                    lambda i, j, k: times(RAS_FROM_LAS, (-20.0 - j, 1.0 + i, 300.0 + k)))
 
-    def test_reads_vectors_without_kinds(self):
+    def test_reads_vectors_of_an_nrrd_file_without_the_field_kinds(self):
         path = self.write("a.nrrd", nrrd(kind="float", sizes="3 4 5 6"), "\n", VECTORS)
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
 
@@ -340,7 +340,7 @@ class Nrrd(Case):
             self.holds(out, "tensor_anisotropy", *at, lambda *_: 3 / 18 ** 0.5)
             self.holds(out, "tensor_diffusivity", *at, lambda *_: 2.0)
 
-    def test_a_measurement_frame_turns_tensors(self):
+    def test_a_measurement_frame_is_applied_to_the_tensors_of_an_nrrd_file(self):
         # diag(3, 1, 1) in a frame with x along the space's z.
         data = struct.pack("<720f", *([3, 0, 0, 1, 0, 1] * 120))
         path = self.write("a.nrrd", nrrd(
@@ -352,7 +352,7 @@ class Nrrd(Case):
                    lambda *_: (0.0, 0.0, 1.0))
 
     @suite.smoke
-    def test_masked_tensors_are_hidden(self):
+    def test_tensors_outside_their_mask_have_no_data(self):
         values = []
         for i, j, k in INDICES:
             values += [0.0 if (i, j, k) == (1, 1, 1) else 1.0, 3, 0, 0, 1, 0, 1]
@@ -364,7 +364,7 @@ class Nrrd(Case):
                    lambda i, j, k: (0.0,) * 3 if (i, j, k) == (1, 1, 1) else (1.0, 0.0, 0.0))
 
     @suite.smoke
-    def test_a_series_begins_with_its_first_step(self):
+    def test_an_nrrd_series_is_imported_from_its_first_time_step(self):
         more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
         path = self.write("a.nrrd", nrrd(
             "space: RAS", "space directions: (1,0,0) (0,1,0) (0,0,1) none",
@@ -383,13 +383,13 @@ class Nrrd(Case):
             "kinds: space space space time", sizes="4 5 6 2"), "\n", more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_ignores_spacings_if_directions_are_given(self):
+    def test_ignores_the_spacings_of_an_nrrd_file_if_it_gives_directions(self):
         path = self.write("a.nrrd", nrrd("space: RAS", DIRECTIONS, ORIGIN, "spacings: 7 7 7",
                                          'units: "mm" "mm" "mm"'), "\n", SHORTS)
         self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
 
     @suite.smoke
-    def test_refuses_unsupported_kinds(self):
+    def test_refuses_nrrd_axes_of_unsupported_kinds(self):
         for word, size in (("complex", 2), ("RGB-color", 3), ("3-color", 3), ("4-vector", 4),
                            ("quaternion", 4), ("2D-symmetric-matrix", 3)):
             path = self.write("a.nrrd", nrrd(f"kinds: {word} space space space", kind="uchar",
@@ -404,7 +404,7 @@ class Nrrd(Case):
         self.refused(path, "blocks")
 
     @suite.smoke
-    def test_refuses_damaged_files(self):
+    def test_refuses_damaged_nrrd_files(self):
         good = nrrd("spacings: 1 1 1")
         self.refused(self.write("a.nrrd", good, "\n", SHORTS[:100]), "truncated")
         self.refused(self.write("a.nrrd", good), "ends within its header")
@@ -427,13 +427,13 @@ class Nrrd(Case):
         self.refused(self.write("a.nrrd", nrrd("spacings: 1 0 1"), "\n", SHORTS), "")
         self.refused(self.write("a.nrrd", nrrd("A" * 3000), "\n", SHORTS), "more than 800 characters")
 
-    def test_accepts_long_comments_and_names(self):
+    def test_accepts_nrrd_headers_with_long_comments_and_names(self):
         path = self.write("a.nrrd", nrrd("# " + "A" * 3000, "key:=" + "B" * 3000,
                                          "content: " + "C" * 3000), "\n", SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
     @suite.smoke
-    def test_refuses_sizes_out_of_range(self):
+    def test_refuses_nrrd_files_with_sizes_out_of_range(self):
         for sizes in ("100000 100000 100000", "4000000000 2 2",
                       "2000000000 2000000000 2000000000", "0 5 6", "-4 5 6",
                       "99999999999999999999 2 2"):
@@ -444,11 +444,11 @@ class Nrrd(Case):
         self.refused(self.write("a.nrrd", nrrd(sizes="40000 40000 40000", encoding="bzip2"), "\n",
                                 bz2.compress(SHORTS)), "a.nrrd")
 
-    def test_detects_any_changed_bit_of_compressed_values(self):
+    def test_detects_any_changed_bit_of_a_compressed_nrrd_file(self):
         self.bits_are_guarded("a.nrrd", nrrd(encoding="gzip") + "\n", gzip.compress(SHORTS), 60)
 
     @suite.smoke
-    def test_skips_lines_and_bytes_of_packed_values(self):
+    def test_skips_lines_and_bytes_before_compressed_nrrd_values(self):
         for skip, data in ((6, gzip.compress(b"before" + SHORTS)),
                            (-1, gzip.compress(b"before" + SHORTS)),
                            (-6, gzip.compress(SHORTS + b"after"))):
@@ -456,7 +456,7 @@ class Nrrd(Case):
             path = self.write("a.nhdr", nrrd("line skip: 1", f"byte skip: {skip}",
                                              "data file: a.raw.gz", encoding="gzip"))
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
-        # In two members, as bgzip writes; and cut within its checksum.
+        # A gzip file of two members, as bgzip writes, and one that is cut within its checksum.
         self.write("a.raw.gz", gzip.compress(SHORTS[:77]) + gzip.compress(SHORTS[77:]))
         path = self.write("a.nhdr", nrrd("data file: a.raw.gz", encoding="gzip"))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
@@ -465,7 +465,7 @@ class Nrrd(Case):
         self.refused(path, "a.raw.gz is truncated")
 
     @suite.smoke
-    def test_refuses_invalid_data_file_entries(self):
+    def test_refuses_nrrd_headers_with_invalid_data_file_entries(self):
         self.write("a.raw", SHORTS)
         for field, says in (("none.raw", "cannot be read"), (".", "cannot be read"),
                             ("", "cannot be read"), ("-", "pipe"),
@@ -503,7 +503,7 @@ class MetaImage(Case):
         super().holds(volume, grid, *turned(RAS_FROM_LPS, columns, origin), in_ras, **more)
 
     @suite.smoke
-    def test_positions_are_exact(self):
+    def test_voxels_of_a_metaimage_have_exact_positions(self):
         # ITK ignores AnatomicalOrientation.
         for axes in None, "???", "RAI", "LPS", "ASL":
             path = self.write("a.mha", meta(*self.PLACED, "CenterOfRotation = 1 2 3",
@@ -521,7 +521,7 @@ class MetaImage(Case):
                    scalar)
 
     @suite.smoke
-    def test_reads_data_in_the_header_file_and_in_other_files(self):
+    def test_reads_metaimage_data_in_the_header_file_and_in_other_files(self):
         self.write("a.raw", SHORTS)
         self.write("a.zraw", zlib.compress(SHORTS))
         for k in range(6):
@@ -546,7 +546,7 @@ class MetaImage(Case):
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
     @suite.smoke
-    def test_reads_every_type(self):
+    def test_reads_a_metaimage_of_every_number_type(self):
         for kind, letter in (("MET_CHAR", "b"), ("MET_UCHAR", "B"), ("MET_USHORT", "H"),
                              ("MET_INT", "i"), ("MET_UINT", "I"), ("MET_LONG", "i"),
                              ("MET_ULONG", "I"), ("MET_LONG_LONG", "q"),
@@ -557,7 +557,7 @@ class MetaImage(Case):
                        lambda i, j, k: scalar(i, j, k) % 100)
 
     @suite.smoke
-    def test_reads_vectors_and_tensors(self):
+    def test_reads_vectors_and_tensors_of_a_metaimage(self):
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3", kind="MET_FLOAT"), VECTORS)
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
@@ -569,7 +569,7 @@ class MetaImage(Case):
                    lambda *_: (0.0, -0.5 ** 0.5, -0.5 ** 0.5))  # the sign has no meaning
         self.refused(path, "6 channels")
 
-    def test_names_values_that_are_not_numbers(self):
+    def test_refuses_a_metaimage_value_that_is_not_a_number_and_names_it(self):
         words = list(map(str, SCALARS))
         words[6] = "x7"
         text = meta(BinaryData="False")
@@ -579,20 +579,20 @@ class MetaImage(Case):
         self.refused(self.write("a.mha", text, " ".join(map(str, SCALARS[:100])) + " " * 100),
                      "the values end too early: copy or export the file again")
 
-    def test_applies_slope_and_offset(self):
+    def test_applies_slope_and_offset_of_a_metaimage(self):
         path = self.write("a.mha", meta("ElementToIntensityFunctionSlope = 0.5",
                                         "ElementToIntensityFunctionOffset = 3"), SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                    lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
 
-    def test_reports_rounding_of_turned_vectors(self):
+    def test_reports_the_rounding_of_integer_vectors_that_were_rotated(self):
         data = struct.pack("<360i", *(2 ** 24 + 2 * int(c) + 1 for p in INDICES
                                       for c in vector(*p)))
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
                                         "AnatomicalOrientation = RAI", kind="MET_INT"), data)
         self.assertIn("rounded", self.notes(path))
 
-    def test_as_must_match_the_components(self):
+    def test_option_as_is_refused_if_it_does_not_match_the_number_of_components(self):
         one = self.write("one.mha", meta(), SHORTS)
         three = self.write("three.mha", meta("ElementNumberOfChannels = 3", kind="MET_FLOAT"),
                            VECTORS)
@@ -603,7 +603,7 @@ class MetaImage(Case):
         nii = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007), PLANES)
         self.refused(nii, "not the 6 of a tensor", "--as", "tensor")
 
-    def test_refuses_numbers_out_of_range(self):
+    def test_refuses_metaimage_headers_with_numbers_out_of_range(self):
         for field in ("ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset",
                       "ElementNumberOfChannels", "HeaderSize"):
             for value in ("1e999", "nan", "1x"):
@@ -623,7 +623,7 @@ class MetaImage(Case):
         self.assertIn("cannot be written (File too large)", done.stderr)
         self.assertEqual(os.listdir(self.dir), ["a.mha"])
 
-    def test_does_not_replace_pipes(self):
+    def test_an_import_does_not_replace_an_output_that_is_a_pipe(self):
         path = self.write("a.mha", meta(), SHORTS)
         pipe = self.dir / "pipe.vdb"
         os.mkfifo(pipe)
@@ -634,13 +634,13 @@ class MetaImage(Case):
         self.assertTrue(pipe.is_fifo())
         self.refused(path, "pipe or a device", "--scene", str(pipe))
         self.refused(path, "symbolic links", "--scene", str(self.dir / "round" / "a.json"))
-        # In a series, the name of a step's file.
+        # In a series, the message names a step's file.
         os.mkfifo(self.dir / "out_0001.vdb")
         self.refused(self.write("a.nii", nifti((4, 5, 6, 2), *SHORT), SHORTS * 2),
                      "out_0001.vdb: it is a pipe", "--time", "all")
 
     @suite.smoke
-    def test_refuses_damaged_files(self):
+    def test_refuses_damaged_metaimages(self):
         self.write("a.raw", SHORTS)
         self.refused(self.write("a.mha", meta(), SHORTS[:100]), "truncated")
         self.refused(self.write("a.mhd", meta(data="none.raw")), "none.raw cannot be read")
@@ -670,12 +670,12 @@ class MetaImage(Case):
                      "4 dimensions")
         self.refused(self.write("a.mha", meta(NDims=None), SHORTS), "no dimensions")
 
-    def test_detects_any_changed_bit_of_compressed_values(self):
+    def test_detects_any_changed_bit_of_a_compressed_metaimage(self):
         for pack in (zlib.compress, gzip.compress):
             self.bits_are_guarded("a.mha", meta(CompressedData="True"), pack(SHORTS))
 
     @suite.smoke
-    def test_refuses_sizes_out_of_range(self):
+    def test_refuses_metaimages_with_sizes_out_of_range(self):
         for sizes in ("100000 100000 100000", "4000000000 2 2", "0 5 6", "-4 5 6", "4 5", "x y z"):
             self.refused(self.write("a.mha", meta(DimSize=sizes), SHORTS), "a.mha")
             self.refused(self.write("a.mha", meta(DimSize=sizes, CompressedData="True"),
@@ -735,7 +735,7 @@ FLOAT = (16, 32)
 class Nifti(Case):
     ROWS = ((2, 0, 0, 10), (0.5, 3, 0.25, -20), (0, 0, 4, 30))
 
-    def test_positions_are_exact(self):
+    def test_voxels_of_a_nifti_file_have_exact_positions(self):
         path = self.write("a.nii", nifti(SIZE, *SHORT, sform=self.ROWS), SHORTS)
         out = self.convert(path)
         self.holds(out, "density", COLUMNS, AT, scalar)
@@ -755,7 +755,7 @@ class Nifti(Case):
         self.says_patient(out, says=False)
 
     @suite.smoke
-    def test_reads_rotations_from_quaternions(self):
+    def test_reads_the_rotation_of_a_nifti_file_from_its_quaternion(self):
         half = 0.5 ** 0.5
         # A quarter turn about z; half a turn about x, with a first number of 0; and a quaternion that rounding has made
         # slightly longer than 1.
@@ -767,7 +767,7 @@ class Nifti(Case):
                        lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
 
     @suite.smoke
-    def test_reads_nifti_2(self):
+    def test_reads_files_of_nifti_version_2(self):
         for order, values in (("<", SHORTS), (">", BIG_SHORTS)):
             path = self.write("a.nii", nifti2(SIZE, *SHORT, rows=self.ROWS, order=order), values)
             self.holds(self.convert(path), "density", COLUMNS, AT,
@@ -792,14 +792,14 @@ class Nifti(Case):
         for path in (header, image):
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_a_series_begins_with_its_first_step(self):
+    def test_a_nifti_series_is_imported_from_its_first_time_step(self):
         more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
         path = self.write("a.nii", nifti((4, 5, 6, 2), *SHORT, step=2.5), more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
         path = self.write("a.nii", nifti((4, 5, 6, 1), *SHORT), SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_a_step_without_contrast_is_a_frame(self):
+    def test_a_time_step_without_contrast_becomes_a_frame_of_the_sequence(self):
         """A sequence needs all frames: a lost step is empty, a step without data has the background."""
         def frame(radius):
             return [100.0 if sum((c - 4) ** 2 for c in (i, j, k)) < radius ** 2 else 7.0
@@ -819,7 +819,7 @@ class Nifti(Case):
         done = process.run([str(BIN / "palpate"), "check", str(self.write("s.json", json.dumps(scene)))],
                            capture_output=True, text=True, timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        # A single image without contrast is not a volume to feel.
+        # A single image without contrast is refused.
         self.refused(path, "all voxels have the same value")
 
     def series(self, path):
@@ -828,11 +828,11 @@ class Nifti(Case):
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         return "\n".join(note for step in json.loads(done.stdout) for note in step["notes"])
 
-    def test_a_displacement_of_zero_is_a_field(self):
+    def test_a_displacement_field_of_zeros_is_imported(self):
         path = self.write("zero.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1006), bytes(4 * 360))
         out = self.convert(path)
         self.holds(out, "vector", IDENTITY, (0, 0, 0), lambda *_: (0.0, 0.0, 0.0))
-        # A warp uses the field as its reference phase.
+        # A warp can use this field for its reference phase.
         field = [v for c in (0.1, 0.2, 0.3) for v in [c] * 120]
         (self.dir / "u_0001.vdb").write_bytes(out.read_bytes())
         other = self.write("one.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1006), struct.pack("<360f", *field))
@@ -849,7 +849,7 @@ class Nifti(Case):
         self.assertEqual((done.returncode, done.stderr), (0, ""))
 
     @suite.smoke
-    def test_the_fifth_dimension_holds_vectors(self):
+    def test_the_fifth_dimension_of_a_nifti_file_gives_vector_components(self):
         for intent in (1007, 1006):
             path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
                                              sform=self.ROWS), PLANES)
@@ -860,7 +860,7 @@ class Nifti(Case):
                    vector)
 
     @suite.smoke
-    def test_reads_symmetric_matrices(self):
+    def test_reads_nifti_files_of_symmetric_matrices_as_tensors(self):
         # xx yx yy zx zy zz: y and z are 1 1, 1 1
         planes = [v * within(p) for v in (1, 0, 1, 0, 1, 1) for p in INDICES]
         path = self.write("a.nii", nifti((4, 5, 6, 1, 6), *FLOAT, intent=1005),
@@ -897,7 +897,7 @@ class Nifti(Case):
         self.refused(path, "6 volumes", "--as", "vector")
 
     @suite.smoke
-    def test_refuses_unsupported_kinds(self):
+    def test_refuses_nifti_files_of_unsupported_kinds(self):
         self.refused(self.write("a.nii", nifti(SIZE, 128, 24), bytes(360)), "colours")
         self.refused(self.write("a.nii", nifti(SIZE, 2304, 32), bytes(480)), "colours")
         self.refused(self.write("a.nii", nifti(SIZE, 32, 64), bytes(960)), "complex")
@@ -905,7 +905,7 @@ class Nifti(Case):
         self.refused(self.write("a.nii", nifti((4, 30), *SHORT), SHORTS), "flat")
 
     @suite.smoke
-    def test_refuses_damaged_files(self):
+    def test_refuses_damaged_nifti_files(self):
         whole = nifti(SIZE, *SHORT) + SHORTS
         self.refused(self.write("a.nii", whole[:500]), "truncated")
         packed = gzip.compress(nifti(SIZE, *SHORT) + os.urandom(240))
@@ -930,10 +930,10 @@ class Nifti(Case):
         flat = ((1, 0, 0, 0), (1, 0, 0, 0), (0, 0, 1, 0))
         self.refused(self.write("a.nii", nifti(SIZE, *SHORT, sform=flat), SHORTS), "no volume")
 
-    def test_detects_any_changed_bit_of_compressed_values(self):
+    def test_detects_any_changed_bit_of_a_compressed_nifti_file(self):
         self.bits_are_guarded("a.nii.gz", "", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
 
-    def test_recognises_gzip_by_its_bytes(self):
+    def test_recognises_gzip_by_its_first_bytes_and_not_by_the_file_name(self):
         whole = nifti((4, 5, 6, 400), *SHORT) + SHORTS * 400
         path = self.write("a.nii", gzip.compress(whole))
         self.assertLess(path.stat().st_size, len(whole) / 100)
@@ -965,7 +965,7 @@ class Nifti(Case):
             self.assertTrue(says in told if says else not told, (kind, scale, told))
 
     @suite.smoke
-    def test_refuses_sizes_out_of_range(self):
+    def test_refuses_nifti_files_with_sizes_out_of_range(self):
         for dims in ((32767, 32767, 32767), (32767, 32767, 32767, 32767, 3), (-4, 5, 6),
                      (0, 5, 6)):
             self.refused(self.write("a.nii", nifti(dims, *SHORT), SHORTS), "a.nii")
@@ -1000,13 +1000,13 @@ class FillValues(Case):
             self.assertGreaterEqual(grid["lowest"], 270)
             self.assertLessEqual(grid["highest"], 300)
 
-    def test_several_fill_values_are_found(self):
+    def test_several_fill_values_in_one_image_are_found(self):
         values = [(-9999, -99999, 1e30)[i % 3] if i % 5 == 0 else i % 31 for i in range(120)]
         report = self.report(self.image(values))
         self.assertEqual(report["grids"][0]["holes"], 24)
         self.assertEqual(len([n for n in report["notes"] if "missing data" in n]), 3)
 
-    def test_data_are_not_taken_for_fill_values(self):
+    def test_values_that_only_resemble_fill_values_are_kept_as_data(self):
         ramp = [i % 31 + 270 for i in range(120)]
         for values in ([0, -999] * 60,                        # two labels
                        [0, 1, -32768] + [-20000] * 117,       # nearer than the range of the others
@@ -1019,7 +1019,7 @@ class FillValues(Case):
 
 
 class OtherFormats(Case):
-    def test_formats_that_are_not_imported_are_named(self):
+    def test_a_file_of_an_unsupported_format_is_refused_with_the_format_s_name(self):
         numpy = b"\x93NUMPY\1\0v\0{'descr': '<f4', 'fortran_order': False, 'shape': (6, 5, 4), }"
         header = bytearray(1024)
         header[208:212] = b"MAP "

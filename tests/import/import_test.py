@@ -67,7 +67,7 @@ class Case(unittest.TestCase):
                 for row in csv.DictReader(io.StringIO(done.stdout))]
 
     def refused(self, *words, says, status=2):
-        """The import is refused: one clear line on stderr, no output on stdout, no file left."""
+        """Checks that the import is refused: one clear line on stderr, no output on stdout, no file left."""
         done, line = refusal(self, self.dir, lambda: call("import", *words))
         self.assertEqual(done.returncode, status, line)
         self.assertIn(says, line)
@@ -170,7 +170,7 @@ def box_of_tetrahedra(n, skip=lambda i, j, k: False):
 
 
 class Images(Case):
-    def test_voxels_are_exact_for_any_origin_and_direction(self):
+    def test_voxels_keep_exact_values_and_positions_for_any_origin_and_direction(self):
         n = (5, 4, 3)
         rng = random.Random(1)
         values = [rng.uniform(-5, 5) for _ in range(n[0] * n[1] * n[2])]
@@ -219,7 +219,7 @@ class Images(Case):
         rows = self.sample("s", [(0, 0, 0), (16, 16, 16), (-5, 40, 3)])
         self.assertEqual([r["value"] for r in rows], [7, 900, 7])
 
-    def test_a_suggested_tolerance_removes_background_noise(self):
+    def test_the_suggested_tolerance_removes_background_noise(self):
         rng = random.Random(2)
         values = image_values(24, 24, 24, lambda i, j, k: rng.uniform(0, 10)
                               + (1000 if 8 <= min(i, j, k) and max(i, j, k) < 16 else 0))
@@ -230,7 +230,7 @@ class Images(Case):
         self.assertEqual(s["active_voxels"], 8 ** 3)
         self.assertLess(quieter["share"] * 24 ** 3, 1.5 * 8 ** 3)
 
-    def test_nan_voxels_are_holes(self):
+    def test_voxels_with_nan_become_holes_without_data(self):
         values = image_values(6, 6, 6, lambda i, j, k: float("nan") if i == 2 else i + j)
         report = self.imported(self.write("a.vti", vti(6, 6, 6, [("s", 1, values)])))
         self.assertEqual(grid_report(report, "s")["holes"], 36)
@@ -269,7 +269,7 @@ class Images(Case):
         self.assertGreater(grid_report(self.imported(source, "--smooth", 1), "s")["smoothing_rms"],
                            0.1)
 
-    def test_the_file_records_its_source(self):
+    def test_the_written_file_records_its_source_and_resampling_error(self):
         source = self.write("a.vtk", rectilinear([0, 1, 2], [0, 1, 2], [0, 1, 3]))
         self.imported(source, "--voxel", 0.25)
         data = (self.dir / "out.vdb").read_bytes()
@@ -278,7 +278,7 @@ class Images(Case):
             self.assertIn(words, data)
 
 
-    def test_resampling_keeps_places_beside_holes_as_holes(self):
+    def test_resampled_voxels_beside_holes_have_no_data(self):
         values = image_values(12, 12, 12, lambda i, j, k: float("nan") if i in (5, 6)
                               else 1000.0 + i + 10 * j * (k % 3))
         source = self.write("a.vti", vti(12, 12, 12, [("s", 1, values)]))
@@ -299,13 +299,13 @@ class Images(Case):
         report = self.imported(self.write("a.vti", text.replace("<CellData></CellData>", ghosts)))
         self.assertEqual(grid_report(report, "s")["holes"], 1)
 
-    def test_reports_rounding_of_integers(self):
+    def test_reports_the_rounding_of_large_integers(self):
         data = struct.pack("<8i", *(2 ** 24 + 2 * i + 1 for i in range(8)))
         report = self.imported(self.write("a.raw", data), "--raw",
                                json.dumps({"size": [2, 2, 2], "type": "int32"}))
         self.assertTrue(any("rounded" in note for note in report["notes"]))
 
-    def test_keeps_the_length_unit(self):
+    def test_the_imported_file_keeps_the_length_unit_of_its_source(self):
         source = self.write("a.raw", struct.pack("<8h", *range(8)))
         self.imported(source, "--raw", json.dumps({"size": [2, 2, 2], "type": "int16",
                                                    "unit": "mm"}), "--voxel", 0.3)
@@ -321,7 +321,7 @@ class Meshes(Case):
 
     @suite.smoke
     def test_a_linear_field_survives_resampling_exactly(self):
-        """Trilinear cells, tetrahedra and voxels all reproduce it."""
+        """Trilinear cells, tetrahedra and voxels all reproduce a linear field."""
         twisted = structured(7, 7, 7, lambda i, j, k: (
             i + 0.2 * math.sin(j + k), j + 0.2 * math.sin(i), k + 0.15 * math.cos(i + j)))
         points, cells = box_of_tetrahedra(6)
@@ -336,7 +336,7 @@ class Meshes(Case):
                 self.assertAlmostEqual(row["value"], truth, delta=2e-5)
 
     def test_each_voxel_has_the_value_of_the_cell_that_holds_it(self):
-        """Random values at the points: only the right cell gives the right value."""
+        """The points have random values, so only the correct cell gives the correct value."""
         points, cells = box_of_tetrahedra(4)
         rng = random.Random(8)
         values = [rng.uniform(-1, 1) for _ in points]
@@ -385,7 +385,7 @@ class Meshes(Case):
         self.assertEqual(report["grids"][0]["lowest"], 100)
         self.assertTrue(any("without volume" in note for note in report["notes"]))
 
-    def test_first_and_last_voxels_lie_on_the_bounds(self):
+    def test_first_and_last_voxels_lie_on_the_bounds_of_the_mesh(self):
         report = self.imported(self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3])),
                                "--voxel", 0.5)
         self.assertEqual(report["grids"][0]["active_voxels"], 7 ** 3)
@@ -410,7 +410,7 @@ class Meshes(Case):
         self.assertEqual(self.sample("c", [(1, 1, 1)])[0]["value"], 3)
 
     @suite.smoke
-    def test_blocks_become_one_mesh(self):
+    def test_several_blocks_are_imported_as_one_mesh(self):
         for name, shift in (("left.vtu", 0), ("right.vtu", 1)):
             points = [(shift + x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
             self.write(name, f"""<VTKFile type="UnstructuredGrid" version="1.0"><UnstructuredGrid>
@@ -430,7 +430,7 @@ class Meshes(Case):
         for row in self.sample("s", [(0.5, 0.5, 0.5), (1.0, 0.3, 0.4), (1.7, 0.5, 0.2)]):
             self.assertAlmostEqual(row["value"], linear((row["x"], row["y"], row["z"])), delta=1e-5)
 
-    def test_chooses_a_voxel_size_by_default(self):
+    def test_an_import_of_a_mesh_without_a_voxel_size_chooses_one(self):
         report = self.imported(self.write("a.vtk", rectilinear(
             [0, 1, 2, 4, 8, 9, 10], [0, 1, 2, 3, 4, 5.5], [0, 1, 2, 3, 4.1])))
         self.assertGreater(report["grids"][0]["active_voxels"], 1000)
@@ -484,7 +484,7 @@ class Meshes(Case):
             self.assertLessEqual({"Density", "Momentum", "Velocity"}, names)
 
     @suite.smoke
-    def test_components_are_joined_into_a_vector(self):
+    def test_three_component_arrays_are_joined_into_a_vector(self):
         n = 6
         at = [(i, j, k) for k in range(n) for j in range(n) for i in range(n)]
         for names, vector in ((("X Velocity", "Y Velocity", "Z Velocity"), "Velocity"),
@@ -503,13 +503,13 @@ class Meshes(Case):
             self.assertEqual([row["vx"], row["vy"], row["vz"]], [-2, 3, 2])
             modes = json.loads(scene.read_text())["modes"]
             self.assertEqual(modes[0]["mode"], "follow")
-            # One of the fields, or the vector, on request.
+            # Options select one of the fields, or the vector.
             report = self.imported(source, "--field", names[1])
             self.assertEqual([grid["name"] for grid in report["grids"]], [names[1]])
             report = self.imported(source, "--field", vector)
             self.assertEqual([grid["name"] for grid in report["grids"]], [vector])
 
-    def test_a_vdb_without_a_scene_gets_the_modes_of_its_import(self):
+    def test_an_imported_vdb_gets_the_same_modes_as_the_scene_of_its_import(self):
         n = 12
         at = [(i - 5.5, j - 5.5, k - 5.5) for k in range(n) for j in range(n) for i in range(n)]
         arrays = [("velocity", 3, [c for p in at for c in (-p[1], p[0], 1.0)]),
@@ -523,7 +523,7 @@ class Meshes(Case):
 
 class Series(Case):
     @suite.smoke
-    def test_each_step_becomes_a_file(self):
+    def test_each_time_step_becomes_a_file(self):
         """Exodus: the value is sin(2 pi t) everywhere, 10 steps from 0 to 1."""
         source = self.dir / "series.ex2"
         process.run([MAKE_SERIES, source], check=True)
@@ -601,7 +601,7 @@ class Series(Case):
         report = self.imported(self.write("a.nii", nifti(twice)))
         self.assertTrue(any("first of 3 steps" in note for note in report["notes"]))
 
-    def test_a_single_step_gets_a_single_report(self):
+    def test_a_file_with_a_single_time_step_gets_a_single_report(self):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
         self.assertEqual(len(self.imported(source, "--time", "all")), 1)
 
@@ -614,7 +614,7 @@ class Raw(Case):
         return json.dumps({k: v for k, v in layout.items() if v is not None})
 
     @suite.smoke
-    def test_reads_every_type_and_byte_order(self):
+    def test_reads_raw_files_of_every_number_type_and_byte_order(self):
         values = [i - 3 if i > 2 else i for i in range(24)]
         for name, code in (("int8", "b"), ("uint8", "B"), ("int16", "h"), ("uint16", "H"),
                            ("int32", "i"), ("uint32", "I"), ("int64", "q"), ("uint64", "Q"),
@@ -625,7 +625,7 @@ class Raw(Case):
                 row = self.sample("density", [(3, 2, 0), (1, 4, 3)])
                 self.assertEqual([r["value"] for r in row], [values[7], values[21]], name)
 
-    def test_skips_bytes_before_the_values_and_reads_axes_of_any_direction(self):
+    def test_reads_raw_files_with_skipped_bytes_and_axes_of_any_direction(self):
         values = list(range(24))
         data = struct.pack("<24h", *values)
         for skip, content in ((5, b"12345" + data), (-1, b"any header" + data),
@@ -637,7 +637,7 @@ class Raw(Case):
         self.imported(self.write("a.raw", data), "--raw", self.write("layout.json", layout))
         self.assertEqual(self.sample("here", [(1 + 3, 1 + 6, 1 + 2)])[0]["value"], 23)
 
-    def test_reads_interleaved_and_planar_vectors(self):
+    def test_reads_interleaved_and_planar_vectors_of_raw_files(self):
         flow = [(i, 2 * i, -i) for i in range(24)]
         inter = struct.pack("<72f", *(c for v in flow for c in v))
         planar = struct.pack("<72f", *(v[a] for a in range(3) for v in flow))
@@ -647,7 +647,7 @@ class Raw(Case):
             row = self.sample("v", [(1, 2, 0)])[0]
             self.assertEqual((row["vx"], row["vy"], row["vz"]), (5, 10, -5))
 
-    def test_refuses_a_layout_that_is_not_a_file(self):
+    def test_refuses_a_raw_layout_that_is_not_a_regular_json_file(self):
         source = self.write("a.raw", struct.pack("<24h", *range(24)))
         os.mkfifo(self.dir / "pipe")
         os.symlink("round", self.dir / "round")
@@ -658,7 +658,7 @@ class Raw(Case):
             self.refused(source, self.dir / "o.vdb", "--raw", raw, says=says)
 
     @suite.smoke
-    def test_names_the_error_in_a_layout(self):
+    def test_refuses_an_invalid_raw_layout_and_names_its_error(self):
         source = self.write("a.raw", struct.pack("<24h", *range(24)))
         out = self.dir / "o.vdb"
         for changes, says in (({"size": [4, 3]}, "/size"), ({"size": [4, 3, 0]}, "/size"),
@@ -689,7 +689,7 @@ class LevelSets(Case):
         return self.write(name, vti(*n, [("s", 1, image_values(*n, value))], spacing=spacing))
 
     @suite.smoke
-    def test_the_surface_lies_at_the_iso_value(self):
+    def test_the_surface_of_an_imported_level_set_lies_at_the_iso_value(self):
         for spacing in ((1, 1, 1), (1, 1, 2)):
             report = self.imported(self.ball(spacing), "--iso", 500)
             s = grid_report(report, "s")
@@ -700,32 +700,32 @@ class LevelSets(Case):
                 self.assertAlmostEqual(self.sample("s", [(15 + x, 15, 15)])[0]["value"], x - 10,
                                        delta=0.25)
 
-    def test_a_mask_is_solid_where_it_has_the_value(self):
+    def test_a_level_set_of_a_mask_is_solid_where_the_mask_has_the_given_value(self):
         values = image_values(12, 12, 12, lambda i, j, k: float(3 <= min(i, j, k)
                                                                  and max(i, j, k) < 9))
         self.imported(self.write("a.vti", vti(12, 12, 12, [("s", 1, values)])), "--iso", 1)
         self.assertLess(self.sample("s", [(6, 6, 6)])[0]["value"], 0)
 
     @suite.smoke
-    def test_refuses_voxels_that_are_too_large_or_too_small(self):
+    def test_refuses_level_sets_with_voxels_that_are_too_large_or_too_small(self):
         values = image_values(40, 40, 40, lambda i, j, k: 100.0 * (k == 20))
         source = self.write("a.vti", vti(40, 40, 40, [("s", 1, values)]))
         self.refused(source, self.dir / "o.vdb", "--iso", 50, "--voxel", 17, says="thinner")
         self.refused(source, self.dir / "o.vdb", "--iso", 50, "--voxel", 1e-3, says="too many")
 
-    def test_vectors_are_skipped_with_a_note(self):
+    def test_an_import_of_level_sets_skips_vectors_with_a_note(self):
         source = self.write("a.vti", vti(9, 9, 9, [("s", 1, range(729)), ("v", 3, range(3 * 729))]))
         report = self.imported(source, "--iso", 300)
         self.assertTrue(any("v: skipped" in note for note in report["notes"]))
 
-    def test_a_cavity_stays_hollow(self):
+    def test_a_cavity_of_a_solid_stays_hollow_in_a_level_set(self):
         self.imported(self.ball((1, 1, 1), cavity=5), "--iso", 500)
         values = [r["value"] for r in self.sample("s", [(15, 15, 15 + r) for r in (3, 7.5, 12)])]
         self.assertGreater(values[0], 0)
         self.assertLess(values[1], 0)
         self.assertGreater(values[2], 0)
 
-    def test_a_dark_object_in_bright_surroundings_is_solid(self):
+    def test_a_dark_object_in_bright_surroundings_becomes_a_solid_level_set(self):
         report = self.imported(self.ball((1, 1, 1), inside=0, outside=1000), "--iso", 500)
         self.assertEqual(grid_report(report, "s")["level_set"]["solid"], "below")
         self.assertLess(self.sample("s", [(15, 15, 23)])[0]["value"], 0)
@@ -743,7 +743,7 @@ class LevelSets(Case):
 
 class Scenes(Case):
     @suite.smoke
-    def test_the_written_scene_can_be_felt(self):
+    def test_the_scene_that_an_import_writes_gives_a_force(self):
         def ball(i, j, k):
             return 900.0 / (1 + math.exp(2 * (math.dist((i, j, k), (16, 16, 16)) - 9)))
         values = image_values(33, 33, 33, ball)
@@ -758,7 +758,7 @@ class Scenes(Case):
         summary = json.loads(run("feel", scene, "--seconds", 3, "--json").stdout)
         self.assertGreater(summary["force_max"], 0.05)
 
-    def test_prints_the_result_and_the_next_command(self):
+    def test_an_import_prints_its_result_and_the_next_command(self):
         values = image_values(33, 33, 33, lambda i, j, k: 900.0 / (
             1 + math.exp(2 * (math.dist((i, j, k), (16, 16, 16)) - 9))))
         source = self.write("a.vti", vti(33, 33, 33, [("s", 1, values)]))
@@ -782,7 +782,7 @@ class Scenes(Case):
         *_, last = run("import", flat, out, "--scene", self.dir / "none.json").stdout.splitlines()
         self.assertEqual(last, f"next: palpate info {out}")
 
-    def test_the_scene_finds_its_volume_from_any_folder(self):
+    def test_a_written_scene_finds_its_volume_from_any_working_folder(self):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
         (self.dir / "a").mkdir()
         (self.dir / "b").mkdir()
@@ -793,14 +793,14 @@ class Scenes(Case):
         printed = run("import", source, self.dir / "out.vdb", "--scene", "-").stdout
         self.assertEqual(json.loads(printed)["palpate"], 1)
 
-    def test_writes_a_volume_for_which_no_scene_is_found(self):
+    def test_an_import_writes_its_volume_even_if_no_scene_is_found_for_it(self):
         values = image_values(8, 8, 8, lambda i, j, k: float(k == 4))
         report = self.imported(self.write("a.vti", vti(8, 8, 8, [("s", 1, values)])), "--scene",
                                self.dir / "s.json")
         self.assertEqual((self.dir / "s.json").exists(),
                          not any("no scene" in note for note in report["notes"]))
 
-    def test_only_directions_of_tensors_are_axial(self):
+    def test_only_vectors_from_tensors_are_imported_as_axial(self):
         v = [c for i in range(64) for c in (1.0 + i % 4, 0.5, 0.25 * (i % 3))]
         source = self.write("a.vti", vti(4, 4, 4, [("wind_direction", 3, v)]))
         self.imported(source, "--scene", self.dir / "s.json")
@@ -814,7 +814,7 @@ class Scenes(Case):
 
 class Refusals(Case):
     @suite.smoke
-    def test_names_the_kind_of_an_unsupported_file(self):
+    def test_refuses_an_unsupported_file_and_names_its_kind(self):
         out = self.dir / "o.vdb"
         for data, says in ((b"\x89PNG\r\n\x1a\n" + bytes(50), "PNG"), (b"PK\3\4" + bytes(50), "zip"),
                            (b"%PDF-1.4" + bytes(50), "PDF"), (b"solid x\nfacet", "surface"),
@@ -937,7 +937,7 @@ class Damage(Case):
                 del broken[rng.randrange(len(broken)):]
             else:
                 for _ in range(rng.choice((1, 1, 5, 50))):
-                    # Mostly in the part with the file's structure.
+                    # Most of the damage is in the part with the file's structure.
                     at = rng.randrange(min(len(broken), 4000) if rng.random() < 0.7 else len(broken))
                     broken[at] = rng.randrange(256)
             source = self.write(name, bytes(broken))
@@ -1019,7 +1019,7 @@ class Extremes(Case):
         source = self.write("a.raw", struct.pack(f"<{count}d", *self.values(count)))
         return source, [*words, "--raw", json.dumps(layout).replace("Infinity", "1e999")]
 
-    def test_every_written_volume_can_be_felt(self):
+    def test_every_volume_written_from_extreme_numbers_gives_finite_forces(self):
         seed = int(os.environ.get("PALPATE_SEED", "7"))
         written = 0
         count = cases(60, "sources of extreme numbers")
@@ -1057,7 +1057,7 @@ class Running(Case):
             {"size": [n, n, n], "type": "uint8"})
 
     def test_an_interrupted_import_leaves_no_files(self):
-        # So many voxels that the import takes minutes.
+        # With this many voxels the import takes minutes.
         source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
         before = sorted(os.listdir(self.dir))
         for pause in (0.05, 0.3, 5.0):
@@ -1067,7 +1067,7 @@ class Running(Case):
             time.sleep(pause)
             importer.send_signal(signal.SIGINT)
             out, err = importer.communicate(timeout=60)
-            # -SIGINT: the signal came before the program had begun.
+            # The status is -SIGINT if the signal came before the program had begun.
             self.assertIn(importer.returncode, (130, -signal.SIGINT) if pause < 5 else (130,))
             self.assertEqual((out, err), ("", ""))
             self.assertEqual(sorted(os.listdir(self.dir)), before)
@@ -1109,7 +1109,7 @@ class Running(Case):
             self.assertEqual(sorted(os.listdir(self.dir)), before)
 
     @unittest.skipIf(os.environ.get("PALPATE_SANITIZE"), "sanitizers take memory of their own")
-    def test_memory_is_at_most_three_times_the_grids(self):
+    def test_an_import_needs_memory_of_at_most_three_times_its_grids(self):
         small = self.imported(self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))])))["memory"]
         rng = random.Random(6)
         n = 160

@@ -69,7 +69,7 @@ class Case(unittest.TestCase):
         return json.loads(done.stdout)
 
     def felt_as(self, flow, *drags):
-        """The scene follows the flow, and scalars are drags."""
+        """Checks that the scene follows the flow, and that scalars are drags."""
         modes = [(m["mode"], m["of"]) for m in self.scene()["modes"]]
         self.assertIn(("follow", flow), modes)
         for drag in drags:
@@ -82,7 +82,7 @@ class Case(unittest.TestCase):
         self.assertIn(says, line)
 
     def survives(self, source, whole, count, name):
-        """A damaged copy gives one line or a volume, and leaves no other file."""
+        """Checks that a damaged copy gives one line or a volume, and leaves no other file."""
         rng = random.Random(7)
         for case in range(cases(count, f"damaged files of {name}")):
             broken = bytearray(whole)
@@ -122,7 +122,7 @@ class Sizes(Case):
         return [(r * math.cos(t), r * math.sin(t), 0.25 * k) for k in range(nz) for r in rings
                 for t in (2 * math.pi * i / (nt - 1) for i in range(nt))]
 
-    def test_a_stretched_mesh_gets_at_most_16_voxels_per_point(self):
+    def test_a_stretched_mesh_is_resampled_to_at_most_16_voxels_per_point(self):
         nt, nr, nz = self.SIZE
         points = self.points()
         body = (f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_GRID\n"
@@ -138,7 +138,7 @@ class Sizes(Case):
         self.assertLessEqual(s["active_voxels"], 16 * len(points))
         self.assertGreater(s["active_voxels"], 8 * len(points))
         self.assertLess(s["resampling"]["rms"], 0.005)
-        self.assertIn("at most 16 per point", report["note"])
+        self.assertIn("limits them to 16 per point", report["note"])
         finer = float(report["note"].split("--voxel ")[1].split()[0])
         self.assertLess(finer, s["voxel"][0])
         asked = self.imported(source, "--voxel", 0.9 * s["voxel"][0])
@@ -147,7 +147,7 @@ class Sizes(Case):
         self.assertLess(asked["grid"]["s"]["resampling"]["rms"], s["resampling"]["rms"])
 
     def of_at_most_twice(self, report, given):
-        """Output and memory are at most twice the input plus 64 MB."""
+        """Checks that output and memory are at most twice the input plus 64 MB."""
         most = 2 * given + (64 << 20)
         self.assertLessEqual(self.out.stat().st_size, most)
         if not os.environ.get("PALPATE_SANITIZE"):
@@ -157,14 +157,14 @@ class Sizes(Case):
                   f"{peak / 1e6:.0f} MB of memory")
 
     def idle(self):
-        """Returns the program's memory for a tiny input."""
+        """Returns the memory that the program uses for a tiny input."""
         source = self.dir / "small.raw"
         source.write_bytes(bytes(range(27)))
         done = self.call("import", source, self.dir / "small.vdb", "--json", "--raw",
                          '{"size": [3, 3, 3], "type": "uint8"}')
         return json.loads(done.stdout)["memory"]["peak"]
 
-    def test_a_ct_of_half_a_millimetre_needs_at_most_twice_its_size(self):
+    def test_an_imported_ct_of_half_millimetre_voxels_has_at_most_twice_the_size_of_its_source(self):
         n = 256
         rng = random.Random(1)
         plane = struct.pack(f"<{n * n}h", *(rng.randrange(-1024, 2000) for _ in range(n * n)))
@@ -254,7 +254,7 @@ class Netcdf(Case):
             variables, "made by a test", form, form != netcdf.CLASSIC)
 
     @suite.smoke
-    def test_imports_weather_on_pressure_levels(self):
+    def test_imports_a_netcdf_file_of_weather_on_pressure_levels(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
             report = self.imported(self.weather(form=form))
             self.assertEqual(set(report["grid"]), {"wind", "w", "t"})
@@ -275,7 +275,7 @@ class Netcdf(Case):
             self.assertIn(b"made by a test, heights times 20", self.out.read_bytes())
 
     @suite.smoke
-    def test_selects_times_and_fields(self):
+    def test_options_select_times_and_fields_of_a_netcdf_file(self):
         source = self.weather()
         report = self.imported(source, "--time", 1, "--field", "u", "--field", "t")
         self.assertEqual((report["time"], set(report["grid"])), (6, {"u", "t"}))
@@ -299,7 +299,7 @@ class Netcdf(Case):
                    lambda *_: heat(*next(found)), 1e-3)
         self.assertIn(b"km", self.out.read_bytes())
 
-    def test_an_upward_wind_in_the_same_unit_becomes_the_wind_s_z(self):
+    def test_an_upward_wind_in_the_unit_of_the_others_becomes_the_wind_s_z_component(self):
         names = ("eastward_wind", "northward_wind", "upward_air_velocity")
         field = ("time", "lev", "lat", "lon")
         more = {n: (netcdf.FLOAT, field, {"units": "m s-1", "standard_name": s}, [c] * 2 * 468)
@@ -332,7 +332,7 @@ class Netcdf(Case):
                    lambda x, y, z: 100 * round(-z / 50) + 10 * round(y / DEGREE + 2)
                    + round(x / DEGREE - 178), 1e-2)
 
-    def test_a_grid_in_metres_stays_unchanged(self):
+    def test_a_netcdf_grid_in_metres_is_imported_without_resampling(self):
         """Dimensions in the order x, y, z are identified by their axes, not by their order."""
         source = netcdf.write(self.dir / "m.nc", {"x": 4, "y": 5, "z": 6}, {
             **{n: (netcdf.DOUBLE, (n,), {"units": "m", "axis": n.upper()},
@@ -350,7 +350,7 @@ class Netcdf(Case):
                    lambda *_: (lambda i, j, k: 100 * k + 10 * j + i + 1.0)(*next(found)), 1e-4)
 
     @suite.smoke
-    def test_refuses_data_without_a_volume(self):
+    def test_refuses_netcdf_data_without_a_volume(self):
         place_of = {"units": "degrees_north"}
         source = netcdf.write(self.dir / "c.nc", {"z": 3, "y": 4, "x": 5}, {
             "lat2": (netcdf.FLOAT, ("y", "x"), place_of, [1.0] * 20),
@@ -363,7 +363,7 @@ class Netcdf(Case):
         self.refused(source, "no variable of the netCDF file is a volume")
 
     @suite.smoke
-    def test_refuses_sizes_out_of_range_and_unordered_positions(self):
+    def test_refuses_netcdf_sizes_out_of_range_and_unordered_positions(self):
         source = netcdf.write(self.dir / "a.nc", {"z": 100000, "y": 100000, "x": 100000}, {
             "t": (netcdf.DOUBLE, ("z", "y", "x"), {}, None)}, form=netcdf.NETCDF4)
         self.refused(source, "more than the file can hold")
@@ -389,14 +389,14 @@ class Netcdf(Case):
         return netcdf.write(self.dir / "g.nc", axes, variables)
 
     @suite.smoke
-    def test_refuses_invalid_coordinates(self):
+    def test_refuses_invalid_netcdf_coordinates(self):
         for lon in ((0, math.inf, 4), (0, 2, 1e300), (0, 1e17, 2e17), (0, math.nan, 4)):
             self.refused(self.grid(lon=lon), "longitude of")
         self.refused(self.grid(lat=(80, 100, 120)), "latitude of 100 degrees")
 
-    def test_places_levels_by_their_unit(self):
+    def test_places_vertical_levels_by_their_unit(self):
         cases_of = [
-            # z, its attributes, the message, the places of its ends
+            # z, its attributes, the message, the heights of both ends
             ((1, 2, 3), {"units": "level", "positive": "down"}, "levels have no height",
              (-1, 0)),
             ((0.1, 0.5, 1), {"units": "1", "positive": "down"}, "levels have no height", (-1, 0)),
@@ -418,7 +418,7 @@ class Netcdf(Case):
         self.refused(self.grid(first="number", z_is={"standard_name": "realization"}),
                      "fewer than three dimensions of space")
 
-    def test_reads_unsigned_numbers_of_the_classic_format(self):
+    def test_reads_unsigned_numbers_of_the_classic_netcdf_format(self):
         raw = [(i * 1800) % 65536 for i in range(36)]
         signed = [v - 65536 if v > 32767 else v for v in raw]
         attributes = {"_Unsigned": "true", "scale_factor": (netcdf.DOUBLE, [0.5]),
@@ -428,7 +428,7 @@ class Netcdf(Case):
         self.assertEqual(found["active_voxels"], 35)  # including the background
         self.assertEqual(found["value_range"], [0, 0.5 * max(raw)])
 
-    def test_joins_only_components_of_one_unit(self):
+    def test_joins_only_vector_components_of_the_same_unit(self):
         def flow(*units):
             return {name: (netcdf.FLOAT, {"units": unit}, None)
                     for name, unit in zip("uvw", units)}
@@ -439,13 +439,13 @@ class Netcdf(Case):
         self.assertEqual(set(alike["grid"]), {"a", "wind"})
         self.assertIn("u, v and w: joined", alike["note"])
 
-    def test_missing_values_of_an_attribute_with_more_digits_than_the_values(self):
+    def test_a_missing_value_attribute_with_more_digits_than_the_values_still_matches(self):
         values = [float(i) for i in range(36)]
         values[7] = -9999.9
         source = self.grid(more={"b": (netcdf.FLOAT, {"missing_value": (netcdf.DOUBLE, [-9999.9])}, values)})
         self.assertEqual(self.imported(source)["grid"]["b"]["holes"], 1)
 
-    def test_a_sentinel_without_an_attribute_is_missing_data(self):
+    def test_a_value_that_marks_missing_data_is_found_without_an_attribute(self):
         """No value is interpolated from it: the file's uneven levels are resampled."""
         for sentinel, kind in ((-9999.0, netcdf.FLOAT), (1e20, netcdf.FLOAT), (-1e34, netcdf.DOUBLE)):
             t = over(LEVELS, lambda x, y, p: heat(x, y, p) + 0.1 * x)
@@ -516,7 +516,7 @@ class Netcdf(Case):
             found = iter(points)
             self.holds("T", at, lambda *_: (lambda i, j, k: 280.0 + i + 2 * j - 3 * k)(*next(found)), 1e-4)
 
-    def test_the_spacing_of_wrf_comes_from_its_places_if_no_attribute_states_it(self):
+    def test_the_spacing_of_wrf_is_computed_from_its_positions_if_no_attribute_states_it(self):
         report = self.imported(self.wrf(attributes=False))
         self.assertIn("mean distance between the points at XLAT and XLONG", report["note"])
         for found, degrees in zip(report["grid"]["wind"]["voxel"], (0.02, 0.01)):
@@ -531,7 +531,7 @@ class Netcdf(Case):
         self.holds("T", [(12, 6, 2 * (0.5 + 10e-3 / 9) + z * k) for k in (1, 2, 3)],
                    lambda x, y, at: 280.0 + 4 + 6 - 3 * round((at - 1) / z), 1e-3)
 
-    def test_refuses_places_that_depend_on_two_dimensions_and_time(self):
+    def test_refuses_positions_that_depend_on_two_dimensions_and_time(self):
         for coordinates in ({"coordinates": "lon lat"}, {}):
             source = netcdf.write(self.dir / "c.nc", {"time": 1, "z": 3, "y": 4, "x": 5}, {
                 "lat": (netcdf.FLOAT, ("time", "y", "x"), {"units": "degrees_north"}, [1.0] * 20),
@@ -540,7 +540,7 @@ class Netcdf(Case):
             self.refused(source, "interpolate the variable to a regular grid")
 
     @suite.smoke
-    def test_damaged_files_never_crash_the_importer(self):
+    def test_damaged_netcdf_files_never_crash_the_importer(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
             source = self.weather(form=form)
             self.survives(source, source.read_bytes(), 24, "netCDF")
@@ -557,7 +557,7 @@ class Foam(Case):
         return foam.box(self.dir / "case", (6, 5, 4), 0.1, self.FIELDS, **more)
 
     @suite.smoke
-    def test_opens_a_case_by_its_folder_or_its_file(self):
+    def test_opens_an_openfoam_case_by_its_folder_or_its_file(self):
         case = self.case()
         (case / "case.foam").touch()
         for source in (case, case / "case.foam"):
@@ -572,12 +572,12 @@ class Foam(Case):
         self.imported(case, "--time", "1", "--field", "p")
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y + 1, 1e-3)
 
-    def test_imports_time_0_if_it_is_the_only_time(self):
+    def test_imports_time_0_of_an_openfoam_case_if_it_is_the_only_time(self):
         self.assertEqual(set(self.imported(self.case(times=("0",)))["grid"]), {"U", "p"})
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
 
     @suite.smoke
-    def test_names_missing_files(self):
+    def test_refuses_an_openfoam_case_and_names_its_missing_files(self):
         (self.dir / "a.foam").touch()
         self.refused(self.dir / "a.foam", "system/controlDict is missing")
         case = self.case()
@@ -588,7 +588,7 @@ class Foam(Case):
         self.refused(case, "reconstructPar")
 
     @suite.smoke
-    def test_damaged_files_never_crash_the_importer(self):
+    def test_damaged_openfoam_files_never_crash_the_importer(self):
         for name in ("constant/polyMesh/faces", "constant/polyMesh/owner", "0.5/U"):
             case = self.case()
             source = case / name
@@ -621,7 +621,7 @@ class Cgns(Case):
              "VelocityY": lambda x, y, z: z, "VelocityZ": lambda x, y, z: x})
 
     @suite.smoke
-    def test_a_structured_zone_keeps_its_values(self):
+    def test_a_structured_cgns_zone_keeps_its_values(self):
         report = self.imported(self.zone())
         self.assertEqual({n: g["type"] for n, g in report["grid"].items()},
                          {"Pressure": "float", "Velocity": "vec3s"})
@@ -631,7 +631,7 @@ class Cgns(Case):
         self.felt_as("Velocity", "Pressure")
 
     @suite.smoke
-    def test_damaged_files_never_crash_the_importer(self):
+    def test_damaged_cgns_files_never_crash_the_importer(self):
         source = self.zone()
         whole = source.read_bytes()
         source.write_bytes(whole[:len(whole) // 2])
@@ -665,7 +665,7 @@ class Collections(Case):
         (self.dir / "run").mkdir()
         for n in range(3):
             image(self.dir / f"run/{n}.vti", lambda i, j, k, n=n: 10 * n + i + j * k)
-        # The times decide the order, not the rows.
+        # The times determine the order of the steps, and the rows do not.
         source = self.collection(f'timestep="{0.5 * n}" part="0" file="run/{n}.vti"' for n in (2, 0, 1))
         for n in range(3):
             report = self.imported(source, "--time", n)
@@ -673,7 +673,7 @@ class Collections(Case):
             self.holds("T", [(3, 2, 1)], lambda *_, n=n: 10.0 * n + 5, 1e-5)
         self.assertIn("the first of 3 steps", self.imported(source)["note"])
 
-    def test_files_of_one_time_are_parts(self):
+    def test_files_of_the_same_time_in_a_collection_are_parts_of_one_step(self):
         image(self.dir / "a.vti", lambda i, j, k: i)
         image(self.dir / "b.vti", lambda i, j, k: 4 + i, at=4.0)
         report = self.imported(self.collection(f'timestep="1" part="{p}" file="{n}.vti"'
@@ -681,7 +681,7 @@ class Collections(Case):
         self.assertEqual(set(report["grid"]), {"T", "T_2"})
         self.holds("T_2", [(6, 1, 1)], lambda *_: 6.0, 1e-5)
 
-    def test_names_missing_files_and_files_of_other_folders(self):
+    def test_refuses_a_collection_and_names_files_that_are_missing_or_in_other_folders(self):
         outside = tempfile.TemporaryDirectory()
         self.addCleanup(outside.cleanup)
         elsewhere = image(Path(outside.name) / "a.vti", lambda i, j, k: i)
@@ -715,12 +715,12 @@ class VtkHdf(Case):
         return path
 
     @suite.smoke
-    def test_reads_an_image(self):
+    def test_reads_an_image_from_a_vtkhdf_file(self):
         report = self.imported(self.image((1, 0)))
         self.assertEqual(report["grid"]["T"]["voxel"], [1, 2, 3])
         self.holds("T", [(3, 4, 3)], lambda *_: 123.0, 1e-5)
 
-    def test_names_a_version_that_vtk_cannot_read(self):
+    def test_refuses_a_vtkhdf_version_that_vtk_cannot_read_and_names_it(self):
         self.refused(self.image((9, 0)), "higher than this reader supports")
 
 
@@ -737,7 +737,7 @@ class Sentinels(Case):
                         f"SCALARS s double 1\nLOOKUP_TABLE default\n{' '.join(map(repr, values))}\n")
         return path
 
-    def test_no_value_is_interpolated_from_a_sentinel(self):
+    def test_values_that_mark_missing_data_are_never_interpolated(self):
         for section, count in (("POINT_DATA", 9 ** 3), ("CELL_DATA", 8 ** 3)):
             for sentinel in (-9999.0, 1e30, -1e34):
                 values = [20.0 + 0.01 * (i * 37 % count) for i in range(count)]
@@ -749,7 +749,7 @@ class Sentinels(Case):
                 self.assertGreaterEqual(s["lowest"], 20.0)
                 self.assertLess(s["highest"], 28.0)
 
-    def test_results_and_labels_are_not_sentinels(self):
+    def test_results_and_labels_are_not_taken_for_marks_of_missing_data(self):
         count = 9 ** 3
         labels = [float(i % 5) for i in range(count)]
         labels[:2] = [-9999.0, -9999.0]
@@ -767,14 +767,14 @@ class Others(Case):
         self.refused(source, "SLC")
 
     @suite.smoke
-    def test_names_the_conversion_of_grib(self):
+    def test_a_grib_file_is_refused_with_the_command_that_converts_it(self):
         for name, begin in (("a.bin", b"GRIB"), ("a.grib", b"\1"), ("a.GRIB2", b"\1"), ("a.grb", b"\1"),
                             ("a.grb2", b"\1")):
             source = self.dir / name
             source.write_bytes(begin + bytes(100))
             self.refused(source, "convert it to netCDF, for example with ecCodes' grib_to_netcdf or cdo -f nc copy")
 
-    def test_a_volume_in_place_of_a_vdb_names_the_import_command(self):
+    def test_a_medical_image_given_as_a_vdb_is_refused_with_the_import_command(self):
         source = self.dir / "head.nii.gz"
         source.write_bytes(b"\x1f\x8b\x08" + bytes(100))
         for verb in (("feel",), ("info",), ("scene",), ("check",)):

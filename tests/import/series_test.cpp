@@ -150,7 +150,7 @@ TEST_CASE("a NIfTI file's time steps are read, of scalars and of vectors", "[ser
   checkSteps(*openNifti(folder.write("b.nii", nifti({2, 3, 4, kSteps, 3}, 1.0F), vectors)), 3);
 }
 
-TEST_CASE("a single volume has no times", "[series]") {
+TEST_CASE("a file with a single volume has no times", "[series]") {
   const Folder folder;
   const std::vector<std::int16_t> values(kPoints);
   CHECK(openNrrd(folder.write("a.nrrd", nrrd("2 3 4", "\n"), values))->times().empty());

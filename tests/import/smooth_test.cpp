@@ -76,10 +76,8 @@ TEST_CASE("the importer's Gaussian equals VTK's to 2e-4, including at edges and 
   }
 }
 
-TEST_CASE(
-    "a constant image stays constant, and the reported rms change equals that computed from the "
-    "values",
-    "[smooth]") {
+TEST_CASE("smoothing keeps a constant image and reports the rms change computed from the values",
+          "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
   Piece flat = noise(1, Vec3::Ones());
   for (std::size_t i = 0; i < 4301; ++i) flat.arrays[0].values.as<float>()[i] = 3.0F;
@@ -94,7 +92,7 @@ TEST_CASE(
         Approx(std::sqrt(squares / static_cast<double>(before.tuples()))).epsilon(1e-9));
 }
 
-TEST_CASE("an image with holes is refused, and a very wide Gaussian flattens an image",
+TEST_CASE("smoothing refuses an image with holes, and a very wide Gaussian makes an image constant",
           "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
   CHECK(smoothImage(image, image.arrays[0], 1e6, "x").range < 1e-2);

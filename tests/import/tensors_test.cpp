@@ -49,7 +49,8 @@ double anisotropy(const Vec3& l) {
 
 }  // namespace
 
-TEST_CASE("the direction is the eigenvector of the greatest eigenvalue in any frame", "[tensor]") {
+TEST_CASE("the direction of a tensor is the eigenvector of its greatest eigenvalue in any frame",
+          "[tensor]") {
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
   for (int n = 0; n < 2000; ++n) {
     const Mat3 axes = randomRotation();
@@ -64,7 +65,7 @@ TEST_CASE("the direction is the eigenvector of the greatest eigenvalue in any fr
   }
 }
 
-TEST_CASE("the first component of a direction that is not zero is positive", "[tensor]") {
+TEST_CASE("the first nonzero component of a tensor's direction is positive", "[tensor]") {
   for (int n = 0; n < 200; ++n) {
     const Mat3 axes = randomRotation();
     CHECK(diffusionOf(tensor(axes, {3, 1, 1})).direction.x() > 0.0);
@@ -75,7 +76,8 @@ TEST_CASE("the first component of a direction that is not zero is positive", "[t
   CHECK(diffusionOf(n * n.transpose()).direction.isApprox(-n));
 }
 
-TEST_CASE("anisotropy is 0 for a sphere, 1 for a line, and correct in between", "[tensor]") {
+TEST_CASE("anisotropy is 0 for a spherical tensor, 1 for a linear one, and correct in between",
+          "[tensor]") {
   const Mat3 axes = randomRotation();
   CHECK(diffusionOf(tensor(axes, {1, 1, 1})).anisotropy == Approx(0.0).margin(1e-12));
   CHECK(diffusionOf(tensor(axes, {1, 0, 0})).anisotropy == Approx(1.0));
@@ -89,14 +91,15 @@ TEST_CASE("an isotropic or zero tensor has no direction", "[tensor]") {
   CHECK(diffusionOf(-Mat3::Identity()).direction.isZero());
 }
 
-TEST_CASE("negative eigenvalues count as 0 in the anisotropy and unchanged in the mean",
+TEST_CASE("negative eigenvalues count as 0 in the anisotropy but are unchanged in the mean",
           "[tensor]") {
   const Diffusion felt = diffusionOf(tensor(randomRotation(), {2, 1, -0.5}));
   CHECK(felt.anisotropy == Approx(anisotropy({2, 1, 0})));
   CHECK(felt.diffusivity == Approx(2.5 / 3.0));
 }
 
-TEST_CASE("a non-finite tensor gives zero direction, anisotropy and diffusivity", "[tensor]") {
+TEST_CASE("a non-finite tensor gives zero direction, zero anisotropy and zero diffusivity",
+          "[tensor]") {
   for (const double bad :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
     Mat3 D = Mat3::Identity();
@@ -108,7 +111,9 @@ TEST_CASE("a non-finite tensor gives zero direction, anisotropy and diffusivity"
   }
 }
 
-TEST_CASE("arrays of six and of nine components, of floats and of integers, agree", "[tensor]") {
+TEST_CASE(
+    "tensor arrays of six and of nine components, of floats and of integers, give equal results",
+    "[tensor]") {
   const Mat3 D = (Mat3() << 4, 1, 2, 1, 5, 3, 2, 3, 6).finished();
   const Diffusion expected = diffusionOf(D);
   const std::array<double, 6> xx_yy_zz_xy_yz_xz{4, 5, 6, 1, 3, 2};
@@ -128,7 +133,7 @@ TEST_CASE("arrays of six and of nine components, of floats and of integers, agre
   }
 }
 
-TEST_CASE("a rotated tensor is the tensor of the rotated axes", "[tensor]") {
+TEST_CASE("rotating the axes rotates the tensor with them", "[tensor]") {
   for (int n = 0; n < 100; ++n) {
     const Mat3 axes = randomRotation();
     const Mat3 R = randomRotation();
@@ -144,7 +149,7 @@ TEST_CASE("a rotated tensor is the tensor of the rotated axes", "[tensor]") {
   }
 }
 
-TEST_CASE("values are rescaled only if slope and offset are valid and change them", "[values]") {
+TEST_CASE("values are rescaled only if slope and offset are valid and have an effect", "[values]") {
   const Values values = repeated<std::int16_t>(Type::kInt16, std::array{7.0}, 1);
   CHECK(rescaled(values, 0.0, 5.0).data() == values.data());
   CHECK(rescaled(values, 1.0, 0.0).data() == values.data());

@@ -1,4 +1,4 @@
-/// Tests warm-up ticks, which have no effect on the hand: they are close to the coming tick, and
+/// Tests warm-up ticks, which have no effect on the hand. They are similar to the next tick, and
 /// they change no state.
 #include "palpate/engine/loop/cache_warmup.h"
 
@@ -64,7 +64,7 @@ bool same(const StepReport& a, const StepReport& b) {
 
 }  // namespace
 
-TEST_CASE("a warm-up changes neither reports nor writes", "[loop][warmup]") {
+TEST_CASE("a cache warm-up changes no report and writes nothing to the device", "[loop][warmup]") {
   const std::shared_ptr<const Scene> scene = richScene();
   TestDevice plain_device;
   TestDevice device;
@@ -102,7 +102,7 @@ TEST_CASE("a warm-up changes neither reports nor writes", "[loop][warmup]") {
   CHECK(held > 1000);
 }
 
-TEST_CASE("a warm-up predicts the next tick's proxy and contacts", "[loop][warmup]") {
+TEST_CASE("a cache warm-up predicts the next tick's proxy and contacts", "[loop][warmup]") {
   const std::shared_ptr<const Scene> scene = richScene();
   Reader reader;
   ProxyState state;
@@ -136,7 +136,8 @@ TEST_CASE("a warm-up predicts the next tick's proxy and contacts", "[loop][warmu
   CHECK(alike_in_contact > 0.98 * in_contact);
 }
 
-TEST_CASE("a mispredicted warm-up returns to the proxy", "[loop][warmup]") {
+TEST_CASE("after a wrong prediction the cache warm-up starts again at the real proxy",
+          "[loop][warmup]") {
   // A wall holds the real hand's proxy, but the predicted hand has passed through the wall.
   GraphSpec spec = ballSpec(1.0);
   spec.modes[0].depth_voxels = 0.01;  // a proxy that is through is inside
@@ -160,7 +161,7 @@ TEST_CASE("a mispredicted warm-up returns to the proxy", "[loop][warmup]") {
   CHECK(state.primitives().size() == 1);
 }
 
-TEST_CASE("a warm-up does not call a user's mode", "[loop][warmup]") {
+TEST_CASE("a cache warm-up does not call a user-defined mode", "[loop][warmup]") {
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kUser;
@@ -184,7 +185,8 @@ TEST_CASE("a warm-up does not call a user's mode", "[loop][warmup]") {
   CHECK(*calls == before);
 }
 
-TEST_CASE("no warm-up runs without a scene, without enough time or after a cut", "[loop][warmup]") {
+TEST_CASE("no cache warm-up runs without a scene or enough time or after a force cut",
+          "[loop][warmup]") {
   TestDevice device;
   device.hand.position = {0, 0, 0.04};
   HapticLoop loop(device, 1.0 / kDt);

@@ -64,8 +64,7 @@ def stamp(ancillary):
 
 
 class Witness:
-    """A process with a higher priority than the victim's that only sleeps: if it is late, the machine itself
-    stalled."""
+    """A process that only sleeps, with a higher priority than the victim. If it is late, the machine itself stalled."""
     STILL = 0.01   # [s], half of a guardian's timeout
 
     def __init__(self):
@@ -85,7 +84,7 @@ class Witness:
         os._exit(0)
 
     def times(self):
-        """Returns how often it has been late."""
+        """Returns how often the witness was late."""
         return struct.unpack("q", self.page[:8])[0]
 
 
@@ -119,7 +118,7 @@ class Victim:
             self.seen.append((stamp(ancillary), newtons(data)))
 
     def press(self):
-        # If the machine's host takes its cores away, the force is cut repeatedly: the test waits for a quiet time.
+        # If the machine's host takes its cores away, the loop cuts the force. So the test waits for a quiet time.
         begin = time.time()
         still = WITNESS.times()
         left = QUIET
@@ -172,7 +171,7 @@ class Ahead:
                 victim.listen(0.05)
                 if victim.seen and victim.seen[-1][1] > 1.0:
                     return victim
-                # Its loop was late after it pressed, so its force stays cut.
+                # The victim's loop was late after it pressed, so its force stays cut.
                 victim.close()
                 break
         return Victim(action)
@@ -243,7 +242,7 @@ class KillTable(unittest.TestCase):
         self.assertLessEqual(seconds, LIMIT, row)
         self.assertEqual(state, AFTERWARDS[row], row)
 
-    def test_a_guardian_ends_with_its_program(self):
+    def test_a_guardian_process_ends_after_its_program(self):
         victim = STARTED.take("nothing")
         victim.press()
         victim.program.kill()
@@ -283,13 +282,13 @@ class KillTable(unittest.TestCase):
         finally:
             victim.close()
 
-    def test_a_guardian_that_is_gone_is_noticed(self):
+    def test_the_program_notices_that_its_guardian_process_was_killed(self):
         self.notices(signal.SIGKILL, 2.0)
 
-    def test_a_guardian_that_is_stopped_is_noticed(self):
+    def test_the_program_notices_that_its_guardian_process_is_stopped(self):
         self.notices(signal.SIGSTOP, 1.0)
 
-    def test_a_guardian_that_is_stopped_still_watches(self):
+    def test_a_stopped_guardian_is_resumed_and_still_ends_the_force(self):
         victim = STARTED.take("nothing")
         try:
             victim.press()
@@ -334,7 +333,7 @@ class KillTable(unittest.TestCase):
                 victim.close()
 
     def test_a_zero_is_retried_while_the_queue_is_full(self):
-        # The test does not read for a while: the device's queue is full of forces when the program dies.
+        # The test does not read for a while, so the device's queue is full of forces when the program is killed.
         victim = Victim("fast")
         try:
             victim.press()

@@ -35,13 +35,13 @@ TEST_CASE("a non-finite force becomes zero and is reported", "[safety]") {
   }
 }
 
-TEST_CASE("the peak limit keeps the force's direction", "[safety]") {
+TEST_CASE("the peak limit scales a force and keeps its direction", "[safety]") {
   const LimitedForce out = after({0, 0, 0}, {30, 40, 0}, 1.0, {5.0, 1e6});
   CHECK(out.peaked);
   CHECK((out.force - Vec3(3, 4, 0)).norm() < 1e-11);
 }
 
-TEST_CASE("force growth is slew-limited, and a release is immediate", "[safety]") {
+TEST_CASE("the growth of the force is slew-limited, and its release is immediate", "[safety]") {
   const ForceLimits limits{10.0, 2000.0};
   const LimitedForce grown = after({1, 0, 0}, {5, 0, 0}, 1e-3, limits);
   CHECK(grown.slewed);
@@ -51,12 +51,13 @@ TEST_CASE("force growth is slew-limited, and a release is immediate", "[safety]"
   CHECK_FALSE(released.limited());
   CHECK(released.force == Vec3(0.5, 0, 0));
 
-  // The direction is reversed: the old force ends at once, and the new force grows from zero.
+  // The wanted force reverses. The old force ends immediately, and the new force grows from zero.
   const LimitedForce turned = after({5, 0, 0}, {-5, 0, 0}, 1e-3, limits);
   CHECK((turned.force - Vec3(-2, 0, 0)).norm() < 1e-14);
 }
 
-TEST_CASE("any input gives a finite force within peak, slew and the wanted force", "[safety]") {
+TEST_CASE("limiting any input gives a finite force within the peak, the slew and the wanted force",
+          "[safety]") {
   Random random(7);
   const auto bits = [&] {
     std::uint64_t raw = 0;
@@ -97,7 +98,8 @@ TEST_CASE("any input gives a finite force within peak, slew and the wanted force
   CHECK(finite > 0);
 }
 
-TEST_CASE("an engagement waits for a small force or one second, then ramps up", "[safety]") {
+TEST_CASE("an engagement waits for a small force or for one second, then ramps up the force",
+          "[safety]") {
   ForceLimits limits{10.0, 1e9};
   constexpr double kDt = 1e-3;
   for (const bool pressed : {false, true}) {
@@ -113,8 +115,8 @@ TEST_CASE("an engagement waits for a small force or one second, then ramps up", 
       const double force = out.force.norm();
       CHECK(force <= wanted);
       CHECK(force >= last - (i == 201 ? 1.0 : 1e-12));
-      // In a tick the force grows by at most the ramp's growth, except that a touch starts at the
-      // ramp's present height.
+      // In a tick the force grows by at most the ramp's growth. A touch is the exception: its force
+      // starts at the ramp's present height.
       if (i != 201) CHECK(force - last <= 4.0 * kDt / kEngage + 1e-12);
       last = force;
       if (force == 0.0) silent += kDt;
@@ -127,7 +129,8 @@ TEST_CASE("an engagement waits for a small force or one second, then ramps up", 
   }
 }
 
-TEST_CASE("motors heat no more than at their continuous force", "[safety]") {
+TEST_CASE("a force limit keeps the motors' heat at or below that of the continuous force",
+          "[safety]") {
   ForceLimits limits{8.0, 2000.0};
   limits.continuous = 2.0;
   limits.heating = 4.0;
@@ -136,7 +139,7 @@ TEST_CASE("motors heat no more than at their continuous force", "[safety]") {
   double first = 0.0;
   for (int i = 0; i < 60000; ++i) {
     const Vec3 force = limitForce({0, 0, 9}, Vec3::Zero(), 1e-3, limits, state).force;
-    // The motors' heat, computed here independently.
+    // The test computes the motors' heat independently.
     energy += 1e-3 / limits.heating * (force.squaredNorm() - energy);
     if (i == 100) first = force.norm();
     REQUIRE(state.heat <= 4.0 * (1.0 + 1e-12));
@@ -150,7 +153,7 @@ TEST_CASE("motors heat no more than at their continuous force", "[safety]") {
   CHECK(state.heat < 0.05);
 }
 
-TEST_CASE("the tank acts last, and its output is the sent force", "[safety]") {
+TEST_CASE("the energy tank is applied last and its output is the sent force", "[safety]") {
   ForceLimits limits{10.0, 1e6};
   limits.tank.use = TankUse::kAct;
   limits.tank.arm.viscous = 0.5;
@@ -166,7 +169,7 @@ TEST_CASE("the tank acts last, and its output is the sent force", "[safety]") {
   CHECK(out.force.x() == Approx(1.0).epsilon(1e-6));
   CHECK(out.share == Approx(1.0 / 3.0).epsilon(1e-6));
   CHECK(state.sent == out.force);
-  // A tank that only observes reports the same share, but the whole force passes.
+  // A tank that only observes reports the same share, but does not reduce the force.
   limits.tank.use = TankUse::kObserve;
   LimiterState watched;
   (void)limitForce(Vec3::Zero(), Vec3::Zero(), 1e-3, limits, watched);

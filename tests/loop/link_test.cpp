@@ -34,10 +34,10 @@ struct Network {
   double again = 0.0;    ///< End of the outage [s].
 };
 
-/// Messages that are under way to one end, by their time of arrival.
+/// Messages that are under way to one end, sorted by their time of arrival.
 using Way = std::multimap<double, LinkWord>;
 
-/// A hand that a person moves: a mass on a spring, whose other end the person moves.
+/// A hand that a person moves: a mass on a spring. The person moves the other end of the spring.
 struct Hand {
   Vec3 position = Vec3::Zero();
   Vec3 velocity = Vec3::Zero();
@@ -184,7 +184,7 @@ Hand anyHand(Random& random) {
 
 }  // namespace
 
-TEST_CASE("two hands never gain more than their tanks' initial energy on any network",
+TEST_CASE("two linked hands never gain more energy on any network than their tanks start with",
           "[loop][link]") {
   const long count = test::cases(100000);
   double nearest = -std::numeric_limits<double>::infinity();
@@ -216,7 +216,7 @@ TEST_CASE("two hands never gain more than their tanks' initial energy on any net
         restarted = true;
         session.restart(static_cast<std::size_t>(random.integer(2)));
       }
-      // The hand's place is given to another site, and returned later.
+      // The hand's slot is given to another site, and later given back.
       if (random.uniform() < forgets) {
         session.ends[static_cast<std::size_t>(random.integer(2))].link.forgetOther();
       }
@@ -225,8 +225,8 @@ TEST_CASE("two hands never gain more than their tanks' initial energy on any net
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    // The time between two readings is known only after several readings. Until then, a fiftieth of
-    // the spring's force is present.
+    // The time between two readings is known only after several readings. Until then, the link
+    // gives a fiftieth of the spring's force.
     const double slack = session.reads > 1 ? 5e-4 : 1e-12;
     for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);
     REQUIRE(session.most <= bound + 2.0 * slack);
@@ -236,7 +236,8 @@ TEST_CASE("two hands never gain more than their tanks' initial energy on any net
   CHECK(nearest > 0.5);
 }
 
-TEST_CASE("the tanks pay for motion below an encoder step", "[loop][link]") {
+TEST_CASE("the tanks of a link pay for motion that is smaller than an encoder step",
+          "[loop][link]") {
   // One hand swings, so that the force on the other hand changes sign. That other hand creeps with
   // the force within a step of its encoders, so that no reading shows the motion.
   constexpr double kDelay = 0.005;  // [s]
@@ -282,7 +283,7 @@ TEST_CASE("the tanks pay for motion below an encoder step", "[loop][link]") {
   }
 }
 
-TEST_CASE("late ticks overdraw a tank by at most twice the greatest work of a tick",
+TEST_CASE("late ticks overdraw a link's tank by at most twice the greatest work of one tick",
           "[loop][link]") {
   const long count = test::cases(3000);
   double deepest = 0.0;
@@ -307,7 +308,7 @@ TEST_CASE("late ticks overdraw a tank by at most twice the greatest work of a ti
   CHECK(deepest < 0.0);
 }
 
-TEST_CASE("a late tick does not change the force", "[loop][link]") {
+TEST_CASE("a late tick does not change the force of a link", "[loop][link]") {
   Link link(1);
   link.hear({2, 1, 1, Vec3(0.01, 0, 0), 0.0});
   for (std::uint64_t n = 2; n < 1000; ++n) {
@@ -321,7 +322,7 @@ TEST_CASE("a late tick does not change the force", "[loop][link]") {
   }
 }
 
-TEST_CASE("without tanks a spring over a delayed network generates energy", "[loop][link]") {
+TEST_CASE("without energy tanks a spring over a delayed network generates energy", "[loop][link]") {
   // A control experiment: without the tanks, this network adds energy.
   Session session(1, {});
   session.network.delay = 0.05;
@@ -376,7 +377,7 @@ TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
   }
 }
 
-TEST_CASE("invalid messages are ignored, and a false energy sum has a bounded effect",
+TEST_CASE("a link ignores invalid messages, and a false energy sum has a bounded effect",
           "[loop][link]") {
   Link link(5);
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -389,7 +390,8 @@ TEST_CASE("invalid messages are ignored, and a false energy sum has a bounded ef
   };
   for (int n = 0; n < 1000; ++n) said({7, 5, static_cast<std::uint64_t>(n + 1), {0.1, 0, 0}, 0.0});
   const double before = link.energy();
-  // Messages without a life, with invalid numbers, or with the sum of another life.
+  // Messages without a session (0), with invalid numbers, or with the energy sum of another
+  // session.
   said({0, 5, 2000, {0.1, 0, 0}, 1.0});
   said({7, 5, 2000, {nan, 0, 0}, 1.0});
   said({7, 5, 2000, {0.1, 0, 0}, nan});
@@ -406,7 +408,7 @@ TEST_CASE("invalid messages are ignored, and a false energy sum has a bounded ef
   CHECK(link.energy() < 0.2);
 }
 
-TEST_CASE("a loop's energy accounts use the sent force, not the requested one", "[loop][link]") {
+TEST_CASE("a loop's energy accounts use the sent force and not the requested one", "[loop][link]") {
   test::TestDevice device;
   device.about.limits.peak = 0.5;
   HandLinks links(1);
@@ -417,7 +419,7 @@ TEST_CASE("a loop's energy accounts use the sent force, not the requested one", 
   LinksHeard heard;
   heard.who[2] = 9;
   std::uint64_t number = 0;
-  std::uint64_t life = 2;  // life of the link, which is the second in this place
+  std::uint64_t life = 2;  // session of the link, the second one in this slot
   const auto tick = [&](const Vec3& hand) -> const Telemetry& {
     heard.words[2] = {3, life, ++number, Vec3(0.2, 0, 0), 0.0};
     links.hear(heard);
@@ -436,8 +438,8 @@ TEST_CASE("a loop's energy accounts use the sent force, not the requested one", 
   }
   const LinksTold before = links.told();
   CHECK(before.proxy == hand);
-  // The hand moves away by 10 mm against half a newton. This is 5 mJ, not the 20 mJ of the
-  // requested force.
+  // The hand moves away by 10 mm against 0.5 N, the sent force. This is 5 mJ; the requested force
+  // of 2 N would give 20 mJ.
   for (int n = 0; n < 100; ++n) (void)tick(hand -= Vec3(1e-4, 0, 0));
   const LinksTold& after = links.told();
   const double put_in =
@@ -461,7 +463,7 @@ TEST_CASE("a loop's energy accounts use the sent force, not the requested one", 
   CHECK(links.told().presence[2] < 0.01);
 }
 
-TEST_CASE("a link counts only the share of the force that the motors gave", "[loop][link]") {
+TEST_CASE("a link counts only the share of the force that the motors really gave", "[loop][link]") {
   const auto put_in = [](double share) {
     test::TestDevice device;
     device.share = share;
@@ -487,7 +489,8 @@ TEST_CASE("a link counts only the share of the force that the motors gave", "[lo
   CHECK(put_in(0.3) == Approx(0.006).epsilon(0.05));
 }
 
-TEST_CASE("the pull of several hands is limited to the peak and does not jump", "[loop][link]") {
+TEST_CASE("the total pull of several linked hands is limited to the peak and does not jump",
+          "[loop][link]") {
   HandLinks links(1);
   LinksHeard heard;
   double most = 0.0;
@@ -507,7 +510,7 @@ TEST_CASE("the pull of several hands is limited to the peak and does not jump", 
   CHECK(last == Approx(LinkParams().peak));
 }
 
-TEST_CASE("a tank's debt does not grow over repeated overdrafts", "[loop][link]") {
+TEST_CASE("the debt of a link's tank does not grow over repeated overdrafts", "[loop][link]") {
   // The hand moves away fast, back within one late tick, then slowly away. Each reversal takes more
   // energy than the tank has.
   Link link(1);

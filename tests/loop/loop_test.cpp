@@ -1,4 +1,4 @@
-/// Tests the loop in virtual time: which forces it sends, for any input.
+/// Tests in virtual time which forces the loop sends, for any input.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -98,13 +98,15 @@ class Fetched final : public ScalarField {
 
 }  // namespace
 
-TEST_CASE("without a scene the force is zero, and a hand inside a new scene is free", "[loop]") {
+TEST_CASE(
+    "without a scene the force is zero, and a hand that starts inside a new scene's solid is free",
+    "[loop]") {
   Rig rig;
   rig.device.hand.position = kPressed;
   CHECK(rig.run(0.2).report.force == Vec3::Zero());
   CHECK(rig.device.writes == 200);
   const FieldPtr ball = ballField();
-  // The ball appears around the hand. The hand is free inside, and leaves without a force.
+  // The ball appears around the hand. The hand moves freely inside, and leaves without a force.
   rig.loop.publish(ballScene(ball));
   CHECK(rig.run(2.0).report.force.norm() < 1e-6);
   CHECK(rig.go(kOut, 0.1).report.force == Vec3::Zero());
@@ -113,7 +115,8 @@ TEST_CASE("without a scene the force is zero, and a hand inside a new scene is f
 }
 
 TEST_CASE(
-    "a new scene engages over half a second, and an edit acts within 50 ms without a force jump",
+    "the force of a new scene engages over half a second, and an edit acts within 50 ms without a "
+    "jump",
     "[loop][safety]") {
   const FieldPtr ball = ballField();
   {
@@ -123,7 +126,6 @@ TEST_CASE(
     rig.run(1.0);
     const double before = rig.go(kPressed, 0.2).report.force.norm();
     CHECK(before == Approx(1.5).margin(0.01));
-    // Replaces the ball by another one.
     rig.loop.publish(ballScene(ballField(), 2.0));
     double last = rig.tick().report.force.norm();
     CHECK(last < 1e-12);
@@ -138,8 +140,8 @@ TEST_CASE(
     CHECK(kDt * ticks == Approx(kEngageWait + kEngage).margin(0.02));
     CHECK(most < 1.1 * 1.5 * kDt / kEngage + 1e-9);
   }
-  // After an edit the present force stays. Additional force grows to its full value within 50 ms,
-  // however many edits there are.
+  // After an edit the force stays. Additional force grows to its full value within 50 ms, for any
+  // number of edits.
   const auto stiff = [&](double k) {
     GraphSpec spec;
     spec.modes.resize(1);
@@ -309,7 +311,7 @@ TEST_CASE("a lost volume cuts the force until it returns and the fault is cleare
   CHECK(rig.device.sent == Vec3::Zero());
 }
 
-TEST_CASE("a force cut for lateness returns by itself at most three times a minute",
+TEST_CASE("a force that was cut for lateness returns by itself at most three times a minute",
           "[loop][safety][fault]") {
   const FieldPtr ball = ballField();
   constexpr double kAfter = 2.0;  // [s]
@@ -335,8 +337,8 @@ TEST_CASE("a force cut for lateness returns by itself at most three times a minu
     CHECK(rig.device.sent == Vec3::Zero());
     rig.go(kOut, 0.1);
     CHECK(rig.go(kPressed, 2.0).report.force.norm() > 1.0);
-    // The force returns by itself twice more. After that, it returns only when the first return is
-    // a minute ago.
+    // The force returns by itself two more times. The next return must wait until the first return
+    // is a minute old.
     for (int i = 0; i < 2; ++i) {
       late(rig);
       CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
@@ -361,7 +363,7 @@ TEST_CASE("a force cut for lateness returns by itself at most three times a minu
     late(rig);
     CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
   }
-  // After other faults the force does not return, even if they come while the force is off, or if
+  // After other faults the force does not return, even if they occur while the force is off, or if
   // their cause has ended.
   const std::vector<std::function<void(Rig&)>> others{[](Rig& rig) { rig.loop.cut(); },
                                                       [](Rig& rig) {
@@ -413,7 +415,7 @@ TEST_CASE("a force cut for lateness returns by itself at most three times a minu
   }
 }
 
-TEST_CASE("clear() takes back only the orders given before it", "[loop][safety]") {
+TEST_CASE("clear() cancels only the cuts and stops that were ordered before it", "[loop][safety]") {
   TestDevice device;
   device.hand.position = kOut;
   std::atomic<std::uint64_t> heart{0};
@@ -427,7 +429,8 @@ TEST_CASE("clear() takes back only the orders given before it", "[loop][safety]"
     return loop.latest().fault;
   };
   CHECK(tick() == Fault::kNone);
-  // A guardian took the force off, so the loop was late, even if its own clock does not show this.
+  // The guardian has set the force to zero, so the loop was late, even if its own clock does not
+  // show this.
   ++cuts;
   CHECK(tick() == Fault::kLate);
   loop.clear();
@@ -455,7 +458,7 @@ TEST_CASE("clear() takes back only the orders given before it", "[loop][safety]"
   CHECK(heart == stood + 1);
 }
 
-TEST_CASE("without a guardian the force stays off after clear()", "[loop][safety]") {
+TEST_CASE("without a guardian process the force stays off after clear()", "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -475,7 +478,8 @@ TEST_CASE("without a guardian the force stays off after clear()", "[loop][safety
   CHECK(rig.loop.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a device with a lower output rate adds its waits to the tank's delay", "[loop]") {
+TEST_CASE("a device whose output rate is lower than the loop's adds its wait to the tank's delay",
+          "[loop]") {
   struct Sink final : public TickSink {
     void take(const Telemetry&, const ProxyState& state) noexcept override {
       arm = state.limits().tank.arm;
@@ -499,8 +503,8 @@ TEST_CASE("a device with a lower output rate adds its waits to the tank's delay"
     CHECK(at(takes, 1000.0).delay == 2e-3);
     CHECK(at(takes, 1000.0).doubt == 0.5e-3);
   }
-  // With forces that wait up to 1.25 ms, the delay is 0.25 to 3.75 ms; with up to 5 ms, 0 to 7.5
-  // ms.
+  // If forces wait up to 1.25 ms, the delay is 0.25 to 3.75 ms. If they wait up to 5 ms, it is 0 to
+  // 7.5 ms.
   CHECK(at(800.0, 1000.0).delay == Approx(2e-3));
   CHECK(at(800.0, 1000.0).doubt == Approx(1.75e-3));
   CHECK(at(200.0, 1000.0).delay == Approx(3.75e-3));
@@ -562,7 +566,8 @@ TEST_CASE("invalid device limits are refused", "[loop][safety]") {
   }
 }
 
-TEST_CASE("ticks below the late limit are counted as late and keep their force", "[loop][safety]") {
+TEST_CASE("ticks that are late by less than the limit are counted and keep their force",
+          "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -574,9 +579,8 @@ TEST_CASE("ticks below the late limit are counted as late and keep their force",
   CHECK(rig.device.sent.norm() == Approx(1.5).margin(0.01));
 }
 
-TEST_CASE(
-    "an open dead man's switch cuts the force, and a closed one lets it return after a second",
-    "[loop][safety]") {
+TEST_CASE("an open dead-man switch cuts the force, and a closed one lets it return after a second",
+          "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -626,7 +630,7 @@ TEST_CASE("a blocked write is a fault, and stops the heartbeat for the guardian"
   CHECK(loop.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a tick that hung ends with zero force and a late fault", "[loop][safety]") {
+TEST_CASE("a tick that hangs ends with zero force and a late fault", "[loop][safety]") {
   struct Hanging final : public ScalarField {
     std::shared_ptr<const ScalarField> ball = std::get<0>(ballField());
     std::atomic<bool>* hang;
@@ -656,8 +660,9 @@ TEST_CASE("a tick that hung ends with zero force and a late fault", "[loop][safe
   CHECK(rig.loop.latest().fault == Fault::kLate);
 }
 
-TEST_CASE("a position jump or homing puts no energy into the tank", "[loop][safety]") {
-  // The arm is homed, or its position jumps, or it returns at another place.
+TEST_CASE("a position jump or the homing of an arm puts no energy into the tank",
+          "[loop][safety]") {
+  // The arm is homed, or its position jumps, or the arm returns at another place.
   for (const int how : {0, 1, 2}) {
     CAPTURE(how);
     Rig rig;
@@ -695,9 +700,10 @@ TEST_CASE("a position jump or homing puts no energy into the tank", "[loop][safe
   }
 }
 
-TEST_CASE("a switch that closes between two positions releases no energy", "[loop][safety]") {
-  // An arm with 125 positions per second sweeps at 2 m/s. Part of the path since its last position
-  // was covered before the switch closed.
+TEST_CASE("a switch that closes between two position readings releases no energy",
+          "[loop][safety]") {
+  // An arm with 125 positions per second moves at 2 m/s. Part of the path since its last position
+  // lies before the switch closed.
   constexpr double kViscous = 0.5;
   constexpr int kEvery = 8;
   TestDevice device;
@@ -743,8 +749,8 @@ TEST_CASE("a switch that closes between two positions releases no energy", "[loo
 
 namespace {
 
-/// A force of 3 N everywhere, an arm with friction b [N s/m], and a tank that acts at once.
-/// Measures the energy that the hand has put in.
+/// A force of 3 N everywhere, an arm with friction b [N s/m], and an active tank. Measures the
+/// energy that the hand has put in.
 struct Windy {
   static constexpr double kViscous = 0.5;
   TestDevice device;
@@ -786,7 +792,7 @@ struct Windy {
 
 }  // namespace
 
-TEST_CASE("homing or a cleared fault puts no energy into the tank", "[loop][safety]") {
+TEST_CASE("homing an arm or clearing a fault puts no energy into the tank", "[loop][safety]") {
   // The last position before the arm is ready is wrong by 10 cm, although the hand did not move.
   for (const bool homed : {true, false}) {
     for (const int not_ready : {1, 2, 15}) {
@@ -819,16 +825,16 @@ TEST_CASE("homing or a cleared fault puts no energy into the tank", "[loop][safe
   }
 }
 
-TEST_CASE("while an arm is not ready, speed is watched but jumps are allowed", "[loop][safety]") {
+TEST_CASE("while an arm is not ready its speed is watched but position jumps are allowed",
+          "[loop][safety]") {
   Windy arm;
   arm.device.hand.ready = false;
-  // Homing resets the counters.
   for (int i = 0; i < 10; ++i) {
     arm.device.hand.position = Vec3(0.0, i < 5 ? 0.0 : 0.1, 0.0);
     arm.tick(0.0);
   }
   CHECK(arm.loop->latest().fault == Fault::kNone);
-  // The switch closes during a fast sweep, which is braked from the first tick on.
+  // The switch closes during a fast motion. The loop brakes this motion from the first tick on.
   for (int i = 0; i < 30; ++i) {
     arm.device.hand.position.x() += 4.0 * kDt;
     arm.device.hand.ready = i >= 20;
@@ -837,8 +843,9 @@ TEST_CASE("while an arm is not ready, speed is watched but jumps are allowed", "
   }
 }
 
-TEST_CASE("a repeated position that grows older does not count as fresh", "[loop][safety]") {
-  // An arm with 125 positions per second, whose switch closes between two positions of a sweep.
+TEST_CASE("a repeated position that is older in each tick does not count as a new position",
+          "[loop][safety]") {
+  // An arm with 125 positions per second. Its switch closes between two positions of a motion.
   Windy arm;
   constexpr int kEvery = 8;
   int tick = 0;
@@ -861,7 +868,8 @@ TEST_CASE("a repeated position that grows older does not count as fresh", "[loop
   CHECK(arm.least >= -1e-12);
 }
 
-TEST_CASE("ticks of 1.19 periods cause no tank debt, ticks of 1.5 periods do", "[loop][safety]") {
+TEST_CASE("ticks of 1.19 periods put the tank into no debt, ticks of 1.5 periods do",
+          "[loop][safety]") {
   // The force that drives the hand needs all the energy in the tank, and the hand extracts as much
   // as it can.
   struct Debt final : TickSink {
@@ -886,7 +894,7 @@ TEST_CASE("ticks of 1.19 periods cause no tank debt, ticks of 1.5 periods do", "
     device.hand.position = {0.05, 0, 0};
     TickTime time;
     for (int i = 0; i < 3000; ++i) {
-      // Some ticks are long, but the loop always catches up with its deadlines.
+      // Some ticks are long, but on average the loop keeps its deadlines.
       time.dt = i % 2 == 0 ? longest : 2.0 * kDt - longest;
       time.now += time.dt;
       // The hand moves to and fro until the force appears, then moves with the force.
@@ -902,7 +910,8 @@ TEST_CASE("ticks of 1.19 periods cause no tank debt, ticks of 1.5 periods do", "
   CHECK(owed(1.5 * kDt) > 0.0);
 }
 
-TEST_CASE("the tank counts only the share of the force that the motors gave", "[loop][safety]") {
+TEST_CASE("the energy tank counts only the share of the force that the motors gave",
+          "[loop][safety]") {
   const auto pressed = [](double share) {
     TestDevice device;
     device.about.limits.tank.use = TankUse::kObserve;
@@ -934,7 +943,7 @@ TEST_CASE("the tank counts only the share of the force that the motors gave", "[
   CHECK(pressed(0.0) == Approx(0.0).margin(0.1 * all));
 }
 
-TEST_CASE("a scene that is published again starts with the proxy at the hand", "[loop]") {
+TEST_CASE("if a scene is published again its proxy starts at the hand", "[loop]") {
   Rig rig;
   const auto scene = ballScene(ballField());
   rig.device.hand.position = kOut;
@@ -949,7 +958,8 @@ TEST_CASE("a scene that is published again starts with the proxy at the hand", "
   CHECK(rig.run(2.0).report.force == Vec3::Zero());
 }
 
-TEST_CASE("a recorded path without a hand gets force without an engagement", "[loop]") {
+TEST_CASE("a device that replays a path without a hand gets force without an engagement",
+          "[loop]") {
   TestDevice device;
   device.about.hand = false;
   device.hand.position = kOut;
@@ -966,8 +976,8 @@ TEST_CASE("a recorded path without a hand gets force without an engagement", "[l
 
 TEST_CASE("under random events the force is finite, bounded, slew-limited, and no tick allocates",
           "[loop][safety][fault]") {
-  // Scenes of every kind are swapped, withdrawn and edited. The hand moves, jumps and is lost.
-  // Ticks are late, and faults are cleared. PALPATE_CASES is the number of ticks.
+  // The test publishes, withdraws and edits scenes of every kind. The hand moves, jumps and is
+  // lost. Ticks are late, and faults are cleared. PALPATE_CASES is the number of ticks.
   const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -1011,7 +1021,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
   HapticLoop loop(device, 1000.0, nullptr, kHeartbeat, {nullptr, nullptr, &guard});
   const ForceLimits limits = device.about.limits;
   long silent = 0;     // number of ticks left without a heartbeat of the application
-  long unguarded = 0;  // number of ticks left without a sign of life from the guardian
+  long unguarded = 0;  // number of ticks left without a signal from the guardian
   long away = 0;       // number of ticks left without the source of the fetched volume
   double ramp = 0.0;   // time since the earliest possible start of the last engagement [s]
   TickTime time;

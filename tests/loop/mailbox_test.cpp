@@ -1,5 +1,5 @@
-/// Tests the mailbox between two threads. The model checker proves properties of the protocol
-/// (mailbox.pml). These tests check them on the real mailbox, also under ThreadSanitizer.
+/// Tests the mailbox between two threads. A model checker proves properties of the protocol
+/// (mailbox.pml). These tests check the properties on the real mailbox, also under ThreadSanitizer.
 #include "palpate/engine/loop/mailbox.h"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace palpate::mailbox_test {
 
 namespace {
 
-/// A value so long that copying it takes some time.
+/// A value that takes some time to copy.
 struct Words {
   std::array<std::uint64_t, 40> words{};
   void fill(std::uint64_t n) { words.fill(n); }
@@ -32,7 +32,7 @@ struct Words {
 
 }  // namespace
 
-TEST_CASE("a refresh gives the newest value once, and skips older ones", "[mailbox]") {
+TEST_CASE("refreshing a mailbox gives the newest value once and skips older values", "[mailbox]") {
   Mailbox<int> box;
   CHECK_FALSE(box.refresh());
   CHECK(box.current() == 0);
@@ -54,7 +54,8 @@ TEST_CASE("a refresh gives the newest value once, and skips older ones", "[mailb
   CHECK(box.current() == 9);
 }
 
-TEST_CASE("random writes and reads always give the last published value", "[mailbox]") {
+TEST_CASE("a mailbox with random writes and reads always gives the last published value",
+          "[mailbox]") {
   test::Random random(3);
   Mailbox<long> box;
   long published = 0;
@@ -71,7 +72,8 @@ TEST_CASE("random writes and reads always give the last published value", "[mail
   }
 }
 
-TEST_CASE("values are freed by the writer, and at most three exist", "[mailbox][host]") {
+TEST_CASE("the values of a mailbox are freed by the writer's thread and at most three exist",
+          "[mailbox][host]") {
   struct Owned {
     std::atomic<int>* alive;
     std::thread::id maker = std::this_thread::get_id();
@@ -104,8 +106,9 @@ TEST_CASE("values are freed by the writer, and at most three exist", "[mailbox][
   CHECK(alive == 0);
 }
 
-TEST_CASE("between two threads values are whole, in rising order, and the last one arrives",
-          "[mailbox][host]") {
+TEST_CASE(
+    "a mailbox between two threads gives whole values in rising order and finally the last one",
+    "[mailbox][host]") {
   const long count = test::cases(2000000);
   Mailbox<Words> box;
   std::atomic<long> bad{0};
@@ -141,7 +144,8 @@ extern "C" void hold(int /*signal*/) {
 
 }  // namespace
 
-TEST_CASE("a thread that is stopped at any point does not block the other", "[mailbox][host]") {
+TEST_CASE("a thread that is stopped at any point does not block the mailbox's other thread",
+          "[mailbox][host]") {
   // A signal stops one thread at any point, while the other thread continues.
   struct sigaction action {};
   action.sa_handler = hold;
@@ -174,7 +178,7 @@ TEST_CASE("a thread that is stopped at any point does not block the other", "[ma
       pthread_kill(other.native_handle(), SIGUSR1);
       while (held.load() == 0) {
       }
-      // The other thread runs as often as it likes. If it had to wait for the stopped thread, this
+      // The other thread completes 100 operations. If it had to wait for the stopped thread, this
       // test would hang.
       for (int k = 0; k < 100; ++k) hold_writer ? read() : write();
       let_go = true;
@@ -189,7 +193,7 @@ TEST_CASE("a thread that is stopped at any point does not block the other", "[ma
   sigaction(SIGUSR1, &before, nullptr);
 }
 
-TEST_CASE("publish and refresh neither allocate nor lock", "[mailbox]") {
+TEST_CASE("publishing to a mailbox and refreshing it neither allocate nor lock", "[mailbox]") {
   Mailbox<Words> box;
   const test::CountScope scope;
   for (int i = 0; i < 1000; ++i) {

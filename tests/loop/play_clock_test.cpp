@@ -25,7 +25,8 @@ double after(const PlayClock& clock, PlayHead& head, int ticks) {
 
 }  // namespace
 
-TEST_CASE("play advances with ticks and follows pause, speed, seek and repeat", "[sequence]") {
+TEST_CASE("play time advances with the ticks and follows pause, speed, seek and repeat",
+          "[sequence]") {
   PlayClock clock({1.0, false, 2.0, 5.0, false});
   PlayHead head;
   CHECK(clock.next(head, kTick) == 2.0);  // the first tick starts play
@@ -53,7 +54,8 @@ TEST_CASE("play advances with ticks and follows pause, speed, seek and repeat", 
   CHECK(after(clock, head, 1000) == Approx(4.5));
 }
 
-TEST_CASE("a new end before the play head moves the head there with rate 0", "[sequence]") {
+TEST_CASE("a new end of play before the current play time moves the play time there with rate 0",
+          "[sequence]") {
   PlayClock clock({1.0, false, 0.0, 3.0, false});
   PlayHead head;
   CHECK(after(clock, head, 2001) == Approx(2.0));
@@ -88,7 +90,7 @@ TEST_CASE("play time stays finite for any input", "[sequence]") {
   CHECK(std::isfinite(after(clock, head, 10000)));
 }
 
-TEST_CASE("two loops with one play clock have equal play times", "[sequence]") {
+TEST_CASE("two loops with one play clock have the same play time in each tick", "[sequence]") {
   PlayClock clock({1.0, false, 0.0, 3.0, true});
   TestDevice first;
   TestDevice second;

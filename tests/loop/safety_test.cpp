@@ -1,4 +1,4 @@
-/// Tests the limits of a hand, and what happens if the hand exceeds them.
+/// Tests the limits on the motion of a hand, and what the loop does beyond them.
 #include "palpate/engine/safety/safety.h"
 
 #include <cmath>
@@ -36,7 +36,7 @@ TEST_CASE("every fault has its own description and remedy", "[safety]") {
   CHECK(std::string(wordFor(Fault::kStopped)) == "stopped");
 }
 
-TEST_CASE("a repeated position is not stale, an old position is", "[safety]") {
+TEST_CASE("a position that repeats is not stale, an old position is", "[safety]") {
   // An arm of 1 kHz in a loop of 10 kHz gives every position ten times.
   HandWatch watch;
   Random random(2);
@@ -55,7 +55,8 @@ TEST_CASE("a repeated position is not stale, an old position is", "[safety]") {
 TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   for (const double rate : {500.0, 1000.0, 20000.0}) {
     for (const double speed : {0.5, 2.9, 4.9}) {
-      // The hand is fast for a moment. This may be too fast for the device, but it is not a jump.
+      // The hand is fast for a short time. The motion may exceed the device's limit, but it is not
+      // a jump.
       HandWatch watch;
       Fault worst = Fault::kNone;
       for (int i = 0; i < 20; ++i) {
@@ -78,7 +79,7 @@ TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   }
 }
 
-TEST_CASE("a hand that is too fast is braked first, then cut", "[safety]") {
+TEST_CASE("a hand above the speed limit is braked first and then cut off", "[safety]") {
   HandWatch watch;
   double braked = -1.0;
   double cut = -1.0;
@@ -102,7 +103,7 @@ TEST_CASE("a hand that is too fast is braked first, then cut", "[safety]") {
   }
 }
 
-TEST_CASE("braking a fast hand only takes energy from it", "[safety]") {
+TEST_CASE("the braking force on a fast hand only takes energy from the hand", "[safety]") {
   Random random(4);
   for (long i = 0; i < test::cases(100000); ++i) {
     const Vec3 force = random.inCube(10.0);
@@ -121,7 +122,7 @@ TEST_CASE("braking a fast hand only takes energy from it", "[safety]") {
   }
 }
 
-TEST_CASE("any device position gives a fault or a finite velocity", "[safety]") {
+TEST_CASE("any position from a device gives a fault or a finite velocity", "[safety]") {
   Random random(6);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   HandWatch watch;
@@ -138,19 +139,20 @@ TEST_CASE("any device position gives a fault or a finite velocity", "[safety]") 
   }
 }
 
-TEST_CASE("a force that data remove at once fades to zero within 100 ms", "[safety]") {
+TEST_CASE("a force that a change of the data removes at once fades to zero within 100 ms",
+          "[safety]") {
   DataFade fade;
   const Vec3 pull(0.0, 3.0, 0.0);
   const Vec3 none = Vec3::Zero();
   constexpr double kTick = 1e-3;  // [s]
   constexpr double kStep = 2.0;   // [N] a tick
   constexpr double kStand = std::numeric_limits<double>::infinity();
-  // If the hand itself lets go, or if the change is below the limit, the force changes at once.
+  // If the hand itself leaves, or if the change is below the limit, the force changes immediately.
   CHECK(fade.pass(pull, kStand, none, kTick) == pull);
   CHECK(fade.pass(none, kStand, none, kTick) == none);
   CHECK(fade.pass(0.5 * pull, kStep, none, kTick) == 0.5 * pull);
   CHECK(fade.pass(none, kStep, none, kTick) == none);
-  // A surface vanishes: the force falls from its last value to zero, in the same time at any tick
+  // A surface vanishes. The force falls from its last value to zero, in the same time at any tick
   // rate.
   for (const double tick : {1e-3, 2.5e-4}) {
     (void)fade.pass(pull, kStand, none, tick);
@@ -178,7 +180,7 @@ TEST_CASE("a force that data remove at once fades to zero within 100 ms", "[safe
     REQUIRE(out >= 0.0);
     REQUIRE(out <= 8.0);
   }
-  // After forget(), and in a tick without duration, the force changes at once.
+  // After forget(), and in a tick without duration, the force changes immediately.
   (void)fade.pass(pull, kStand, none, kTick);
   fade.forget();
   CHECK(fade.pass(none, kStep, none, kTick) == none);
@@ -189,7 +191,8 @@ TEST_CASE("a force that data remove at once fades to zero within 100 ms", "[safe
   CHECK(fade.pass(pull, kStep, none, kTick) == pull);
 }
 
-TEST_CASE("a surface that is gone does no more work than the spring could", "[safety]") {
+TEST_CASE("a surface that is gone does at most the work that the stretched spring could do",
+          "[safety]") {
   constexpr double kTick = 1e-3;        // [s]
   constexpr double kStiffness = 500.0;  // [N/m]
   const Vec3 none = Vec3::Zero();

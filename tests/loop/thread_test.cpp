@@ -27,7 +27,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// A hand that two threads may read. Its limit for late ticks is wide, because machines that run
+/// A hand that two threads may read. Its limit for late ticks is high, because machines that run
 /// tests are sometimes late.
 class SharedDevice final : public Device {
  public:
@@ -109,7 +109,6 @@ TEST_CASE("a haptic thread gives force from publish() to cut(), and ends with ze
     hand.cut();
     await([&] { return hand.latest().fault == Fault::kStopped; });
     CHECK(device.sent == 0.0);
-    // A hand inside the ball gets zero force.
     hand.clear();
     await([&] { return hand.latest().fault == Fault::kNone; });
     move(device, kOut);
@@ -117,11 +116,10 @@ TEST_CASE("a haptic thread gives force from publish() to cut(), and ends with ze
     move(device, kIn);
     await([&] { return hand.latest().report.force.norm() > 1.0; });
   }
-  // When the loop ends, the force is zero.
   CHECK(device.sent == 0.0);
 }
 
-TEST_CASE("a haptic thread ends with its device", "[loop][host]") {
+TEST_CASE("a haptic thread ends when its device ends", "[loop][host]") {
   SharedDevice device;
   HapticThread hand(device, quiet());
   hand.publish(ballScene(ballField()));
@@ -134,7 +132,7 @@ TEST_CASE("a haptic thread ends with its device", "[loop][host]") {
   CHECK(device.sent == 0.0);
 }
 
-TEST_CASE("two hands feel one scene, each with its own proxy", "[loop][host]") {
+TEST_CASE("two hands act in one scene, each with its own proxy", "[loop][host]") {
   SharedDevice left;
   SharedDevice right;
   const auto scene = ballScene(ballField());
@@ -153,7 +151,8 @@ TEST_CASE("two hands feel one scene, each with its own proxy", "[loop][host]") {
   CHECK(a.latest().report.force.norm() > 1.0);
 }
 
-TEST_CASE("rapidly swapped scenes are freed on the thread that made them", "[loop][host]") {
+TEST_CASE("scenes that are replaced rapidly are freed on the thread that made them",
+          "[loop][host]") {
   // For ThreadSanitizer: two threads must never use a scene, a tick or the device at the same time.
   struct Watched final : public ScalarField {
     std::atomic<int>* alive;
@@ -193,7 +192,7 @@ TEST_CASE("rapidly swapped scenes are freed on the thread that made them", "[loo
   CHECK(alive == 0);
 }
 
-TEST_CASE("a missing heartbeat is a fault if a heartbeat is set", "[loop][host]") {
+TEST_CASE("a heartbeat that stops is a fault if the loop has a limit for it", "[loop][host]") {
   SharedDevice device;
   LoopParams params = quiet();
   params.heartbeat = 0.3;
@@ -207,7 +206,7 @@ TEST_CASE("a missing heartbeat is a fault if a heartbeat is set", "[loop][host]"
   CHECK(hand.latest().report.force == Vec3::Zero());
 }
 
-TEST_CASE("invalid loop rates and early wake times are refused", "[loop]") {
+TEST_CASE("a loop refuses invalid rates and invalid lead times of its wake-up", "[loop]") {
   SharedDevice device;
   for (const double rate : {0.0, 499.0, 20001.0, -1.0, std::nan("")}) {
     LoopParams params = quiet();
@@ -221,7 +220,7 @@ TEST_CASE("invalid loop rates and early wake times are refused", "[loop]") {
   }
 }
 
-TEST_CASE("an early wake-up does not make ticks early", "[loop][host]") {
+TEST_CASE("waking a haptic thread early does not make its ticks early", "[loop][host]") {
   struct Waits final : TickSink {
     void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
       early += tick.wake_ns < 0 ? 1 : 0;
@@ -243,11 +242,11 @@ TEST_CASE("an early wake-up does not make ticks early", "[loop][host]") {
   }
   CHECK(waits.ticks > kEngagement);
   CHECK(waits.early == 0);
-  // Without real-time priority the thread does not wait awake, so that other threads can use its
+  // Without real-time priority the thread does not wait actively, so that other threads can use its
   // core.
   CHECK(HapticThread(device, quiet()).early() == 0.0);
-  // With real-time priority it waits awake at 1 kHz, but not at 10 kHz, where the wait would be a
-  // large part of the period.
+  // With real-time priority the thread waits actively at 1 kHz. It does not at 10 kHz, because the
+  // wait would be a large part of the period.
   for (const double rate : {1000.0, 10000.0}) {
     LoopParams usual;
     usual.rate = rate;
@@ -256,7 +255,8 @@ TEST_CASE("an early wake-up does not make ticks early", "[loop][host]") {
   }
 }
 
-TEST_CASE("refused real-time settings are reported, and the loop still runs", "[loop][host]") {
+TEST_CASE("real-time settings that the system refuses are reported, and the loop still runs",
+          "[loop][host]") {
   SharedDevice device;
   LoopParams params;
   params.realtime = {99, 4000, false, false};
@@ -267,7 +267,7 @@ TEST_CASE("refused real-time settings are reported, and the loop still runs", "[
   await([&] { return hand.latest().tick > 3; });
 }
 
-TEST_CASE("without real-time priority a loop is not pinned to a core", "[loop][host]") {
+TEST_CASE("without real-time priority a haptic thread is not pinned to a core", "[loop][host]") {
   std::thread unprivileged([] {
     // Capabilities belong to a thread, limits to its user.
     __user_cap_header_struct head{_LINUX_CAPABILITY_VERSION_3, 0};
@@ -291,7 +291,7 @@ TEST_CASE("without real-time priority a loop is not pinned to a core", "[loop][h
   unprivileged.join();
 }
 
-TEST_CASE("every tick reaches the sink, in order", "[loop][host]") {
+TEST_CASE("every tick of a loop reaches its sink in order", "[loop][host]") {
   struct Counts final : TickSink {
     std::int64_t last = 0;
     bool good = true;

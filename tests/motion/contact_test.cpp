@@ -39,7 +39,7 @@ void checkTheorem(const std::string& row, const ContactResult& r) {
 }  // namespace
 
 TEST_CASE(
-    "grooves of any opening hold the proxy, and the share of unconverged ticks is within its limit",
+    "grooves of any angle hold the proxy, and the share of unconverged ticks is within its limit",
     "[motion][release]") {
   struct Groove {
     double opening;  // [degrees]
@@ -56,7 +56,8 @@ TEST_CASE(
                                         {120.0, 0.001}}) {
     const ContactResult r = feelGrooves(opening, runs(31));
     checkTheorem("groove of " + std::to_string(opening), r);
-    // In a tenth of the runs, one run may have most of the ticks that reach the limit.
+    // If the test runs a tenth of the runs, a single run may have most of the ticks that reach the
+    // limit.
     CHECK(r.cappedShare() <= (test::share(48) < 48 ? 2.0 : 1.0) * capped);
     CHECK(r.readingsPerTick() <= (opening < 20.0 ? 6.0 : 4.5));
   }
@@ -89,8 +90,9 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("on a ball of 20 voxels a tick takes at most 1.02 readings, of 4 voxels at most 1.5",
-          "[motion]") {
+TEST_CASE(
+    "a tick takes at most 1.02 readings on a ball of 20 voxels and at most 1.5 on one of 4 voxels",
+    "[motion]") {
   for (const auto& [radius, readings] : {std::pair{20.0, 1.02}, {4.0, 1.5}}) {
     const ContactResult r = feelBalls(radius, runs(35));
     checkTheorem("ball of " + std::to_string(radius), r);
@@ -104,7 +106,7 @@ TEST_CASE("no surface holds more than its strength", "[motion][release]") {
     const ContactResult r = pressNoise(grain, runs(36));
     CAPTURE(grain, r.runs, r.hardest, r.over, r.held, r.off_most, r.cappedShare());
     // If a tick does not converge, the hand is ahead of the proxy along the surface. Nearly always
-    // the load is below 1.002 of the strength.
+    // the load is below 1.002 times the strength.
     CHECK(r.hardest <= 1.05);
     CHECK(r.hardest > 0.9);
     CHECK(r.cappedShare() <= 0.02);

@@ -1,6 +1,6 @@
 /// Golden recordings: fixes the forces of hands of every kind in scenes of every kind.
 ///
-/// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if a scene feels different
+/// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if the forces of a scene differ
 /// - palpate_golden_ticks FILE --write: writes FILE
 /// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
 ///
@@ -90,7 +90,7 @@ class Wander {
   std::vector<Vec3> places_;
 };
 
-/// The state before a tick. An event may change the tick's input and the scene.
+/// The state before a tick. An event may change the tick's input and its scene.
 struct Moment {
   int tick;
   TickInput& in;
@@ -98,7 +98,7 @@ struct Moment {
 };
 constexpr std::size_t kNoScene = 99;
 
-/// A sequence of scenes, and a hand that feels them.
+/// A sequence of scenes, and the path of a hand in them.
 struct Take {
   std::string name;
   std::vector<std::unique_ptr<const Scene>> scenes;

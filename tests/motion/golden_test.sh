@@ -1,5 +1,5 @@
 #!/bin/sh
-# Golden recordings of another compiler: the results may differ in their last bits only:
+# Tests golden recordings of another compiler, whose results may differ only in their last bits:
 # golden_test.sh PROGRAM FILE
 set -eu
 program=$1

@@ -30,13 +30,13 @@ TEST_CASE(
   CHECK(r.engine.buzz < 0.15 * r.force);
   CHECK(r.engine.buzz < 1.3 * r.held.buzz + 0.005 * r.force);
   CHECK(r.held.given < 1e-12);
-  // The tick's own account of injected energy is at least the energy that the proxy's motion has
+  // The injected energy that the tick reports is at least the energy that the proxy's motion has
   // added.
   CHECK(r.engine.given > 0.0);
   CHECK(r.injected >= r.engine.given);
 }
 
-TEST_CASE("on a scan the force jumps only where the force of an exact proxy jumps",
+TEST_CASE("on a scan the force jumps only where the force of an exact proxy also jumps",
           "[.][data][motion]") {
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
@@ -67,7 +67,8 @@ TEST_CASE("damping amplifies encoder steps no more in a fast loop than in a slow
   CHECK(fast < 1.1 * slow);
 }
 
-TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][motion]") {
+TEST_CASE("on a CT's skin the proxy's force is less noisy than penalty forces",
+          "[.][data][motion]") {
   // See docs/decisions/0015-stability.md, "Buzz": seven slices, 4 mm apart, are about 1 cm below
   // the middle. A click is a jump of the proxy out of a groove of the skin. The targets hold for
   // slices without clicks.

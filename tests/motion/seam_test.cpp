@@ -108,9 +108,8 @@ Slide slide(const Scene& scene, double depth, const Mat3& turn, const Vec3& orig
 
 }  // namespace
 
-TEST_CASE("a hand slides over a flush seam of two volumes as over one", "[motion][seam][release]") {
-  // Before data were filled in beyond the edges, the seam held the hand back by up to 4.5 voxels
-  // and released it with a step of 1.7 N.
+TEST_CASE("a hand slides over a flush seam of two volumes as it does over one volume",
+          "[motion][seam][release]") {
   for (const double overlap : {0.0, 0.2, 1.0, 2.0, 3.0}) {
     for (const double depth : {2.0, 5.0}) {
       for (const double spacing : {1.0, 0.5}) {
@@ -146,7 +145,7 @@ TEST_CASE("a hand slides over a turned seam where the volumes overlap", "[motion
   }
 }
 
-TEST_CASE("at a seam of splines, the bump of the spline at the edge holds the hand back",
+TEST_CASE("at a seam of splines the overshoot of the spline at the edge holds the hand back",
           "[motion][seam]") {
   // Between the voxels a spline overshoots at an edge of the data. So each block has a bump, up to
   // 0.11 voxel high, on its top. The far slope of the bump meets the top of the other block at 45
@@ -179,8 +178,8 @@ TEST_CASE("at a seam of splines, the bump of the spline at the edge holds the ha
 
 TEST_CASE("at a seam of surface modes the hand is held back by less than its depth",
           "[motion][seam]") {
-  // Each surface mode has its own level, that of the place where it began to hold. So two surface
-  // modes do not define a common top, and do not fill each other's samples.
+  // Each surface mode holds its own level, the value at the place where it began to hold. So two
+  // surface modes do not define a common top, and do not fill in each other's samples.
   for (const double overlap : {3.0, 6.0}) {
     const auto scene = solids({Block{1.0, overlap}.field(), Block{-1.0, overlap}.field()}, 0.0, {},
                               ModeKind::kSurface);
@@ -193,7 +192,8 @@ TEST_CASE("at a seam of surface modes the hand is held back by less than its dep
   }
 }
 
-TEST_CASE("a seam of two volumes that move together feels as at rest", "[motion][seam][moving]") {
+TEST_CASE("a seam of two volumes that move together gives the same forces as a seam at rest",
+          "[motion][seam][moving]") {
   const Block left{1.0, 1.0};
   const Block right{-1.0, 1.0};
   const std::vector<FieldPtr> halves{left.field(), right.field()};
@@ -217,7 +217,7 @@ TEST_CASE("a seam of two volumes that move together feels as at rest", "[motion]
   CHECK(moved.back <= 0.01);
 }
 
-TEST_CASE("a solid 3.2 voxels from the proxy does not change its path, bit for bit",
+TEST_CASE("a solid that is 3.2 voxels away from the proxy does not change its path, bit for bit",
           "[motion][seam]") {
   const Block ground{1.0, 100.0};
   // A wall is 3.2 voxels above the proxy's path, and has no effect.
@@ -233,8 +233,8 @@ TEST_CASE("a solid 3.2 voxels from the proxy does not change its path, bit for b
 }
 
 TEST_CASE("friction in a groove of one volume equals that of its two walls", "[motion][seam]") {
-  // Two walls with half angle phi bear k d / sin phi. The friction from this load holds the hand
-  // along the walls.
+  // Two walls with half angle phi, with the hand at depth d, bear k d / sin phi. The friction from
+  // this load holds the hand along the walls.
   const double friction = 0.4;
   const double depth = 2.0;
   for (const double degrees : {75.0, 60.0, 45.0, 30.0}) {
@@ -263,9 +263,9 @@ TEST_CASE("friction in a groove of one volume equals that of its two walls", "[m
   }
 }
 
-TEST_CASE("a thin sheet and a narrow slit have the friction of one wall", "[motion][seam]") {
-  // Near the edge the smoothed slope is shorter, because it includes the other face, which bears no
-  // load.
+TEST_CASE("a thin sheet and a narrow slit have the same friction as one wall", "[motion][seam]") {
+  // Near the edge the smoothed slope is shorter, because the smoothing includes the other face,
+  // which bears no load.
   const double friction = 0.3;
   const double depth = 2.0;
   const Vec3 origin = kMiddle + Vec3(0.3, 0.2, 0.4);
@@ -306,8 +306,7 @@ TEST_CASE("a thin sheet and a narrow slit have the friction of one wall", "[moti
 }
 
 TEST_CASE("the proxy rests while the hand rests on rough bone", "[motion][seam]") {
-  // The noise has a wavelength of three voxels. In an earlier version, a tick that ended with
-  // Picard's iteration made the proxy drift by 8e-3 voxel per tick without end.
+  // The noise has a wavelength of three voxels.
   Random random(9);
   std::vector<Vec3> waves;
   std::vector<double> phases;

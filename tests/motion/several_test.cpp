@@ -66,8 +66,10 @@ FieldPtr whirl() {
 
 }  // namespace
 
-TEST_CASE("the proxy stays on a stream and a surface at once, with and without friction and drag",
-          "[motion]") {
+TEST_CASE(
+    "the proxy stays on a stream and on a surface in the same tick, with and without friction and "
+    "drag",
+    "[motion]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const std::map<std::string, FieldPtr> fields{{"ball", ball}, {"flow", whirl()}};
   Probed probed(std::get<0>(ball));
@@ -120,19 +122,19 @@ TEST_CASE("the proxy stays on a stream and a surface at once, with and without f
       }
       CAPTURE(friction, drag, off, off_late, aside, reads / ticks, late);
       // Line and plane share the load along the normal, and their shares determine the friction. In
-      // some ticks friction sticks by one reading and slips by the next.
+      // some ticks the proxy sticks according to one reading and slips according to the next.
       CHECK(late <= (friction > 0.0 ? ticks / 4 : 1 + ticks / 500));
       CHECK(off <= 0.002);
-      // The ticks that are late report that they did not converge. Their error depends on the last
-      // digits: 0.0093 to 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without
-      // friction of a wall.
+      // Each late tick reports that it did not converge. Its error depends on rounding: 0.0093 to
+      // 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without friction of a wall.
       CHECK(off_late <= 0.015);
-      // The circle is on the exact sphere, and the interpolated sphere is up to 6.3e-3 voxel away
-      // from it. If this pushes the proxy off its line, the line yields and a sideways pull is not
-      // held meanwhile. With friction the hand is ahead on a chord and pulls sideways: 0.6 voxel
-      // over 2,176.
+      // The circle is on the exact sphere, and the interpolated sphere is up to 6.3e-3 voxel away.
+      // If this difference pushes the proxy off its line, the line yields and does not hold a
+      // sideways pull meanwhile. With friction the hand is ahead on a chord and pulls sideways: 0.6
+      // voxel over 2,176.
       CHECK(aside <= (friction > 0.0 ? 1.0 : 0.05));
-      // With friction 26.6, because the place on the curve is searched again after each reading.
+      // With friction the measured value is 26.6, because each reading is followed by a new search
+      // of the place on the curve.
       CHECK(reads / ticks <= (friction > 0.0 ? 27.0 : 25.0));
     }
   }
@@ -184,9 +186,10 @@ TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
   }
 }
 
-TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directions", "[motion]") {
-  // The requirement is 1e-9 relative to the engine's own normal, for one plane. The error relative
-  // to the exact normal is printed.
+TEST_CASE("slip begins at mu times the normal load of the same tick for 1,000 directions",
+          "[motion]") {
+  // The requirement is 1e-9 relative to the engine's own normal, for one plane. The test also
+  // prints the error relative to the exact normal.
   for (const char* kind : {"level set", "fog 6"}) {
     const SurfaceMotion motion = sphereMotion(kind, kRadius, 2.56);
     GraphSpec spec;
@@ -239,7 +242,8 @@ TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directi
   }
 }
 
-TEST_CASE("a moving ball from a grid is felt on its surface: slide, spin, head-on", "[motion]") {
+TEST_CASE("a moving ball from a grid keeps the proxy on its surface: sliding, spinning, head-on",
+          "[motion]") {
   // The requirement is 0.01 voxel at 0.2 m/s. A single run reached 0.001.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   Probed probed(std::get<0>(ball));
@@ -330,9 +334,9 @@ struct Groove {
 
 }  // namespace
 
-TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion]") {
-  // The plane of each wall leads behind the other wall, so the proxy cannot move in the groove's
-  // frame. It must move with the groove, not stay in the world.
+TEST_CASE("a groove that moves with the hand holds the proxy as it does at rest", "[motion]") {
+  // The plane of each wall leads behind the other wall, so the proxy cannot move relative to the
+  // groove. It must move with the groove and not stay at its place in the world.
   const long runs = test::share(3);
   for (const double degrees : {30.0, 60.0, 90.0}) {
     for (const double speed : {0.0, 0.35, 1.5, 3.5}) {  // voxels per tick
@@ -434,8 +438,8 @@ TEST_CASE(
     const Vec3 hand = motion.outside + i / 200.0 * (motion.hand(0.0) - motion.outside);
     (void)provenStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
   }
-  // The hand moves by 4 voxels per tick. The proxy follows by two: one to the reading, and one from
-  // it.
+  // The hand moves by 4 voxels per tick. The proxy follows by two: one before the reading and one
+  // after.
   Vec3 before = state.proxy();
   long late = 0;
   for (int i = 1; i <= 5; ++i) {
@@ -454,8 +458,9 @@ TEST_CASE(
   CHECK(std::abs(probed.off(r.proxy / kVoxel, 0.0)) < 1e-3);
 }
 
-TEST_CASE("a tick that has used up its iterations stops reading, and the rest waits",
-          "[motion][budget]") {
+TEST_CASE(
+    "a tick that has used up its solver iterations stops reading, and the rest of its path waits",
+    "[motion][budget]") {
   const SurfaceMotion motion = sphereMotion("level set", 40, 2.56);
   ModeSpec ball = isosurface("ball", 8.0);
   ball.friction = 0.2;

@@ -40,12 +40,11 @@ std::function<double(const Vec3&)> roughness(int side, double grain, double bias
 
 TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions",
           "[motion][release]") {
-  // The requirement is a load of 0.6 of the strength, the goal is 0.9.
+  // The requirement is a load of 0.6 of the strength. The goal is 0.9.
   const long count = test::cases(1000);
   long strokes = 0;
   long crossed = 0;
-  // A fog with a thickness of one voxel is 1.5 voxels thick if its surface is where the value is a
-  // quarter.
+  // A fog with a thickness of one voxel is 1.5 voxels thick at the level of a quarter.
   for (const Shell& shell :
        {makeShell("level set", 1.5), makeShell("level set", 2.0), makeShell("level set", 3.0),
         makeShell("fog", 2.0), makeShell("fog", 1.0, 0.25)}) {
@@ -54,7 +53,7 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
         const ShellResult r = pressShell(shell, degrees, load, count, {});
         CAPTURE(shell.name, load, degrees, r.samples, r.most_samples, r.cells, r.most_cells);
         // With the goal's load, the thinnest fog yields to 1 to 7 of 1,000 oblique strokes, because
-        // bumps of its surface bear more than its strength. An earlier version yielded to 55.
+        // bumps of its surface bear more than its strength.
         const bool bumpy = shell.level < 0.5 && load > 0.6 && degrees > 0.0;
         CHECK(r.yielded <= (bumpy ? std::max(count / 100, 1L) : 0));
         CHECK(r.crossed <= (bumpy ? std::max(count / 500, 1L) : 0));
@@ -67,12 +66,11 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
   std::cout << "crossed: " << crossed << " of " << strokes << " strokes\n";
 }
 
-TEST_CASE("solids of one voxel are crossed no more often than their limits", "[motion][release]") {
-  // An earlier version crossed these walls. At load 0.6, 43 to 60 of 1,000 strokes crossed; of the
-  // fog 240 to 273; of voxels that are full or empty, with the surface at a quarter, 378 to 523.
-  // The surface of full voxels consists of steps, and strokes along it press on the steps' sides.
-  // So 320 of 1,000 still cross at load 0.9 and 72 degrees. A slope over a voxel on each side
-  // smooths the steps: 93 cross.
+TEST_CASE("solids of one voxel are crossed at most as often as the stated limits",
+          "[motion][release]") {
+  // Voxels that are full or empty have a surface of steps, and oblique strokes press on the steps'
+  // sides. So 320 of 1,000 strokes cross at load 0.9 and 72 degrees. A slope over a voxel on each
+  // side smooths the steps: 93 cross.
   const long count = test::cases(1000);
   const auto of = [&](long in_1000) { return std::max(in_1000 * count / 1000, 2L); };
   struct Case {
@@ -94,7 +92,8 @@ TEST_CASE("solids of one voxel are crossed no more often than their limits", "[m
   }
 }
 
-TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand", "[motion]") {
+TEST_CASE("the proxy does not enter the walls of an acute groove under a deeply pressing hand",
+          "[motion]") {
   // The plane of each of two walls that meet leads behind the other wall. Openings are in degrees.
   for (const double opening : {30.0, 60.0, 88.0, 120.0}) {
     for (const double deep : {3.0, 16.0}) {
@@ -110,7 +109,8 @@ TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand
         const Stepper tick = engineOn(groove, ModeKind::kIsosurface, {}, 60.0);
         double deepest = 0.0;
         for (int t = 0; t < 3000; ++t) {
-          // The hand moves in, then along the edge, and less far to the sides, to and fro.
+          // The hand moves in, then back and forth along the edge, and over a shorter distance to
+          // the sides.
           const double along = t < 300 ? 0.0 : 6.0 * std::asin(std::sin(0.06 * (t - 300)));
           const double aside = t < 300 ? 0.0 : 1.5 * std::sin(0.013 * (t - 300));
           const Vec3 hand =
@@ -125,7 +125,8 @@ TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand
   }
 }
 
-TEST_CASE("a hand beyond the walls of a box does not pull the proxy out", "[motion]") {
+TEST_CASE("a hand beyond the walls of a hollow box does not pull the proxy out of the box",
+          "[motion]") {
   for (const double beyond : {3.0, 20.0}) {
     for (const double speed : {1.0, 3.0}) {
       for (int turned = 0; turned < test::share(6); ++turned) {
@@ -153,10 +154,9 @@ TEST_CASE("a hand beyond the walls of a box does not pull the proxy out", "[moti
   }
 }
 
-TEST_CASE("no rough, thin solid holds a pressing hand with more than its strength",
+TEST_CASE("no rough and thin solid holds a pressing hand with more than its strength",
           "[motion][release]") {
-  // The proxy must not stop for good, and the surface must not hold more than its strength. In an
-  // earlier version 61 of 144 settings like these stuck, with up to 16 times the strength.
+  // The proxy must not stop for good, and the surface must not hold more than its strength.
   constexpr double kStrength = 1.0;  // [N]
   constexpr int kSide = 24;
   const long count = test::cases(6);
@@ -168,8 +168,7 @@ TEST_CASE("no rough, thin solid holds a pressing hand with more than its strengt
         ++setting;
         std::vector<std::uint64_t> seeds(static_cast<std::size_t>(count));
         std::iota(seeds.begin(), seeds.end(), 1000 * setting);
-        // In an earlier version these seeds moved the proxy by more than a voxel through the
-        // surface, or held up to 1.12 of the strength for a tick.
+        // The most difficult seeds that are known.
         if (setting == 2) seeds.push_back(2337);
         if (setting == 3) seeds.insert(seeds.end(), {3116, 3148});
         for (const std::uint64_t seed : seeds) {
@@ -190,7 +189,7 @@ TEST_CASE("no rough, thin solid holds a pressing hand with more than its strengt
           }
         }
         CAPTURE(grain, bias, step, hardest);
-        // The margin is a hundredth of a voxel, relative to the spring's 2.56.
+        // The margin is a hundredth of a voxel, relative to the spring's 2.56 voxels.
         CHECK(hardest <= 1.01 * kStrength);
         CHECK(hardest > (count < 6 ? 0.2 : 0.9) * kStrength);
       }

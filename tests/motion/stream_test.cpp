@@ -21,10 +21,10 @@ namespace palpate::stream_test {
 using namespace palpate::bench;
 using palpate::test::Random;
 
-TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxel",
+TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 voxel",
           "[motion][release]") {
   // The requirement: the sum of the departures of all ticks is at most 0.02 voxel (goal 0.01), with
-  // at most 20 samples per tick. A Taylor-Green stream takes 25.9 samples: it goes round in 12
+  // at most 20 samples per tick. A Taylor-Green stream takes 25.9 samples. It closes a loop in 12
   // ticks, and the nearest place to the hand is searched on each of its bends.
   const auto count = static_cast<std::size_t>(palpate::test::share(3));
   for (const int wavelength : {16, 32}) {
@@ -36,15 +36,15 @@ TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxe
         CHECK(r.departures <= 0.01);
         CHECK(r.samples <= (abc ? 20.0 : 26.0));
         CHECK(r.capped == 0.0);
-        // A Taylor-Green stream goes round in 12 ticks, so the hand passes beyond its centre at
-        // first.
+        // A Taylor-Green stream closes a loop in 12 ticks, so the hand is at first beyond its
+        // centre.
         if (abc) CHECK(r.hairpins == 0.0);
       }
     }
   }
 }
 
-TEST_CASE("a stream is followed within the tolerance at any speed", "[motion][release]") {
+TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[motion][release]") {
   const auto count = static_cast<std::size_t>(palpate::test::share(6));
   for (const double tolerance : {1e-2, 1e-3}) {
     for (const double speed : {0.05, 0.5, 1.0, 2.0}) {
@@ -62,17 +62,18 @@ TEST_CASE("a stream is followed within the tolerance at any speed", "[motion][re
         }
       }
       CAPTURE(tolerance, speed, off, departures);
-      // Between two ticks a fast hand is beside the curve, which costs precision.
+      // Between two ticks a fast hand leaves the curve to the side, which reduces the precision.
       CHECK(off <= (speed < 2.0 ? 0.1 * tolerance + 1e-3 : 5e-3));
       CHECK(departures <= 0.01);
     }
   }
 }
 
-TEST_CASE("a stream beside another mode waits when readings are used up, and reports it",
-          "[motion]") {
-  // A tick has one reading. Together with another mode, a reading is valid for only one voxel, but
-  // the hand moves by 1.28. A lone stream is traced along the way.
+TEST_CASE(
+    "a stream beside another mode waits if the readings are used up, and the status reports it",
+    "[motion]") {
+  // A tick has one reading. A reading of a stream beside another mode is valid for only one voxel,
+  // but the hand moves by 1.28 voxels. A stream without other modes is traced along the path.
   StepParams step;
   step.max_substeps = 1;
   for (const Stream& stream : streamsOfFlow(abcFlow(16), 16, 128.0, 3, 1.0)) {
@@ -141,15 +142,16 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
     CHECK(followed >= (name == std::string("storm") ? 1 : 5 * count / 24));
     CHECK(off <= 0.01);
     CHECK(worst <= 0.02);  // goal: 0.01
-    // The 50 voxels of path in the storm mostly turn at the edges of its grid of 25 x 14 x 8
+    // Most of the 50 voxels of path in the storm turn at the edges of its grid of 25 x 14 x 8
     // voxels, which takes 22 samples.
     CHECK(samples <= (name == std::string("storm") ? 24.0 : 20.0));
   }
 }
 
-TEST_CASE("a stream on a spline is followed within its reading budget", "[motion]") {
+TEST_CASE("the proxy follows a stream on a spline within the stream's budget of readings",
+          "[motion]") {
   for (const char* interpolation : {"quadratic", "cubic"}) {
-    // The exact course is that of the trilinear field, so this test checks only cost and force.
+    // The exact course is that of the trilinear field. So this test checks only cost and force.
     for (const Stream& stream : streamsOfFlow(abcFlow(32), 32, 128.0, 2, 1.0, interpolation)) {
       const StreamResult r = feelStream(stream, 0.5, 1.0, {});
       CAPTURE(interpolation, r.samples, r.off_max);
@@ -160,8 +162,10 @@ TEST_CASE("a stream on a spline is followed within its reading budget", "[motion
   }
 }
 
-TEST_CASE("the status reports a hairpin, and a force step is at most strength plus hand motion",
-          "[motion][release]") {
+TEST_CASE(
+    "the status reports a hairpin of a stream, and force steps are at most strength plus hand "
+    "motion",
+    "[motion][release]") {
   // If the hand is beyond the stream's centre of curvature, the stream has no unique place nearest
   // to the hand. With a strength of 1 N the stream sometimes releases a hand that is 2.2 voxels to
   // the side. With 3 N it never releases a hand that is one voxel to the side.
@@ -199,7 +203,8 @@ struct Streamed {
   double rise = 0.0;   ///< Largest rise of the spring's energy while the hand rests [J].
 };
 
-/// Moves a hand along positions [voxels] beside a lone stream whose direction is known.
+/// Moves a hand along positions [voxels] beside a stream without other modes. The direction of the
+/// stream is known.
 Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>& hands,
                    const std::function<Vec3(const Vec3&)>& direction) {
   const double tolerance = StepParams{}.tolerance_voxels * kVoxel;
@@ -263,8 +268,9 @@ TEST_CASE("a hand beside a bent stream feels no force along it, inside and outsi
   }
 }
 
-TEST_CASE("a proxy that has converged on a stream is at the place nearest to the hand",
-          "[motion]") {
+TEST_CASE(
+    "a proxy that has converged on a stream is at the place of the stream nearest to the hand",
+    "[motion]") {
   const auto count = static_cast<std::size_t>(palpate::test::share(3));
   for (const bool abc : {true, false}) {
     const auto flow = abc ? abcFlow(16) : taylorGreen(16);
@@ -287,10 +293,11 @@ TEST_CASE("a proxy that has converged on a stream is at the place nearest to the
   }
 }
 
-TEST_CASE("beyond a stream's centre of curvature the proxy moves on to the next nearest place",
-          "[motion]") {
-  // The hand crosses random bends, with kappa d up to 3. Where a local minimum of the distance
-  // vanishes, the proxy moves on to the next minimum.
+TEST_CASE(
+    "a hand beyond a stream's centre of curvature makes the proxy move to the next nearest place",
+    "[motion]") {
+  // The hand crosses random bends, with a curvature kappa times distance d of up to 3. Where a
+  // local minimum of the distance vanishes, the proxy moves on to the next minimum.
   Random random(5);
   Stream stream = traceStream("", abcFlow(16), Vec3::Constant(24.0), 1.0);
   stream.field = vectorGrid(Vec3::Constant(49.0), [&](const Vec3& p) {
@@ -316,9 +323,12 @@ TEST_CASE("beyond a stream's centre of curvature the proxy moves on to the next 
   }
 }
 
-TEST_CASE("the force rests while a hand rests outside of a bend, at any distance", "[motion]") {
-  // The streams are circles. A step along the tangent overshoots the nearest place by kappa d times
-  // the step's length.
+TEST_CASE(
+    "the force of a bent stream stays constant while a hand rests outside the bend, at any "
+    "distance",
+    "[motion]") {
+  // The streams are circles of curvature kappa, and the hand is at the distance d. A step along the
+  // tangent overshoots the nearest place by kappa d times the step's length.
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
   const FieldPtr field = circlesAbout(centre, axis);
@@ -349,7 +359,7 @@ TEST_CASE("the force rests while a hand rests outside of a bend, at any distance
   }
 }
 
-TEST_CASE("a stream through random axes holds a hand with at most 1.3 times its strength",
+TEST_CASE("a stream through random axes pulls a hand with at most 1.3 times its strength",
           "[motion]") {
   // Random directions whose sign has no meaning, as in the background of a diffusion image.
   Random random(11);
@@ -443,10 +453,8 @@ double apart(const Walked& a, const Walked& b) {
 
 }  // namespace
 
-TEST_CASE("two streams act in any order, and those of one field hold as one", "[motion]") {
-  // In an earlier version the proxy followed the curve of the first stream, even if another stream
-  // held it, so the order changed its place by 0.11 voxel. Two streams of one field pinned the
-  // proxy to the point where their lines crossed, 0.10 voxel behind its place on one stream.
+TEST_CASE("two streams act the same in any order, and two streams of one field act as one",
+          "[motion]") {
   for (const double speed : {0.05, 0.5}) {
     for (const Stream& stream : streamsOfFlow(abcFlow(16), 16, 64.0, 2, 1.0)) {
       Stream other = stream;
@@ -480,10 +488,8 @@ TEST_CASE("two streams act in any order, and those of one field hold as one", "[
   }
 }
 
-TEST_CASE("a proxy on a stream stops at a wall across the stream", "[motion]") {
-  // In an earlier version the force of the wall counted as constant along the curve. Where the
-  // stream turned, that force pushed the proxy off the wall and back. So 1.7 % of the ticks of this
-  // test reached the limit of readings, and the energy rose by up to 1.1e-3 J in a tick.
+TEST_CASE("a proxy on a stream stops at a wall that the stream crosses", "[motion]") {
+  // The wall's force must not count as constant along the curve, because the stream turns.
   const Vec3 middle = Vec3::Constant(24.0);
   const FieldPtr flow = vectorGrid(Vec3::Constant(49.0), [turns = taylorGreen(16)](const Vec3& p) {
     return turns(static_cast<int>(p.x()), static_cast<int>(p.y()), static_cast<int>(p.z()));
@@ -517,7 +523,7 @@ TEST_CASE("a proxy on a stream stops at a wall across the stream", "[motion]") {
 
 namespace {
 
-/// A shear that does not change: X = x + S x.
+/// A constant shear that moves x to X = x + S x.
 class Shear final : public Warp {
  public:
   explicit Shear(const Mat3& slope) : slope_(slope) {}
@@ -537,8 +543,9 @@ class Shear final : public Warp {
 
 }  // namespace
 
-TEST_CASE("a proxy on a stream in a sheared volume is at the place nearest to the hand in space",
-          "[motion][warp]") {
+TEST_CASE(
+    "a proxy on a stream in a sheared volume is at the place nearest to the hand in world space",
+    "[motion][warp]") {
   // The place that is nearest in the resting frame is not nearest in W.
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();

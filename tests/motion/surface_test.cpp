@@ -26,7 +26,7 @@ StepParams within(double tolerance) {
   return step;
 }
 
-/// Returns a line that records a run.
+/// Returns a line of text with the results of a run.
 std::string words(const SurfaceMotion& motion, const MotionResult& r) {
   return motion.name + ": off " + std::to_string(r.off_max) + ", true " +
          std::to_string(r.true_max) + ", drift " + std::to_string(r.drift) + ", samples " +
@@ -64,7 +64,8 @@ TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]
   }
 }
 
-TEST_CASE("a surface mode stays on the value at which it began to hold", "[motion][release]") {
+TEST_CASE("a surface mode holds the proxy at the value at which its contact began",
+          "[motion][release]") {
   // The reference is the value in the first tick that held. The test keeps it, not the engine.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
@@ -103,7 +104,7 @@ TEST_CASE("the proxy stays within 1.25 times the scene's tolerance at any speed"
             feelSurface(motion, ModeKind::kIsosurface, speed, speed < 0.1 ? 2 : 5, step, kStrong);
         CAPTURE(tolerance, speed, words(motion, r));
         CHECK(r.capped == 0.0);
-        // The engine's error estimate is computed seven times, and is wrong by at most this factor.
+        // The engine's estimate of its error is wrong by at most this factor.
         CHECK(r.off_max <= 1.25 * tolerance);
         if (speed == 0.5) {
           CHECK(r.samples >= cheapest);
@@ -125,7 +126,7 @@ TEST_CASE("B-splines have a smaller surface error than trilinear interpolation",
   CHECK(error("quadratic") < 2e-3);
 }
 
-TEST_CASE("the proxy stays on a cube over its edges and into its corners", "[motion]") {
+TEST_CASE("the proxy stays on a cube while it crosses edges and enters corners", "[motion]") {
   // The interpolation rounds an edge within one cell. The proxy leaves convex edges without an
   // error. In concave edges several walls hold in turn, and some ticks reach the limit of readings.
   for (const bool turned : {false, true}) {
@@ -147,7 +148,7 @@ TEST_CASE("the proxy stays on a cube over its edges and into its corners", "[mot
   }
 }
 
-TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
+TEST_CASE("once the proxy has passed a convex edge the earlier wall does not hold it", "[motion]") {
   // Near an edge, normals change over two voxels. Planes with such normals must not stay in effect.
   for (const double degrees : {60.0, 90.0, 120.0}) {
     test::Random random(5);

@@ -154,7 +154,7 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
     ++out.held;
     const Deformation about = motion.deformationAt(r.proxy, state.time());
     const auto off = [&](const Vec3& rest) {
-      // If the body is not stretched, heights in the body's voxels equal heights in W.
+      // If the body is not stretched, heights in its voxels equal heights in world space.
       return std::abs(probed.off(rest / kVoxel, 0.0));
     };
     out.off = std::max(out.off, off(about.slope * r.proxy + about.origin));
@@ -168,7 +168,7 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
 
 }  // namespace
 
-TEST_CASE("a breathing and a growing body carry the proxy on their surface",
+TEST_CASE("a breathing and a growing body carry the proxy along on their surface",
           "[motion][warp][release]") {
   // The requirement is 0.05 voxel at 0.2 m/s.
   const auto ball = std::get<0>(sphereMotion("level set", kRadius, 2.56).field);
@@ -215,14 +215,15 @@ TEST_CASE("a breathing and a growing body carry the proxy on their surface",
       CHECK(r.held > 50);
       CHECK(r.speed >= 0.19);
       CHECK(r.off <= 0.05);
-      // Each reading is one of the volume and one of the displacement. A hand that slides fast
-      // takes two of each.
+      // A reading consists of one of the volume and one of the displacement. A hand that slides
+      // fast takes two readings.
       CHECK(r.readings <= (c.slides ? 4.0 : 2.4));
     }
   }
 }
 
-TEST_CASE("a rigid warp gives the same forces as keyframes", "[motion][warp]") {
+TEST_CASE("a warp that moves a volume rigidly gives the same forces as keyframes",
+          "[motion][warp]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const Vec3 speed(0.12, -0.1, 0.08);
   std::vector<Keyframe> keys(2);
@@ -295,7 +296,7 @@ TEST_CASE("a sticking proxy stays on its material point while the body bends or 
   }
 }
 
-TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp][release]") {
+TEST_CASE("a thin shell that deforms is never crossed at 2 m/s", "[motion][warp][release]") {
   constexpr double kStrength = 2.34375;  // [N]: stretches the spring by 6 voxels
   constexpr double kSpring = 6.0;
   const Shell shell = makeShell("level set", 2.0);
@@ -376,7 +377,8 @@ class SweptBall final : public ScalarField {
 
 }  // namespace
 
-TEST_CASE("every path in the rest frame begins where the last one ended", "[motion][warp]") {
+TEST_CASE("every path of the proxy in the rest frame begins where the last path ended",
+          "[motion][warp]") {
   // If these paths have no gaps, the proxy cannot pass a surface unnoticed between two readings of
   // the warp, or between two ticks.
   std::vector<SweptBall::Path> paths;
@@ -422,8 +424,9 @@ TEST_CASE("every path in the rest frame begins where the last one ended", "[moti
   CHECK(gap <= 1e-12);  // [m]
 }
 
-TEST_CASE("a warp lattice matches its displacements, and its derivatives match differences",
-          "[motion][warp]") {
+TEST_CASE(
+    "a warp on a lattice matches its displacements, and its derivatives match finite differences",
+    "[motion][warp]") {
   const Displaces u = wave(60.0, 3.0, 4.0);
   const WarpPtr warp = warpOf(u, 8.0, 0.25, 17);
   Random random(31);
@@ -457,7 +460,7 @@ TEST_CASE("a warp lattice matches its displacements, and its derivatives match d
     const Mat3 F = Mat3::Identity() + at.slope;
     CHECK((F.inverse() * at.rate).norm() <= 1.05 * warp->topSpeed());
   }
-  // The bend jumps at a face between two pieces of the warp.
+  // The bend is not continuous at a face between two pieces of the warp.
   const double most_bend = percentile(of_bend, 0.95);
   CAPTURE(of_value, of_slope, of_rate, most_bend);
   CHECK(of_value <= 0.02);
@@ -474,7 +477,7 @@ TEST_CASE("a warp lattice matches its displacements, and its derivatives match d
   CHECK(warp->at(Vec3::Constant(1e300), 1e300).shift.allFinite());
 }
 
-TEST_CASE("invalid displacements are refused with their JSON path", "[motion][warp]") {
+TEST_CASE("invalid displacement frames are refused with their JSON path", "[motion][warp]") {
   const Displaces u = wave(60.0, 3.0, 4.0);
   const auto message = [&](const std::function<void(DisplacementFrames&, WarpTimes&)>& spoil) {
     WarpTimes when{evenly(0.25, 3), true};
@@ -512,7 +515,7 @@ TEST_CASE("invalid displacements are refused with their JSON path", "[motion][wa
                f.size = {100000, 10000, 10000};
              }),
              Contains("resample them to a coarser lattice"));
-  // With the sign or the unit of another convention, space would fold.
+  // With the sign or the unit of another convention, the displacement would fold space.
   CHECK_THAT(message([](DisplacementFrames& f, auto&) {
                for (auto& frame : f.frames) {
                  for (float& value : frame) value *= 200.0F;
@@ -555,7 +558,7 @@ TEST_CASE("a warp that folds space or is not finite leaves the force finite and 
       CAPTURE(kind, i);
       REQUIRE(r.force.allFinite());
       REQUIRE(r.force.norm() <= 4.0);
-      // The part of the last force that is kept, and the growth beyond it (limit_force.cpp).
+      // The part of the last force that is kept, and the growth beyond this part (limit_force.cpp).
       const double length = last.norm();
       Vec3 kept = Vec3::Zero();
       if (length > 0.0) {
@@ -567,8 +570,9 @@ TEST_CASE("a warp that folds space or is not finite leaves the force finite and 
   }
 }
 
-TEST_CASE("a still hand keeps its surface through a long tick", "[motion][warp][release]") {
-  // At a turning point, the prediction shows a body that does not move.
+TEST_CASE("a still hand keeps its surface of a deforming body during a long tick",
+          "[motion][warp][release]") {
+  // At a turning point of its motion, the body stands still in the prediction.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const auto breath = [](double t) { return 1.0 + 0.2 * std::sin(2.0 * kPi * 5.0 * t); };
   const auto scene =
@@ -603,7 +607,7 @@ std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const 
 
 }  // namespace
 
-TEST_CASE("a stream is followed in a bent volume", "[motion][warp]") {
+TEST_CASE("the proxy follows a stream in a bent volume", "[motion][warp]") {
   // At rest the lines are straight. A bent line consists of the places whose rest positions are on
   // one straight line.
   const FieldPtr flow =
@@ -674,7 +678,7 @@ TEST_CASE("the Jacobian of a warped vector field matches finite differences",
   CHECK(off <= 0.1 * largest);
 }
 
-TEST_CASE("a guide in a volume that deforms is refused", "[motion][warp]") {
+TEST_CASE("a guide is refused in a volume that deforms", "[motion][warp]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   ModeSpec guide;
   guide.kind = ModeKind::kGuide;

@@ -62,7 +62,7 @@ std::string refusal(const VoxelArray& array) {
 
 }  // namespace
 
-TEST_CASE("an array's values are at the places that its axes give", "[volume]") {
+TEST_CASE("the values of an array lie at the places that its axes define", "[volume]") {
   const auto values = ramp<double>();
   VoxelArray array = viewOf(values);
   array.name = "ramp";
@@ -81,7 +81,7 @@ TEST_CASE("an array's values are at the places that its axes give", "[volume]") 
   CHECK((gradient - Vec3(1 / 0.5, 10000 / 2.0, 100 / -1.0)).norm() < 1e-6);
 }
 
-TEST_CASE("an array may run in any order in memory, backwards and with gaps", "[volume]") {
+TEST_CASE("an array is read in any memory order, backwards and with gaps", "[volume]") {
   const auto values = ramp<float>();
   const auto straight = makeVolume(viewOf(values));
   // In memory i runs fastest and k backwards, with a gap after each value, from an odd address.
@@ -107,8 +107,8 @@ TEST_CASE("an array may run in any order in memory, backwards and with gaps", "[
   }
 }
 
-TEST_CASE("voxels that equal the background are inactive", "[volume]") {
-  // A block of edge 5 in air of value -1000: all six faces of the array are air.
+TEST_CASE("array voxels that equal the background are inactive", "[volume]") {
+  // A block of edge 5 in air of value -1000. All six faces of the array are air.
   constexpr std::int64_t kEdge = 20;
   std::vector<float> values(kEdge * kEdge * kEdge, -1000.0F);
   for (std::int64_t i = 6; i < 12; ++i) {
@@ -130,7 +130,7 @@ TEST_CASE("voxels that equal the background are inactive", "[volume]") {
   CHECK(makeVolume(array)->info().active_voxels == kEdge * kEdge * kEdge - 6 * 6 * 6);
 }
 
-TEST_CASE("an array of vectors is one vector grid", "[volume]") {
+TEST_CASE("an array of vectors gives one vector grid", "[volume]") {
   std::vector<double> values;
   for (int i = 0; i < 4 * 4 * 4; ++i) values.insert(values.end(), {1.0 * i, 2.0 * i, -3.0 * i});
   VoxelArray array;

@@ -131,7 +131,7 @@ BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const V
   return input;
 }
 
-/// Returns a fog all of whose bricks are stored.
+/// Returns a fog in which every brick is stored.
 BrickInput fogOf(int bricks, const std::string& identity = "fog") {
   BrickInput input;
   input.name = identity;
@@ -252,7 +252,7 @@ Bytes forged(const Bytes& manifest, const std::function<void(Json&)>& change,
 
 }  // namespace
 
-TEST_CASE("16-bit numbers are read and rounded like OpenVDB's", "[bricks]") {
+TEST_CASE("16-bit floating-point numbers are read and rounded as by OpenVDB", "[bricks]") {
   for (std::uint32_t bits = 0; bits < 65536; ++bits) {
     openvdb::math::half theirs;
     theirs.setBits(static_cast<std::uint16_t>(bits));
@@ -282,7 +282,7 @@ TEST_CASE("16-bit numbers are read and rounded like OpenVDB's", "[bricks]") {
   }
 }
 
-TEST_CASE("a volume comes back from bricks to the last bit", "[bricks]") {
+TEST_CASE("a volume is read back from its bricks unchanged to the last bit", "[bricks]") {
   const TemporaryFolder folder;
   const bool halved = GENERATE(false, true);
   SECTION("scalars") {
@@ -347,7 +347,8 @@ TEST_CASE("a volume comes back from bricks to the last bit", "[bricks]") {
   }
 }
 
-TEST_CASE("a level is the mean of the one before, at twice the voxel", "[bricks][release]") {
+TEST_CASE("each level of a brick volume is the mean of the finer level, with voxels twice as large",
+          "[bricks][release]") {
   const TemporaryFolder folder;
   const bool level_set = GENERATE(true, false);
   const bool halved = GENERATE(false, true);
@@ -421,8 +422,9 @@ TEST_CASE("a level is the mean of the one before, at twice the voxel", "[bricks]
   }
 }
 
-TEST_CASE("a ball's surface is closed on every level where its radius is three voxels",
-          "[bricks][release]") {
+TEST_CASE(
+    "a ball's surface in bricks is closed on every level with a radius of three voxels or more",
+    "[bricks][release]") {
   const TemporaryFolder folder;
   const std::vector<std::pair<VoxelAt, double>> balls{
       {{5, -3, 8}, 24.5}, {{1500, 60, 0}, 13.0}, {{60, 900, -40}, 49.0}};
@@ -479,7 +481,8 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
   CHECK(looked >= 6);
 }
 
-TEST_CASE("bricks of one value have a manifest entry but no stored object", "[bricks]") {
+TEST_CASE("a brick whose voxels are all equal has a manifest entry but no stored object",
+          "[bricks]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(0.0F);
@@ -491,8 +494,8 @@ TEST_CASE("bricks of one value have a manifest entry but no stored object", "[br
   }
   const auto volume = makeVolume(*grid);
   const BrickManifest manifest = writeBricks(folder / "b", brickInput(volume)).manifest;
-  // Each of the 4 x 2 x 2 bricks of ones differs from a neighbour. Of the other bricks in the 6 x 6
-  // x 6, the inner ones equal all their neighbours.
+  // The 4 x 2 x 2 bricks of ones each differ from a neighbour. Of the other bricks in the 6 x 6 x
+  // 6, the inner ones equal all their neighbours.
   std::size_t active = 0;
   std::size_t inactive = 0;
   std::size_t stored = 0;
@@ -532,7 +535,7 @@ TEST_CASE("bricks of one value have a manifest entry but no stored object", "[br
   }
 }
 
-TEST_CASE("a brick's apron equals the voxels of its neighbours", "[bricks][release]") {
+TEST_CASE("a brick's apron equals the adjacent voxels of its neighbours", "[bricks][release]") {
   const TemporaryFolder folder;
   BrickInput input = ballsBy({{{0, 5, 3}, 90.0}}, {-100, -100, -100}, {100, 100, 100});
   input.format.half = GENERATE(false, true);
@@ -563,7 +566,8 @@ TEST_CASE("a brick's apron equals the voxels of its neighbours", "[bricks][relea
   CHECK(wrong == 0);
 }
 
-TEST_CASE("the folder is a Zarr group, each object a chunk of its array", "[bricks][release]") {
+TEST_CASE("a folder of bricks is a Zarr group, and each object is a chunk of its array",
+          "[bricks][release]") {
   const TemporaryFolder folder;
   const bool vector = GENERATE(false, true);
   const bool halved = GENERATE(false, true);
@@ -611,7 +615,8 @@ TEST_CASE("the folder is a Zarr group, each object a chunk of its array", "[bric
   }
 }
 
-TEST_CASE("the bytes do not depend on threads or on a run that ended early", "[bricks][release]") {
+TEST_CASE("the bytes of bricks do not depend on threads or on a run that ended early",
+          "[bricks][release]") {
   const TemporaryFolder folder;
   const BrickInput input = ballsBy({{{0, 0, 0}, 90.0}}, {-100, -100, -100}, {100, 100, 100});
   (void)writeBricks(folder / "whole", input);
@@ -655,7 +660,7 @@ TEST_CASE("the bytes do not depend on threads or on a run that ended early", "[b
   CHECK(allIn(folder / "again") == whole);
 }
 
-TEST_CASE("bricks left by a broken run are checked before they are kept", "[bricks]") {
+TEST_CASE("bricks of an interrupted run are checked before the next run keeps them", "[bricks]") {
   const TemporaryFolder folder;
   const BrickInput input = fogOf(2);
   const BrickManifest manifest = writeBricks(folder / "whole", input).manifest;
@@ -681,7 +686,7 @@ TEST_CASE("bricks left by a broken run are checked before they are kept", "[bric
   CHECK(allIn(folder / "b") == whole);
 }
 
-TEST_CASE("a folder with other contents stays unchanged", "[bricks]") {
+TEST_CASE("writing bricks leaves a folder with other contents unchanged", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "b", fogOf(1));
   const auto before = allIn(folder / "b");
@@ -723,7 +728,7 @@ TEST_CASE("a folder with other contents stays unchanged", "[bricks]") {
   CHECK_THAT(second, Contains("another run is writing into it"));
 }
 
-TEST_CASE("an input that cannot be stored is refused with one line", "[bricks]") {
+TEST_CASE("an input that bricks cannot store is refused with a one-line message", "[bricks]") {
   const TemporaryFolder folder;
   const auto trying = [&](const BrickInput& input, int compression = 3) {
     BrickOptions options;
@@ -766,7 +771,7 @@ TEST_CASE("an input that cannot be stored is refused with one line", "[bricks]")
   CHECK_THAT(trying(fogOf(1), 20), Contains("its compression level is 20"));
 }
 
-TEST_CASE("voxels beyond a volume's extent stay background", "[bricks]") {
+TEST_CASE("bricks keep the background in voxels beyond the volume's extent", "[bricks]") {
   const TemporaryFolder folder;
   BrickInput input = fogOf(1);
   input.lower = {-3, 5, 60};
@@ -804,7 +809,6 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
     if (status != BrickStatus::kGone) {
       CHECK_THAT(errorOf([&] { (void)loadBricks(folder / "b"); }), Contains(says));
     }
-    // The other bricks are unchanged.
     if (status == BrickStatus::kGone) return;
     CHECK(source.read({0, {0, 0, 0}}, slot).status == BrickStatus::kArrived);
   };
@@ -867,7 +871,7 @@ TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(1)).manifest;
   const BrickId id{0, {0, 0, 0}};
   const fs::path place = folder / "b" / brickObject(id, manifest.format());
-  // Another program has written this brick, with matching checksums.
+  // Another program has written this brick with correct checksums.
   const Bytes object = bytesIn(place);
   Bytes chunk(manifest.format().bytes());
   REQUIRE(ZSTD_decompress(chunk.data(), chunk.size(), object.data(), object.size()) ==
@@ -893,7 +897,7 @@ TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
   CHECK_THAT(arrival.why, Contains("some of its values are not finite"));
 }
 
-TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
+TEST_CASE("all attempts to receive a manifest share one deadline", "[bricks]") {
   // Each attempt fails after 30 ms.
   struct Slow final : ObjectStore {
     int& tries;
@@ -925,7 +929,7 @@ TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
   CHECK(tries(std::chrono::milliseconds(40)) <= 2);
 }
 
-TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") {
+TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "b", fogOf(2));
   const fs::path file = folder / "b" / "palpate.bricks";
@@ -1052,8 +1056,9 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
              Contains("it does not have level 1: give 0 to 0"));
 }
 
-TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted does not arrive",
-          "[bricks]") {
+TEST_CASE(
+    "the most urgent brick arrives first, and a brick that is no longer needed does not arrive",
+    "[bricks]") {
   const TemporaryFolder folder;
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(3)).manifest;
   PosixBricks source(folder / "b");
@@ -1087,7 +1092,8 @@ TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted doe
     CHECK(CountScope::counts().allocations == 0);
   }
 
-  // Several threads take the wanted bricks, each brick once. Threads that wait are woken.
+  // Several threads take the wanted bricks, and each brick is taken once. A new brick wakes the
+  // threads that wait.
   std::mutex mutex;
   std::multiset<BrickId> arrived;
   std::vector<std::thread> takers;
@@ -1142,7 +1148,7 @@ TEST_CASE("a full disk leaves no manifest, and the next run completes the bricks
   CHECK(allIn(folder / "b") == allIn(folder / "whole"));
 }
 
-TEST_CASE("writing bricks takes at most a quarter of the volume's size in memory", "[bricks]") {
+TEST_CASE("writing bricks needs memory of at most a quarter of the volume's size", "[bricks]") {
   const TemporaryFolder folder;
   const auto resident = [] {
     std::ifstream file("/proc/self/statm");

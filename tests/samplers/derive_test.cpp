@@ -96,7 +96,8 @@ constexpr std::array kOfVectors{Derivation::kMagnitude, Derivation::kDivergence,
 
 }  // namespace
 
-TEST_CASE("a derived grid's voxels equal the values derived on the fly", "[samplers][derive]") {
+TEST_CASE("voxels of a derived grid equal the values that are derived on the fly",
+          "[samplers][derive]") {
   const auto grid = rough<openvdb::Vec3SGrid>(Vec3f(1, -2, 0.5));
   const auto volume = load({grid}, "rough");
   Probe source(volume);
@@ -162,7 +163,7 @@ TEST_CASE("a derived gradient grid equals the gradient read on the fly", "[sampl
   CHECK(worst < 1e-10);
 }
 
-TEST_CASE("derived grids converge to the flow's own properties, in the placement's axes",
+TEST_CASE("derived grids converge to the exact properties of a flow, in the placement's axes",
           "[samplers][derive]") {
   std::map<Derivation, std::vector<double>> errors;
   Placement placement;
@@ -192,7 +193,8 @@ TEST_CASE("derived grids converge to the flow's own properties, in the placement
   CHECK(errors[Derivation::kDivergence][0] / errors[Derivation::kDivergence][1] > 3.0);
 }
 
-TEST_CASE("a vector of three grids is derived where all have data", "[samplers][derive]") {
+TEST_CASE("a derivation of a vector from three grids has data where all three have data",
+          "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(0.1);
   auto grid = makeGrid<openvdb::Vec3SGrid>(
       24, transform, [](const Vec3d& p) { return Vec3f(-p.y(), p.x(), 2.0 * p.z()); }, "flow");
@@ -212,8 +214,7 @@ TEST_CASE("a vector of three grids is derived where all have data", "[samplers][
   CHECK((curls.vector(p).value - curl(source.vector(p).jacobian)).norm() < 1e-4);
 }
 
-TEST_CASE("at the end of the data a vector's derivatives are those of the data",
-          "[samplers][derive]") {
+TEST_CASE("at the end of the data a vector's derivatives use only the data", "[samplers][derive]") {
   // A flow with curl 2 and divergence 2, far from zero.
   const auto flow = [](const Vec3d& p) { return Vec3f(20.0 - p.y(), 5.0 + p.x(), 2.0 * p.z()); };
   const auto transform = Transform::createLinearTransform(0.5);
@@ -251,8 +252,9 @@ TEST_CASE("at the end of the data a vector's derivatives are those of the data",
   CHECK(curl(source.vector(middle + 1.01 * out).jacobian).norm() < 0.05);
 }
 
-TEST_CASE("a voxel at rest is data, except outside of a mesh", "[samplers][derive]") {
-  // A vortex about the axis of the block. Its axis is at rest, so it equals the background.
+TEST_CASE("a voxel with zero velocity counts as data, except outside of a mesh",
+          "[samplers][derive]") {
+  // A vortex about the axis of the block. On the axis the velocity is zero, as the background.
   const auto transform = Transform::createLinearTransform(1.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       9, transform, [](const Vec3d& p) { return Vec3f(4.0 - p.y(), p.x() - 4.0, 0.0); }, "flow");
@@ -276,7 +278,7 @@ TEST_CASE("a voxel at rest is data, except outside of a mesh", "[samplers][deriv
   CHECK(curl(mesh.vector({3, 3, 4}).jacobian).z() == Approx(2.0));
 }
 
-TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]") {
+TEST_CASE("an impossible derivation is refused with a one-line message", "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(1.0);
   const auto vectors =
       load({makeGrid<openvdb::Vec3SGrid>(

@@ -97,7 +97,7 @@ GraphSpec skinOf(const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("the map of free space is the distance to the nearest block with data", "[scale]") {
+TEST_CASE("the map of free space gives the distance to the nearest block with data", "[scale]") {
   Random random(7);
   for (int round = 0; round < 60; ++round) {
     CAPTURE(round);
@@ -128,8 +128,8 @@ TEST_CASE("the map of free space is the distance to the nearest block with data"
       }
       const double said = map.around(p);
       REQUIRE(said <= std::max(0.0, nearest));
-      // Inside the box around all data, the reported distance is inexact by the position of p in
-      // its block, and of the data in theirs.
+      // Inside the box around all data, the error of the reported distance has two causes: the
+      // position of p in its block, and the position of the data in theirs.
       const double outside = std::max({low[0], low[1], low[2], -high[0], -high[1], -high[2]});
       REQUIRE(said >= (outside > 0.0 ? outside - 15.0 : nearest - 16.0));
     }
@@ -208,13 +208,14 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
         }
       }
     }
-    // The field reports free space, and of more than one voxel.
+    // The field reports free space, and free space of more than one voxel.
     CHECK(said > 100);
     CHECK(most > 20.0 * c.voxel);
   }
 }
 
-TEST_CASE("the map of free space saves moves and samples and does not change forces", "[scale]") {
+TEST_CASE("the map of free space saves sub-steps and samples and does not change forces",
+          "[scale]") {
   // Two balls of 2 cm at the ends of 30 cm of empty space.
   openvdb::initialize();
   openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);
@@ -269,9 +270,9 @@ TEST_CASE("the map of free space saves moves and samples and does not change for
   }
 }
 
-/// Returns a solid ball of radius 20 voxels about the origin, in a space of 2 x 300 voxels. The
-/// rest is filled with scattered background values, so that no place is free as far as a fast hand
-/// moves.
+/// Returns a solid ball of radius 20 voxels about the origin, in a space of 2 x 300 voxels.
+/// Scattered background values fill the rest, so that no place is free over the distance that a
+/// fast hand moves.
 ScalarPtr ballInDust(double voxel, bool ball) {
   Random random(11);
   openvdb::initialize();
@@ -291,7 +292,7 @@ ScalarPtr ballInDust(double voxel, bool ball) {
   return std::get<ScalarPtr>(fieldOf({grid}, placement));
 }
 
-TEST_CASE("a free proxy is at the hand, however far the hand moves in a tick",
+TEST_CASE("a free proxy is at the hand in every tick, however far the hand moves in a tick",
           "[scale][motion][safety][release]") {
   constexpr double kFine = 1e-7;  // [m]: at 10 mm/s and 1 kHz the hand moves by 100 voxels per tick
   const ScalarPtr dust = ballInDust(kFine, false);
@@ -316,7 +317,7 @@ TEST_CASE("a free proxy is at the hand, however far the hand moves in a tick",
   }
 }
 
-TEST_CASE("a surface on a path that was not fully read still holds the hand",
+TEST_CASE("a surface on a path that a tick could not read completely still holds the hand",
           "[scale][motion][safety]") {
   constexpr double kFine = 1e-7;  // [m]
   const auto field = ballInDust(kFine, true);
@@ -333,7 +334,7 @@ TEST_CASE("a surface on a path that was not fully read still holds the hand",
     }
     REQUIRE((r.proxy - 20.0 * kFine * out).norm() < 0.05 * kFine);
   }
-  // A ball that is farther away than a tick can read has no effect: the hand does not touch it from
+  // A ball beyond the range that a tick can read has no effect: the hand does not touch it from
   // outside, and gets no force inside.
   Hand hand(makeScene(skinOf("ball"), {{"ball", field}}));
   (void)hand.step(kFine * Vec3(2000, 1500, 0));
@@ -347,7 +348,8 @@ TEST_CASE("a surface on a path that was not fully read still holds the hand",
   CHECK(hand.state.proxy().x() == Approx(20.0 * kFine).epsilon(0.01));
 }
 
-TEST_CASE("a hand near the boxes of parts but far from their data takes no sample", "[scale]") {
+TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far from their data",
+          "[scale]") {
   // Forty grids that are frames around the same place. Only the bars of a frame have data.
   openvdb::initialize();
   auto frame = openvdb::FloatGrid::create(0.0F);
@@ -368,7 +370,7 @@ TEST_CASE("a hand near the boxes of parts but far from their data takes no sampl
   GraphSpec spec = skinOf("frame");
   spec.modes[0].solid = Solid::kAbove;
   spec.modes[0].value = 0.5;
-  // Even if there are more boxes than there is room for, only the few near parts are felt.
+  // If there are more boxes than the limit, only the few near parts act.
   const int count = GENERATE(40, 100);
   CAPTURE(count);
   Random random(17);

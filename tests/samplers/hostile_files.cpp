@@ -38,7 +38,7 @@
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/lsan_interface.h>
 constexpr bool kSanitized = true;
-// A larger allocation ends the process as a failure; it does not throw.
+// A larger allocation ends the process as a failure instead of throwing.
 extern "C" const char* __asan_default_options() {
   return "max_allocation_size_mb=1024:allocator_may_return_null=0";
 }
@@ -156,8 +156,8 @@ std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   return points;
 }
 
-/// Samples a volume. The splines of a large volume take seconds, so each spline is made only once
-/// in kTurns cases, by `turn`.
+/// Samples a volume. The splines of a large volume take seconds, so only one in kTurns cases,
+/// chosen by `turn`, computes them.
 void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Digest& digest) {
   double largest = 0.0;
   double per_index = 0.0;
@@ -181,8 +181,8 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
       continue;
     }
     const FieldPtr field = makeVdbField(volume, placement, {kind});
-    // The coefficients of a B-spline exceed the values by a factor of at most (2 d - 3)^3, which is
-    // 3^3 for the cubic spline.
+    // The coefficients of a B-spline of degree d exceed the values by a factor of at most (2 d -
+    // 3)^3, which is 3^3 for the cubic spline.
     const double over = kind == Interpolation::kCubic       ? 27.0
                         : kind == Interpolation::kQuadratic ? 8.0
                                                             : 1.0;
@@ -523,8 +523,8 @@ void writeOwn(const fs::path& folder) {
   auto twin = openvdb::FloatGrid::create(ball->treePtr());
   twin->setName("twin");
   write("twins.vdb", {ball, twin, ball}, usual);
-  // One grid has a name that also denotes another grid. It shares that grid's tree, or that grid
-  // shares its tree.
+  // The name of one grid is also the indexed name of another grid. The two grids share a tree, in
+  // either order.
   auto literal = ball->deepCopy();
   literal->setName("density[0]");
   auto alike = openvdb::FloatGrid::create(literal->treePtr());
@@ -721,7 +721,7 @@ int run(const std::vector<std::string>& arguments) {
   long passed = 0;
   long failed = 0;
   std::map<std::string, long> reasons;
-  // Large files take longer, and cause trouble no more often than small ones.
+  // Large files take longer, and fail no more often than small ones.
   const auto weight = [](const fs::path& file) {
     return 1.0 / std::sqrt(1.0 + static_cast<double>(fs::file_size(file)));
   };

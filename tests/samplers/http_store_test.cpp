@@ -79,7 +79,7 @@ class HeaderServer {
 
 }  // namespace
 
-TEST_CASE("an answer with a wrong length in its header is refused before its body",
+TEST_CASE("an HTTP answer whose header states a wrong length is refused before its body is read",
           "[bricks][http]") {
   struct Answer {
     const char* header;
@@ -117,7 +117,7 @@ TEST_CASE("an answer with a wrong length in its header is refused before its bod
   CHECK(request->body.empty());
 }
 
-TEST_CASE("an answer that does not end fails at its deadline", "[bricks][http]") {
+TEST_CASE("an HTTP answer that does not end fails at its deadline", "[bricks][http]") {
   StoreParams params;
   params.stalled = 60s;
   params.opened = 1s;
@@ -131,7 +131,7 @@ TEST_CASE("an answer that does not end fails at its deadline", "[bricks][http]")
   CHECK(request->status == BrickStatus::kUnreadable);
 }
 
-TEST_CASE("an answer of the stated length arrives", "[bricks][http]") {
+TEST_CASE("an HTTP answer of the stated length is received", "[bricks][http]") {
   const std::string body(1000, 'x');
   const auto fetch = [&](const std::string& header) {
     const HeaderServer server(header + body);

@@ -43,7 +43,7 @@ Transform::Ptr oblong() {
   return transform;
 }
 
-/// Returns the way from a voxel's centre to its face below, along one index axis.
+/// Returns the vector from a voxel's centre to its face below, along one index axis.
 Vec3d toFace(int axis) {
   const auto transform = oblong();
   Vec3d index(0.0);
@@ -85,7 +85,7 @@ void requireLinear(const std::shared_ptr<const Volume>& volume) {
       }
       CAPTURE(wordFor(order), p.transpose());
       REQUIRE(s.inside);
-      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // ringing from the edge, eleven voxels on
+      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // ringing from the edge, eleven voxels away
       REQUIRE((s.jacobian - kSlope).norm() < 1e-3);
     }
   }
@@ -104,7 +104,8 @@ openvdb::FloatGrid::Ptr component(int c, const Transform::Ptr& transform) {
 
 }  // namespace
 
-TEST_CASE("a staggered grid is read with each component on its face", "[samplers][kinds]") {
+TEST_CASE("a staggered grid is read with each component at the centre of its face",
+          "[samplers][kinds]") {
   auto grid = makeGrid<openvdb::Vec3SGrid>(
       24, oblong(),
       [](const Vec3d& p) { return Vec3s(Vec3d(onFace(0, p), onFace(1, p), onFace(2, p))); }, "vel");
@@ -115,7 +116,8 @@ TEST_CASE("a staggered grid is read with each component on its face", "[samplers
   requireLinear(volume);
 }
 
-TEST_CASE("three scalar grids form one vector, each at its own place", "[samplers][kinds]") {
+TEST_CASE("three scalar grids form one vector, each sampled at its own place",
+          "[samplers][kinds]") {
   openvdb::GridPtrVec grids;
   for (int c = 0; c < 3; ++c) {
     auto transform = oblong();
@@ -149,7 +151,7 @@ TEST_CASE("three scalar grids form one vector, each at its own place", "[sampler
   CHECK_THROWS_WITH(reload(grids, "vel"), Contains("do not overlap"));
 }
 
-TEST_CASE("vectors of index space are turned by the rule of their kind", "[samplers][kinds]") {
+TEST_CASE("vectors in index space are transformed by the rule of their kind", "[samplers][kinds]") {
   const auto kind =
       GENERATE(openvdb::VEC_INVARIANT, openvdb::VEC_COVARIANT, openvdb::VEC_CONTRAVARIANT_RELATIVE);
   const auto transform = oblong();
@@ -183,8 +185,8 @@ TEST_CASE("vectors of index space are turned by the rule of their kind", "[sampl
   CHECK((read() - expected).norm() < 1e-5);
 }
 
-TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kinds]") {
-  // The fibres turn by about 3 degrees a voxel. Each voxel has a sign of its own.
+TEST_CASE("axial vectors are interpolated with their signs aligned", "[samplers][kinds]") {
+  // The fibres turn by about 3 degrees per voxel. Each voxel has its own sign.
   Random random(5);
   const auto direction = [](const Vec3d& p) {
     const double a = 0.05 * p.x() + 0.03 * p.y();
@@ -231,7 +233,7 @@ TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kind
                     Contains("only a vector"));
 }
 
-TEST_CASE("non-finite values are refused, or filled on request", "[samplers][kinds]") {
+TEST_CASE("non-finite voxels are refused or filled on request", "[samplers][kinds]") {
   auto grid =
       makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
                                    [](const Vec3d& p) { return static_cast<float>(p.x()); });
@@ -268,7 +270,7 @@ TEST_CASE("non-finite values are refused, or filled on request", "[samplers][kin
   CHECK_THROWS_WITH(reload({steep}, "", {NonFinite::kRefuse, 1, nullptr}), Contains("infinite"));
 }
 
-TEST_CASE("smoothing equals OpenVDB's filter and reports how much it changes",
+TEST_CASE("smoothing equals OpenVDB's filter and reports how much it changes the values",
           "[samplers][kinds]") {
   const int width = GENERATE(1, 2);
   Random random(8);
@@ -288,7 +290,7 @@ TEST_CASE("smoothing equals OpenVDB's filter and reports how much it changes",
   CHECK(field->sample({15, 14, 13}, cache).value ==
         Approx(theirs->tree().getValue(Coord(15, 14, 13))));
 
-  // A wave of the reported length keeps half of its height.
+  // A wave of the reported length keeps half of its amplitude.
   const double k = 2.0 * M_PI / said.half_height_voxels;
   auto wave = makeGrid<openvdb::FloatGrid>(
       64, Transform::createLinearTransform(1.0),
@@ -335,7 +337,7 @@ TEMPLATE_TEST_CASE("smoothing a vector grid equals OpenVDB's filter on each comp
   }
 }
 
-TEST_CASE("several volumes load together with their progress, and equal ones load once",
+TEST_CASE("several volumes load at the same time with progress, and equal ones are loaded once",
           "[samplers][kinds]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {makeBall(2.0, 0.1)});
@@ -360,7 +362,7 @@ TEST_CASE("several volumes load together with their progress, and equal ones loa
   CHECK(forward);
 }
 
-TEST_CASE("a long load reports its progress and can be cancelled", "[samplers][kinds]") {
+TEST_CASE("a long load of volumes reports its progress and can be cancelled", "[samplers][kinds]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {makeBall(24.0, 0.1)});
   std::vector<double> said;
@@ -374,13 +376,14 @@ TEST_CASE("a long load reports its progress and can be cancelled", "[samplers][k
   };
   CHECK_THROWS_WITH(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, 0, stop}),
                     Contains("it was stopped"));
-  // A file that goes away during the load is still read to its end.
+  // A file that is deleted during the load is still read to its end.
   const auto gone = [&](double) { std::filesystem::remove(folder / "a.vdb"); };
   CHECK(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, 0, gone})->info().mean ==
         volume->info().mean);
 }
 
-TEST_CASE("the flag inside is equal for all interpolations except nearest", "[samplers][kinds]") {
+TEST_CASE("the inside flag of a sample is the same for all interpolations except nearest",
+          "[samplers][kinds]") {
   const bool level_set = GENERATE(true, false);
   auto grid = makeBall(1.0, 0.1);
   if (!level_set) grid->setGridClass(openvdb::GRID_FOG_VOLUME);
@@ -408,7 +411,7 @@ TEST_CASE("the flag inside is equal for all interpolations except nearest", "[sa
   }
 }
 
-TEST_CASE("spline coefficients are made once for a volume", "[samplers][kinds][spline]") {
+TEST_CASE("spline coefficients are computed once for each volume", "[samplers][kinds][spline]") {
   const auto volume = reload({makeBall(2.0, 0.1)}, "");
   const std::uint64_t grid = volume->memory();
   CHECK(grid == volume->info().memory);
@@ -421,7 +424,8 @@ TEST_CASE("spline coefficients are made once for a volume", "[samplers][kinds][s
   CHECK(volume->memory() > one);
 }
 
-TEST_CASE("a spline passes through the faces of large tiles", "[samplers][kinds][spline]") {
+TEST_CASE("a spline equals the voxel values at the faces of large tiles",
+          "[samplers][kinds][spline]") {
   auto grid = openvdb::FloatGrid::create(0.0F);
   grid->tree().addTile(2, Coord(0, 0, 0), 1.0F, true);  // 128^3
   grid->setName("tile");

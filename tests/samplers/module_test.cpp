@@ -39,20 +39,21 @@ std::string refusalOf(const Module& module) {
 
 }  // namespace
 
-TEST_CASE("a missing module is refused with the package that contains it", "[module]") {
+TEST_CASE("a missing module is reported with the package that contains it", "[module]") {
   const ModulesIn folder("/nowhere");
   CHECK(refusalOf(kOther) ==
         "--other: palpate_other.so is missing in /nowhere: install the package palpate-network, or "
         "build palpate with libother-dev");
 }
 
-TEST_CASE("without PALPATE_MODULES only the program's own lib folder is searched", "[module]") {
+TEST_CASE("without PALPATE_MODULES modules are searched only in the program's own lib folder",
+          "[module]") {
   const auto own = std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path();
   CHECK(refusalOf(kOther).find("missing in " + (own / "lib/palpate").string() + ": install") !=
         std::string::npos);
 }
 
-TEST_CASE("a module of another release is refused", "[module]") {
+TEST_CASE("a module of another release of palpate is refused", "[module]") {
   const ModulesIn folder(PALPATE_TEST_MODULES);
   const std::string file = std::string(PALPATE_TEST_MODULES) + "/palpate_other.so";
   CHECK(refusalOf(kOther) == "--other: " + file +
@@ -60,7 +61,7 @@ TEST_CASE("a module of another release is refused", "[module]") {
                                  ": install palpate and palpate-network of the same release");
 }
 
-TEST_CASE("a shared library that is not a module is refused", "[module]") {
+TEST_CASE("a shared library that is not a palpate module is refused", "[module]") {
   const ModulesIn folder(PALPATE_TEST_MODULES);
   CHECK(refusalOf({"palpate_no_module.so", "libother-dev"}).find("belongs to another release") !=
         std::string::npos);
@@ -78,7 +79,7 @@ TEST_CASE("a module that cannot be loaded is refused with the loader's reason", 
   std::filesystem::remove_all(place);
 }
 
-TEST_CASE("an error in a module arrives as the error that it is", "[module]") {
+TEST_CASE("an error that a module throws arrives with its type and reason", "[module]") {
   std::string reason;
   try {
     (void)makeHttpStore("http://user@host/folder");

@@ -44,7 +44,7 @@ bool areDistances(const std::array<double, 8>& values, double band) {
   return out;
 }
 
-/// A cell of a grid, and what the hand finds there.
+/// The state of a cell of a grid: its active corners, and whether the surface crosses the cell.
 struct CellState {
   int active = 0;
   bool crosses = false;
@@ -113,7 +113,7 @@ openvdb::FloatGrid::Ptr makeBanded(float outside, float inside) {
 
 }  // namespace
 
-TEST_CASE("a level set with a band of one voxel is felt all around", "[samplers]") {
+TEST_CASE("a level set with a band of one voxel holds the hand all around", "[samplers]") {
   const auto [outside, inside] =
       GENERATE(table<float, float>({{3, 3}, {1.5, 1.5}, {3, 1}, {1, 3}, {1, 1}}));
   CAPTURE(outside, inside);
@@ -146,7 +146,7 @@ TEST_CASE("a level set with a band of one voxel is felt all around", "[samplers]
   }
 }
 
-TEST_CASE("the cells where a surface leaves its data are counted, and the first one is located",
+TEST_CASE("the cells in which a surface leaves its data are counted, and the first one is located",
           "[samplers]") {
   const auto ball = makeBall(kRadius, 1.0);
   CHECK(find(*ball, 0.0, Solid::kBelow).count == 0);
@@ -161,10 +161,10 @@ TEST_CASE("the cells where a surface leaves its data are counted, and the first 
   CAPTURE(found.count, around);
   CHECK(static_cast<double>(found.count) > 0.8 * around);
   CHECK(static_cast<double>(found.count) < 1.6 * around);
-  // The inactive values are right, so the surface is felt in one more cell.
+  // The inactive values are correct, so the surface also holds the hand in one more cell.
   CHECK(found.first_F.x() == 4.0);
   CHECK(std::abs(Vec3(4.0, found.first_F.y(), found.first_F.z()).norm() - kRadius) < 2.0);
-  // The place is given in the file's space.
+  // The position is given in the file's space.
   cut->setTransform(Transform::createLinearTransform(0.5));
   CHECK(find(*cut, 0.0, Solid::kBelow).first_F == 0.5 * found.first_F);
   // The values of a fog are valid up to the end of its data.
@@ -172,7 +172,7 @@ TEST_CASE("the cells where a surface leaves its data are counted, and the first 
   CHECK(find(*cut, 0.0, Solid::kBelow).count == 0);
 }
 
-TEST_CASE("a level set that was cut off is not felt along the cut", "[samplers]") {
+TEST_CASE("a level set that was cut off causes no force along the cut", "[samplers]") {
   const auto cut = makeBall(kRadius, 1.0);
   for (auto voxel = cut->beginValueOn(); voxel; ++voxel) {
     if (voxel.getCoord().x() <= 3) continue;
@@ -193,7 +193,8 @@ TEST_CASE("a level set that was cut off is not felt along the cut", "[samplers]"
   }
 }
 
-TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][release]") {
+TEST_CASE("each cell in which a surface leaves its data is counted once, in leaves and in tiles",
+          "[samplers][release]") {
   openvdb::initialize();
   Random random(3);
   auto grid = openvdb::FloatGrid::create(0.25F);
@@ -233,7 +234,8 @@ TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][
   }
 }
 
-TEST_CASE("only trilinear scalars are searched for open cells", "[samplers]") {
+TEST_CASE("only trilinear scalar volumes are searched for cells in which a surface leaves its data",
+          "[samplers]") {
   const auto ball = makeVolume(*makeBall(2.0, 0.1));
   for (const Interpolation other :
        {Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic}) {

@@ -1,5 +1,4 @@
-/// Tests a level-set sphere that is pressed from all sides: the whole way from a .vdb file to
-/// newtons.
+/// Tests a level-set sphere that is pressed from all directions, from the .vdb file to the force.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -66,7 +65,8 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
     result.magnitude_max =
         std::max(result.magnitude_max, std::abs(r.force.norm() / (kStiffness * depth) - 1.0));
 
-    // As in Fig. 6, the proxy is held where it touched until the hand is s/k below it.
+    // As in figure 6 of Lundin et al., the proxy stays where it touched the surface until the hand
+    // is s/k below.
     ProxyState gentle({100.0, 1e9});
     const double reach = weak / kStiffness;
     double held = 0.0;
@@ -94,7 +94,7 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
 
 }  // namespace
 
-TEST_CASE("a level-set sphere pressed along 1,000 directions answers k times depth, radially",
+TEST_CASE("a level-set sphere pressed along 1,000 directions gives the radial force k times depth",
           "[press][fig6][release]") {
   openvdb::initialize();
   const auto sphere = makeBall(3.0, 0.05);
@@ -106,7 +106,8 @@ TEST_CASE("a level-set sphere pressed along 1,000 directions answers k times dep
   CHECK(pressed.leaves_rms < 0.0025);
 }
 
-TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions", "[.][data]") {
+TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions gives the radial force k times depth",
+          "[.][data]") {
   const char* data = std::getenv("PALPATE_DATA");
   REQUIRE(data != nullptr);
   const auto file = std::filesystem::path(data) / "vdb" / "aswf_sphere.vdb";

@@ -1,5 +1,5 @@
-// Tests bricks that are written by several ranks, which are threads here. The bytes are those of a
-// single rank, and if one rank fails, all end.
+// Tests bricks that are written by several ranks, which are threads here. The bytes equal those of
+// a single rank. If one rank fails, all ranks end.
 #include "palpate/samplers/process_group.h"
 
 #include <algorithm>
@@ -115,7 +115,8 @@ std::string errorOf(const std::function<void()>& call) {
 
 }  // namespace
 
-TEST_CASE("the shares of a process group make up the whole, in order", "[process_group]") {
+TEST_CASE("the shares of the ranks of a process group together cover the whole range in order",
+          "[process_group]") {
   for (const int size : {1, 2, 3, 7}) {
     for (const int count : {0, 1, 5, 64}) {
       std::mutex mutex;
@@ -145,7 +146,7 @@ TEST_CASE("a process group gathers values and lists in the order of its ranks", 
         }) == 0);
 }
 
-TEST_CASE("bricks of any number of ranks match those of a single process",
+TEST_CASE("bricks written by any number of ranks equal those of a single process",
           "[bricks][process_group][release]") {
   const TemporaryFolder folder;
   const BrickReport alone = writeBricks(folder / "alone", ball());
@@ -167,7 +168,7 @@ TEST_CASE("bricks of any number of ranks match those of a single process",
   }
 }
 
-TEST_CASE("a grid split among ranks gives the same bricks as the whole grid",
+TEST_CASE("a grid that is split among ranks gives the same bricks as the whole grid",
           "[bricks][process_group]") {
   const TemporaryFolder folder;
   const auto grid = scattered();

@@ -1,4 +1,4 @@
-/// Tests a volume that is played: between two frames it changes continuously from one to the next.
+/// Tests a volume that is played. Between two frames it changes continuously.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -87,7 +87,7 @@ struct Player {
     field->leave(*cache);
     return out;
   }
-  /// Returns the reading after 60 ticks at this play position, when a fade is over.
+  /// Returns the reading after 60 ticks at this play position. By then, a fade has ended.
   ScalarSample settled(double play, const Vec3& p) const {
     ScalarSample out;
     REQUIRE(arrives(*sequence, play));
@@ -121,7 +121,7 @@ SequenceParams budgetOf(const std::vector<VolumeRequest>& frames, double count) 
 
 }  // namespace
 
-TEST_CASE("a sequence interpolates between two frames", "[sequence]") {
+TEST_CASE("a sequence of scalar grids interpolates between two frames", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 4, ramp);
   const Player of(sequenceOf(frames, 10.0));
@@ -134,10 +134,11 @@ TEST_CASE("a sequence interpolates between two frames", "[sequence]") {
     CHECK(at.inside);
     CHECK_FALSE(at.coarse);
   }
-  // Before the first frame, the first frame is read; after the last frame, the last frame.
+  // Before the first frame the field has the first frame's values, after the last frame those of
+  // the last.
   CHECK(of.settled(-5.0, p).value == of.settled(0.0, p).value);
   CHECK(of.settled(99.0, p).value == of.settled(0.3, p).value);
-  // When it is not read in a tick, the field has its first frame's values.
+  // If the field is read outside of a tick, it has its first frame's values.
   CHECK(of.field->value(p, *of.cache) == Approx(V(0.0)).margin(1e-3));
   // With repeat, the first frame comes after the last.
   const Player round(sequenceOf(frames, 10.0, true));
@@ -146,7 +147,7 @@ TEST_CASE("a sequence interpolates between two frames", "[sequence]") {
   CHECK(round.settled(-0.05, p).value == Approx(0.5 * (V(3.0) + V(0.0))).margin(1e-3));
 }
 
-TEST_CASE("frames may have uneven times", "[sequence]") {
+TEST_CASE("frames of a sequence may have uneven times", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 3, ramp);
   const auto of = std::make_shared<const FrameSequence>(
@@ -164,7 +165,7 @@ TEST_CASE("frames may have uneven times", "[sequence]") {
   is(0.5, 2, 0, 0.5);
 }
 
-TEST_CASE("a played vector field interpolates between frames", "[sequence]") {
+TEST_CASE("a sequence of vector grids interpolates between two frames", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 2, [](int i) {
     return makeGrid<openvdb::Vec3SGrid>(
@@ -187,7 +188,8 @@ TEST_CASE("a played vector field interpolates between frames", "[sequence]") {
   CHECK(at.jacobian(1, 0) == Approx(1.5));
 }
 
-TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][moving]") {
+TEST_CASE("a ball that grows frame by frame carries the proxy on its surface",
+          "[sequence][moving]") {
   const TemporaryFolder folder;
   // The ball's radius grows by a voxel per frame, at 200 frames per second: 0.2 m/s.
   constexpr double kFirst = 20.0;
@@ -226,7 +228,7 @@ TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][movi
   CHECK(given > 0.01);
 }
 
-TEST_CASE("the proxy follows the surface of a ball that shrinks in play, in each tick",
+TEST_CASE("the proxy follows the surface of a ball that shrinks during play, in each tick",
           "[sequence][moving]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, [](int i) { return ball(20.0 - 0.25 * i); });
@@ -252,7 +254,8 @@ TEST_CASE("the proxy follows the surface of a ball that shrinks in play, in each
   CHECK(off < 0.05);
 }
 
-TEST_CASE("a jump in play changes the value over 50 ms or more", "[sequence]") {
+TEST_CASE("after a jump in play the value of a sequence changes over at least 50 ms",
+          "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, ramp);
   const bool all = GENERATE(true, false);
@@ -285,7 +288,7 @@ TEST_CASE("a jump in play changes the value over 50 ms or more", "[sequence]") {
   CHECK(arrived >= (all ? 15 : 1));
 }
 
-TEST_CASE("a hand on a ball feels no force step while play jumps", "[sequence]") {
+TEST_CASE("a hand on a ball feels no force step when the play time jumps", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, [](int i) { return ball(20.0 + 0.25 * i); });
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0)));
@@ -305,11 +308,13 @@ TEST_CASE("a hand on a ball feels no force step while play jumps", "[sequence]")
     last = r.wanted;
   }
   CHECK(last.norm() > 0.4);
-  // 1.75 voxels of 1 mm in 50 ms are 0.0175 N per tick. Without a fade they would be 0.9 N at once.
+  // 1.75 voxels of 1 mm in 50 ms are 0.0175 N per tick. Without a fade they would be 0.9 N in one
+  // tick.
   CHECK(largest < 0.03);
 }
 
-TEST_CASE("a surface that disappears in play changes the force by at most 2000 N/s", "[sequence]") {
+TEST_CASE("a surface that disappears during play changes the force by at most 2000 N/s",
+          "[sequence]") {
   const TemporaryFolder folder;
   const double apart = GENERATE(5.0, 10.0, 20.0);  // voxels; the bands have three
   const auto frames = framesIn(folder, 2, [&](int i) { return ball(20.0 + apart * i); });
@@ -322,7 +327,7 @@ TEST_CASE("a surface that disappears in play changes the force by at most 2000 N
   int pressed = 0;
   double play = 0.0;
   for (int i = 0; i < 4000; ++i) {
-    // The hand is ten voxels deep in the smaller ball, which vanishes at once or gradually. Then
+    // The hand is ten voxels deep in the smaller ball, which vanishes suddenly or gradually. Then
     // the hand moves out and in again.
     const int at = i % 500;
     const bool plays = i % 1000 >= 500 && at >= 250 && at < 350;
@@ -344,7 +349,8 @@ TEST_CASE("a surface that disappears in play changes the force by at most 2000 N
   CHECK(largest < 2000.0 * kTick * (1.0 + 1e-9));
 }
 
-TEST_CASE("a hand that comes and goes in play feels the same force as without play", "[sequence]") {
+TEST_CASE("a hand that touches and leaves a ball feels the same force with play as without",
+          "[sequence]") {
   const TemporaryFolder folder;
   // All frames have the same ball, so play changes only the time.
   const auto frames = framesIn(folder, 4, [](int) { return ball(20.0); });
@@ -360,7 +366,8 @@ TEST_CASE("a hand that comes and goes in play feels the same force as without pl
   double felt = 0.0;
   for (int i = 0; i < 8000; ++i) {
     if (i % every == 0) {
-      // The hand moves 8 voxels into the ball, fast in and slowly out, or at the same speed.
+      // The hand moves 8 voxels into the ball. It moves in fast and out slowly, or at the same
+      // speed.
       const double way = std::fmod(speed * kQuarter * i / kVoxel, 20.0);
       hand = kVoxel * Vec3(24.0 - (way < 10.0 ? 1.2 * way : 24.0 - 1.2 * way), 0.0, 0.0);
     }
@@ -375,8 +382,7 @@ TEST_CASE("a hand that comes and goes in play feels the same force as without pl
   CHECK(off < 0.02);
 }
 
-TEST_CASE("an edit of the scene does not interrupt the fade after a jump of the playback",
-          "[sequence]") {
+TEST_CASE("an edit of the scene does not interrupt the fade after a jump in play", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 4, ramp);
   const auto field = makeSequenceField(sequenceOf(frames, 10.0));
@@ -406,8 +412,7 @@ TEST_CASE("an edit of the scene does not interrupt the fade after a jump of the 
 TEST_CASE("readers of a sequence do not allocate or lock, and read whole frames",
           "[sequence][realtime]") {
   const TemporaryFolder folder;
-  // All voxels of a frame have one value. A reading of a torn or wrong frame would show another
-  // value.
+  // All voxels of a frame have one value. A torn or wrong frame would give another value.
   const auto frames = framesIn(folder, 24, [](int i) {
     return makeGrid<openvdb::FloatGrid>(
         12, openvdb::math::Transform::createLinearTransform(1.0),
@@ -460,7 +465,8 @@ TEST_CASE("readers of a sequence do not allocate or lock, and read whole frames"
   CHECK(of->state().fetched > 24);
 }
 
-TEST_CASE("a frame that a reader holds stays, however little memory there is", "[sequence]") {
+TEST_CASE("a frame that a reader holds stays in memory, however small the budget is",
+          "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 16, ramp);
   const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
@@ -471,7 +477,7 @@ TEST_CASE("a frame that a reader holds stays, however little memory there is", "
   REQUIRE(held);
   const std::uint64_t stay = held.stay();
   const std::uint64_t fetched = of->state().fetched;
-  // Play is at another time for longer than the sequence keeps frames that no reader uses.
+  // Play stays at another time for longer than the sequence keeps unused frames.
   std::this_thread::sleep_for(std::chrono::milliseconds(60));
   for (const double play : {0.75, 1.05, 1.35}) {
     of->tell(of->at(play), 1.0);
@@ -508,7 +514,7 @@ TEST_CASE("readers that wait read the same values with a small budget as with al
   CHECK(some.sequence->state().slots == 5);
 }
 
-TEST_CASE("play waits while frames load, and skips a frame that is missing", "[sequence]") {
+TEST_CASE("play waits while frames load, and skips a frame whose file is missing", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);
   const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
@@ -534,7 +540,7 @@ TEST_CASE("play waits while frames load, and skips a frame that is missing", "[s
   REQUIRE(troubles.size() == 1);
   CHECK_THAT(troubles[0], Contains("frame_9.vdb") && Contains("without the frame"));
   CHECK(of->takeTroubles().empty());
-  // The missing frame comes back by itself.
+  // The missing frame returns, and is read without further action.
   fs::rename(folder / "aside", file);
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
   while (of->state().failed > 0 && std::chrono::steady_clock::now() < until) {
@@ -545,7 +551,8 @@ TEST_CASE("play waits while frames load, and skips a frame that is missing", "[s
   CHECK(player.settled(0.95, p).value == Approx(V(9.5)).margin(1e-3));
 }
 
-TEST_CASE("a jump in play next to a missing frame completes by itself", "[sequence]") {
+TEST_CASE("a jump in play to a time next to a missing frame completes without further action",
+          "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);
   const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
@@ -564,7 +571,7 @@ TEST_CASE("a jump in play next to a missing frame completes by itself", "[sequen
         Approx(950.0 + 6.3 + 2.0 * 5.2 - (3.0 + 9.5) * 4.7).margin(1e-3));
 }
 
-TEST_CASE("two hands some milliseconds apart share the same frames", "[sequence]") {
+TEST_CASE("two hands whose play times differ by milliseconds share the same frames", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 30, ramp);
   const auto of = sequenceOf(frames, 20.0, false, budgetOf(frames, 10.5));
@@ -584,7 +591,8 @@ TEST_CASE("two hands some milliseconds apart share the same frames", "[sequence]
   CHECK(of->state().fetched < 70);
 }
 
-TEST_CASE("the memory budget holds for frames of different sizes", "[sequence]") {
+TEST_CASE("the memory of a sequence stays within its budget for frames of different sizes",
+          "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 10, [](int i) {
     return makeGrid<openvdb::FloatGrid>(
@@ -634,7 +642,7 @@ TEST_CASE("a reader that waits reads the same values in every run, despite gaps 
   CHECK(beside == alone);
 }
 
-TEST_CASE("an invalid sequence is refused", "[sequence]") {
+TEST_CASE("an invalid sequence is refused with the reason", "[sequence]") {
   const TemporaryFolder folder;
   auto frames = framesIn(folder, 6, ramp);
   const auto refused = [&](const FrameTimes& when, const SequenceParams& params = {},
@@ -662,7 +670,7 @@ TEST_CASE("an invalid sequence is refused", "[sequence]") {
   CHECK_THAT(refused({}), Contains("it does not have a frame"));
 }
 
-TEST_CASE("a frame in which nothing is plays as background", "[samplers][sequence]") {
+TEST_CASE("a frame without active voxels plays as background", "[samplers][sequence]") {
   const TemporaryFolder folder;
   auto frames = framesIn(folder, 4, [](int i) {
     if (i == 0) {
@@ -693,7 +701,7 @@ TEST_CASE("a frame in which nothing is plays as background", "[samplers][sequenc
                     Contains("frame_0.vdb") && Contains("no active voxel"));
 }
 
-TEST_CASE("a frame without a class is a fog, and a frame of another class is refused by name",
+TEST_CASE("a frame without a class counts as fog, and a frame of another class is refused by name",
           "[samplers][sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 3, [](int i) {

@@ -75,7 +75,7 @@ typename GridT::Ptr movedGrid(const Coord& by) {
   return grid;
 }
 
-/// Returns all that a field reports at a place, one number after the other.
+/// Returns all values that a field gives at a place, one after the other.
 std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   std::vector<double> out;
   if (probe.field.index() == 0) {
@@ -141,8 +141,8 @@ TEST_CASE("the value is trilinear and the gradient its difference over the slope
 
 namespace {
 
-/// Returns indices at which a sampler could make errors: near active voxels, at the borders of
-/// leaves (8), of their parents (128) and of their grandparents (4096), and outside.
+/// Returns indices at which a sampler can make errors: near active voxels, outside, and at the
+/// borders of leaves (8), of their parents (128) and of their grandparents (4096).
 template <class GridT>
 std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
   std::vector<Coord> leaves;
@@ -201,7 +201,7 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
   double worst_slope = 0.0;
   const std::vector<Vec3d> indices = hardIndices(grid, 20000, random);
   for (const Vec3d& index : indices) {
-    // The position at which the field is read, and its index, rounded in the same way.
+    // The position at which the field is read, and its index with the same rounding.
     const Vec3d p = grid.transform().indexToWorld(index);
     const Vec3d at = grid.transform().worldToIndex(p);
     for (int n = 0; n < kComponents; ++n) {
@@ -279,7 +279,7 @@ void checkSplinesThroughVoxels(const openvdb::FloatGrid& grid,
 
 }  // namespace
 
-TEST_CASE("a field equals the voxels of every grid of the data, including at seams and outside",
+TEST_CASE("a field equals the voxels of every grid of the data, also at seams and outside",
           "[.][data]") {
   const std::filesystem::path folder = std::filesystem::path(std::getenv("PALPATE_DATA")) / "vdb";
   openvdb::initialize();
@@ -312,8 +312,9 @@ TEST_CASE("a field equals the voxels of every grid of the data, including at sea
   CHECK(grids >= 4);
 }
 
-TEMPLATE_TEST_CASE("a reading is the same to the last bit however its voxels are cut into leaves",
-                   "[samplers]", openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Vec3SGrid) {
+TEMPLATE_TEST_CASE(
+    "a sample is the same to the last bit for any division of its voxels into leaves", "[samplers]",
+    openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Vec3SGrid) {
   const auto interpolation = GENERATE(Interpolation::kTrilinear, Interpolation::kNearest);
   Probe here(fieldOf(movedGrid<TestType>(Coord(0)), {}, {interpolation}));
   Random random(7);
@@ -322,14 +323,14 @@ TEMPLATE_TEST_CASE("a reading is the same to the last bit however its voxels are
     CAPTURE(interpolation, by);
     Probe there(fieldOf(movedGrid<TestType>(by), {}, {interpolation}));
     for (int i = 0; i < 1000; ++i) {
-      // The sums of this place with whole numbers are exact.
+      // The coordinates are multiples of 1/64, so their sums with whole numbers are exact.
       const Vec3 p = (64.0 * (Vec3::Constant(11.0) + random.inCube(15.0))).array().round() / 64.0;
       REQUIRE(readingOf(there, p + eigen(by.asVec3d())) == readingOf(here, p));
     }
   }
 }
 
-TEST_CASE("the value agrees with OpenVDB's own sampler", "[samplers]") {
+TEST_CASE("the trilinear value agrees with OpenVDB's own sampler", "[samplers]") {
   const auto grid = roughGrid();
   Probe probe(fieldOf(grid));
   Random random(3);
@@ -341,7 +342,8 @@ TEST_CASE("the value agrees with OpenVDB's own sampler", "[samplers]") {
   }
 }
 
-TEST_CASE("value and gradient are continuous across cell faces", "[samplers]") {
+TEST_CASE("value and gradient of a trilinear field are continuous across cell faces",
+          "[samplers]") {
   Probe probe(fieldOf(roughGrid()));
   Random random(4);
   for (int i = 0; i < 2000; ++i) {
@@ -390,7 +392,7 @@ TEST_CASE("the gradient of a linear function is exact under any affine map and p
   }
 }
 
-TEST_CASE("the gradient's Jacobian matches differences of the gradient in any placement",
+TEST_CASE("the Jacobian of the gradient matches finite differences in any placement",
           "[samplers]") {
   const auto kind = GENERATE(Interpolation::kTrilinear, Interpolation::kQuadratic,
                              Interpolation::kCubic, Interpolation::kNearest);
@@ -442,7 +444,7 @@ TEST_CASE("Jacobian, curl and divergence of a linear field are exact, and turn w
   }
 }
 
-TEST_CASE("float, half and double grids, scalar and vector, are read", "[samplers]") {
+TEST_CASE("float, half and double grids, scalar and vector, can be read", "[samplers]") {
   const auto transform = Transform::createLinearTransform(1.0);
   auto short_floats =
       makeGrid<openvdb::FloatGrid>(9, transform, [](const Vec3d& p) { return p.x(); });
@@ -453,7 +455,8 @@ TEST_CASE("float, half and double grids, scalar and vector, are read", "[sampler
   CHECK((Probe(fieldOf(vec)).vector({3.5, 4.25, 4}).value - Vec3(3.5, 4.25, 4)).norm() < 1e-6);
 }
 
-TEST_CASE("inside is reported in a level set's band and up to a fog's edge", "[samplers]") {
+TEST_CASE("a sample is reported as inside within a level set's band and up to a fog's edge",
+          "[samplers]") {
   openvdb::initialize();
   const auto sphere = makeBall(2.0, 0.1);
   Probe ball(fieldOf(sphere));
@@ -471,7 +474,8 @@ TEST_CASE("inside is reported in a level set's band and up to a fog's edge", "[s
   CHECK_FALSE(edge.scalar({8.5, 4, 4}).inside);
 }
 
-TEST_CASE("distant and non-finite positions give the background and are outside", "[samplers]") {
+TEST_CASE("samples at distant and non-finite positions give the background and are outside",
+          "[samplers]") {
   Probe probe(fieldOf(roughGrid()));
   for (const double x : {1e10, -1e300, std::nan(""), HUGE_VAL}) {
     const ScalarSample s = probe.scalar({0.0, x, 0.0});
@@ -481,7 +485,8 @@ TEST_CASE("distant and non-finite positions give the background and are outside"
   }
 }
 
-TEST_CASE("the trilinear error falls with the square of the voxel size", "[samplers]") {
+TEST_CASE("the trilinear interpolation error falls with the square of the voxel size",
+          "[samplers]") {
   const auto error = [](double voxel) {
     const auto transform = Transform::createLinearTransform(voxel);
     const auto f = [](const Vec3d& p) {
@@ -524,7 +529,7 @@ TEST_CASE("B-splines and nearest-voxel interpolation pass through the voxel valu
   CHECK(worst < 2e-6);  // values are up to 3, coefficients are floats
 }
 
-TEST_CASE("B-splines reproduce polynomials of their degree, derivative included, under any map",
+TEST_CASE("B-splines reproduce polynomials of their degree and the derivatives, under any map",
           "[samplers][spline]") {
   const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
   const bool cubic = interpolation == Interpolation::kCubic;
@@ -550,8 +555,8 @@ TEST_CASE("B-splines reproduce polynomials of their degree, derivative included,
   Probe probe(fieldOf(grid, placement, {interpolation}));
   Random random(42);
   for (int i = 0; i < 2000; ++i) {
-    // The place is in the middle of the block, 20 voxels from the block's end, which has an effect
-    // on the filter.
+    // The place is in the middle of the block, 20 voxels from the block's end, because the end
+    // changes the filter's result.
     const Vec3 in = random.inCube(6.0);
     const Vec3 p_F = eigen(transform->indexToWorld(Vec3d(28 + in.x(), 28 + in.y(), 28 + in.z())));
     const ScalarSample s = probe.scalar(placement(p_F));
@@ -561,8 +566,9 @@ TEST_CASE("B-splines reproduce polynomials of their degree, derivative included,
   }
 }
 
-TEST_CASE("the error falls with the order of the spline, and its derivative's with one less",
-          "[samplers][spline]") {
+TEST_CASE(
+    "the error of a spline falls with its order, and that of its derivative with one order less",
+    "[samplers][spline]") {
   struct Order {
     Interpolation interpolation;
     double value;
@@ -604,7 +610,7 @@ TEST_CASE("the error falls with the order of the spline, and its derivative's wi
   CHECK(slope_ratio > 0.8 * order.slope);
 }
 
-TEST_CASE("a spline of a linear vector field has its Jacobian, and turns with the volume",
+TEST_CASE("a spline of a linear vector field has the field's Jacobian, and turns with the volume",
           "[samplers][spline]") {
   const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
   Mat3 J;
@@ -627,7 +633,7 @@ TEST_CASE("a spline of a linear vector field has its Jacobian, and turns with th
   }
 }
 
-TEST_CASE("splines and their derivatives are continuous across cell faces and middles",
+TEST_CASE("splines and their derivatives are continuous across faces and middles of cells",
           "[samplers][spline]") {
   const auto grid = roughGrid();
   const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
@@ -662,7 +668,7 @@ TEST_CASE("reading a spline does not allocate, lock or throw, even in cold cells
   CHECK(counts.exceptions == 0);
 }
 
-TEST_CASE("every interpolation order gives the finite background outside the data",
+TEST_CASE("every interpolation other than trilinear gives the background outside the data",
           "[samplers][spline]") {
   const auto interpolation =
       GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
@@ -676,7 +682,7 @@ TEST_CASE("every interpolation order gives the finite background outside the dat
   }
 }
 
-TEST_CASE("one volume is shared by its placements and outlives the folder it came from",
+TEST_CASE("one volume is shared by its placements and stays in memory after its folder is deleted",
           "[samplers]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {roughGrid()});
@@ -687,7 +693,8 @@ TEST_CASE("one volume is shared by its placements and outlives the folder it cam
   CHECK(a.scalar({1, 2, 3}).value == b.scalar({11, 2, 3}).value);
 }
 
-TEST_CASE("reading does not allocate, lock or throw, even in cold cells", "[samplers][realtime]") {
+TEST_CASE("reading a field does not allocate, lock or throw, even in cold cells",
+          "[samplers][realtime]") {
   Probe scalar(fieldOf(roughGrid()));
   Probe vector(
       fieldOf(makeGrid<openvdb::Vec3SGrid>(40, Transform::createLinearTransform(0.5),

@@ -54,7 +54,7 @@ std::string refusal(const std::filesystem::path& file, const std::string& grid =
   return "no error";
 }
 
-/// During its life, disables the folder for temporary files, unless there is to be room.
+/// Makes the folder for temporary files unusable during this object's life, unless `room` is true.
 class NoRoom {
  public:
   explicit NoRoom(bool room) {
@@ -94,7 +94,7 @@ std::string bytesOf(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-/// Returns how much the system has read or copied for this process [bytes].
+/// Returns how many bytes this process has read or copied so far.
 double readSoFar() {
   std::ifstream io("/proc/self/io");
   std::string word;
@@ -106,7 +106,7 @@ double readSoFar() {
 
 }  // namespace
 
-TEST_CASE("a file is described grid by grid", "[volume]") {
+TEST_CASE("a VDB file is described grid by grid", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   const auto sphere = makeBall(2.0, 0.1);
@@ -128,7 +128,7 @@ TEST_CASE("a file is described grid by grid", "[volume]") {
   CHECK(infos[1].refusal.empty());
 }
 
-TEST_CASE("active tiles count in range and voxels", "[volume]") {
+TEST_CASE("active tiles count in a grid's range of values and number of voxels", "[volume]") {
   const TemporaryFolder folder;
   auto grid = block();
   grid->tree().addTile(1, openvdb::Coord(64, 0, 0), 7.0F, true);
@@ -138,7 +138,8 @@ TEST_CASE("active tiles count in range and voxels", "[volume]") {
   CHECK(info.highest == 7.0);
 }
 
-TEST_CASE("a missing file, a folder or another format is refused in one line", "[volume]") {
+TEST_CASE("a missing file, a folder or a file of another format is refused in one line",
+          "[volume]") {
   const TemporaryFolder folder;
   std::ofstream(folder / "text.vdb") << "this is no volume at all, just text\n";
   std::ofstream(folder / "empty.vdb");
@@ -149,7 +150,7 @@ TEST_CASE("a missing file, a folder or another format is refused in one line", "
   CHECK(refusal(folder / "text.vdb").find('\n') == std::string::npos);
 }
 
-TEST_CASE("a file cut anywhere is refused", "[volume]") {
+TEST_CASE("a VDB file that is cut off anywhere is refused", "[volume]") {
   const TemporaryFolder folder;
   auto rough = block(24);
   writeVdb(folder / "whole.vdb", {rough, block(9, "second")});
@@ -203,7 +204,7 @@ TEST_CASE("the time to describe grids grows linearly with their number", "[volum
   }
 }
 
-TEST_CASE("a file that is cut while it is read never crashes the loader", "[volume]") {
+TEST_CASE("a VDB file that is cut off while it is read never crashes the loader", "[volume]") {
   // Two kinds of processes cut the file: one that has to wait for access, and one that has the file
   // open already. Both are tested with and without room for a copy.
   const TemporaryFolder folder;
@@ -258,7 +259,8 @@ TEST_CASE("a file that is cut while it is read never crashes the loader", "[volu
   }
 }
 
-TEST_CASE("a load ends before the system lets a waiting writer change the file", "[volume]") {
+TEST_CASE("a load of a VDB file ends before the system lets a waiting writer change the file",
+          "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   // The grid has more than 10,000 leaves, so the file is read in parts.
@@ -294,7 +296,7 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
     CHECK(steady.keptAt(LeasedFile::Clock::now() + std::chrono::hours(1)));
   }
   SECTION("a load ends between its parts") {
-    // This takes half of the longest wait, so it runs only with all cases.
+    // This case takes half of the longest wait, so it runs only if all cases run.
     if (share(10) < 10) return;
     LoadOptions options;
     int parts = 0;
@@ -316,7 +318,7 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
   }
 }
 
-TEST_CASE("a load uses the values that it checked while another process writes the file",
+TEST_CASE("a load uses the values that it has checked while another process writes the file",
           "[volume]") {
   // Another process has the file open. It overwrites the file with another vector after the first
   // component was read.
@@ -347,7 +349,7 @@ TEST_CASE("a load uses the values that it checked while another process writes t
   }
 }
 
-TEST_CASE("a file that another program may change and that cannot be copied is refused",
+TEST_CASE("a VDB file that another program may change and that cannot be copied is refused",
           "[volume]") {
   const TemporaryFolder folder;
   writeRough(folder / "a.vdb", {"density"}, 12, 1);
@@ -399,8 +401,8 @@ TEST_CASE("a load of many grids reads their file at most three times, and once m
     });
     if (ours >= 0) close(ours);
     WARN("read " << asked << " and " << all << " times" << (others ? ", copied" : ""));
-    // The loader reads the file three times: to check it, to load it, and for the data about its
-    // grids. It may also copy the file.
+    // The loader reads the file three times: to check it, to load it, and to describe its grids. It
+    // may also copy the file.
     CHECK(asked < (others ? 4.0 : 3.0));
     CHECK(all < (others ? 4.0 : 3.0));
   }
@@ -472,7 +474,8 @@ TEST_CASE("each file loads with all its grids, despite errors in other files", "
   CHECK(told.back() == 1.0);
 }
 
-TEST_CASE("a tree of an unsupported type is never read", "[volume]") {
+TEST_CASE("a grid of an unsupported type is described from its header but its tree is not read",
+          "[volume]") {
   const TemporaryFolder folder;
   auto labels = makeGrid<openvdb::Vec3IGrid>(
       9, Transform::createLinearTransform(0.5), [](const Vec3d&) { return openvdb::Vec3i(3); },
@@ -501,7 +504,7 @@ TEST_CASE("a tree of an unsupported type is never read", "[volume]") {
   CHECK(refusal(folder / "a.vdb", "density") == "no error");
 }
 
-TEST_CASE("older and newer file formats are refused with their version number", "[volume]") {
+TEST_CASE("older and newer VDB file formats are refused with their version number", "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block()});
   for (const char version : {'\x20', '\xdd', '\xe1'}) {
@@ -514,7 +517,7 @@ TEST_CASE("older and newer file formats are refused with their version number", 
   }
 }
 
-TEST_CASE("a value too large to compute with is refused as not finite", "[volume]") {
+TEST_CASE("a voxel value that is too large to compute with is refused as not finite", "[volume]") {
   const TemporaryFolder folder;
   auto grid = makeGrid<openvdb::DoubleGrid>(4, Transform::createLinearTransform(0.5),
                                             [](const Vec3d& p) { return p.x(); });
@@ -531,14 +534,15 @@ TEST_CASE("the error for a wrong grid name lists the nearest name, or all names"
   CHECK_THAT(refusal(folder / "a.vdb"), Contains("more than one grid"));
 }
 
-TEST_CASE("grids of equal name get an index", "[volume]") {
+TEST_CASE("grids with equal names get an index", "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block(8), block(9)});
   CHECK(gridNames(folder / "a.vdb") == std::vector<std::string>{"density[0]", "density[1]"});
   CHECK(loadVolume(folder / "a.vdb", "density[1]")->info().active_voxels == 729);
 }
 
-TEST_CASE("a grid that shares a tree reads the right tree, even if names clash", "[volume]") {
+TEST_CASE("a grid that shares a tree with another grid reads the right tree, even if names clash",
+          "[volume]") {
   const TemporaryFolder folder;
   Random random(5);
   for (const int n : {8, 80}) {  // read as a whole, and through a memory map
@@ -564,8 +568,8 @@ TEST_CASE("a grid that shares a tree reads the right tree, even if names clash",
     CHECK(lowest("density[0]") == 1.0);
     CHECK(lowest("density[1]") == 2.0);
     CHECK(lowest("twin") == 2.0);
-    // One grid has the name that denotes the first of two grids. It uses the tree of another grid,
-    // or another grid uses its tree.
+    // A grid is named "density[0]", as palpate also names the first of two grids "density". This
+    // grid uses the tree of another grid, or another grid uses this grid's tree.
     const auto literal = rough(3.0, "density[0]");
     const auto twin = shared(literal, "density");
     for (const bool lends : {true, false}) {
@@ -580,7 +584,7 @@ TEST_CASE("a grid that shares a tree reads the right tree, even if names clash",
   }
 }
 
-TEST_CASE("an unusable grid is refused with a reason", "[volume]") {
+TEST_CASE("an unusable grid is refused with the reason", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
 
@@ -618,9 +622,8 @@ TEST_CASE("an unusable grid is refused with a reason", "[volume]") {
   CHECK_THAT(refusal(folder / "background.vdb"), Contains("NaN, infinite"));
 }
 
-TEST_CASE("volumes of one file load in parallel, repeatedly", "[volume]") {
-  // When a load drops its pages, it must not drop pages that another load uses now. Before the fix,
-  // or with sanitizers, this ended the program in about one of ten runs.
+TEST_CASE("volumes of one file can be loaded in parallel and repeatedly", "[volume]") {
+  // When a load drops its pages, it must not drop pages that another load uses.
   const TemporaryFolder folder;
   openvdb::initialize();
   const std::vector<std::string> names{"a", "b", "c"};
@@ -677,10 +680,10 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
   CHECK(begun < 1000);
 }
 
-TEST_CASE("whole numbers, bools and masks are described by their values", "[samplers]") {
+TEST_CASE("grids of whole numbers, bools and masks are described by their values", "[samplers]") {
   openvdb::initialize();
   const TemporaryFolder folder;
-  // The class of a grid is made by OpenVDB, which has compiled it.
+  // OpenVDB creates the grids, because it has compiled their types.
   const auto made = [](auto* type, const char* name) {
     using GridT = std::remove_pointer_t<decltype(type)>;
     auto grid = openvdb::gridPtrCast<GridT>(openvdb::GridBase::createGrid(GridT::gridType()));

@@ -1,4 +1,5 @@
-/// Tests paths through grids: where a path first falls below a level, and where a stream leads.
+/// Tests paths through grids: where the value on a path first falls below a level, and where a
+/// stream leads.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -31,7 +32,7 @@ FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement 
   return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, sampling);
 }
 
-/// Returns random values between -1 and 1, the most irregular interpolant.
+/// Returns random values between -1 and 1 at all voxels.
 openvdb::FloatGrid::Ptr noise(int n) {
   Random random(5);
   return makeGrid<openvdb::FloatGrid>(n, Transform::createLinearTransform(1.0), [&](const Vec3d&) {
@@ -39,7 +40,7 @@ openvdb::FloatGrid::Ptr noise(int n) {
   });
 }
 
-/// Returns a flow with curls of some voxels.
+/// Returns a flow that turns within a few voxels.
 Vec3 curly(const Vec3& p) {
   return {std::sin(0.3 * p.z()) + std::cos(0.25 * p.y()),
           std::sin(0.3 * p.x()) + std::cos(0.2 * p.z()),
@@ -70,7 +71,7 @@ Vec3 inSmallSteps(const VectorField& field, FieldCache& cache, Vec3 p, double le
 
 }  // namespace
 
-TEST_CASE("the first fall through a level is exact on any path through noise",
+TEST_CASE("the first fall of the value below a level is found exactly on any path through noise",
           "[samplers][motion]") {
   constexpr int kWays = test::kSanitized ? 500 : 4000;
   for (const bool turned : {false, true}) {
@@ -90,7 +91,7 @@ TEST_CASE("the first fall through a level is exact on any path through noise",
         return sign * (scalar.sample(placement(a + share * (b - a)), *memory).value - level);
       };
       const Crossing crossing = scalar.firstFall(placement(a), placement(b), level, sign, *memory);
-      // Searches in small steps. A smaller dip between two steps is not seen.
+      // Searches in small steps, which can miss a smaller dip between two steps.
       constexpr int kSteps = 2000;
       bool above = height(0.0) > 0.0;
       double share = 2.0;
@@ -120,7 +121,7 @@ TEST_CASE("the first fall through a level is exact on any path through noise",
   }
 }
 
-TEST_CASE("a path from the surface crosses it only if the path leads inwards",
+TEST_CASE("a path that starts on a surface crosses it only if the path leads inwards",
           "[samplers][motion]") {
   // z - 4, in a box of 9 voxels.
   const auto grid =
@@ -133,12 +134,12 @@ TEST_CASE("a path from the surface crosses it only if the path leads inwards",
   const auto fall = [&](const Vec3& a, const Vec3& b) {
     return scalar.firstFall(a, b, 0.0, 1.0, *memory);
   };
-  CHECK(fall({4, 4, 4}, {4, 4, 3}).share == 0.0);     // into it
-  CHECK_FALSE(fall({4, 4, 4}, {4.3, 4, 5.5}).found);  // out of it
-  CHECK_FALSE(fall({4, 4, 4}, {6, 4, 4}).found);      // along it
+  CHECK(fall({4, 4, 4}, {4, 4, 3}).share == 0.0);     // into the solid
+  CHECK_FALSE(fall({4, 4, 4}, {4.3, 4, 5.5}).found);  // out of the solid
+  CHECK_FALSE(fall({4, 4, 4}, {6, 4, 4}).found);      // along the surface
   CHECK(fall({4, 4, 5.5}, {4, 4, 3.5}).share == Approx(0.75));
-  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // starts behind it, and leads deeper
-  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // starts behind it, and leads out
+  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // starts in the solid, and leads deeper
+  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // starts in the solid, and leads out
   CHECK_FALSE(fall({40, 4, 5}, {40, 4, 3}).found);   // no data
   CHECK_FALSE(fall({4, 4, 5}, {NAN, 4, 3}).found);
   CHECK_FALSE(fall({4, 4, 5}, {4, 4, 1e300}).found);
@@ -185,7 +186,9 @@ TEST_CASE("a stream is traced by arc length for any placement and voxel shape",
   }
 }
 
-TEST_CASE("a trace ends where the data, the flow or its steps end", "[samplers][motion]") {
+TEST_CASE(
+    "a streamline trace ends at the edge of the data, where the flow is zero or after max_steps",
+    "[samplers][motion]") {
   const auto transform = Transform::createLinearTransform(1.0);
   // The flow is along x for x from 0 to 20, and zero beyond.
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
@@ -219,7 +222,7 @@ TEST_CASE("a trace ends where the data, the flow or its steps end", "[samplers][
   }
 }
 
-TEST_CASE("a short trace reads two values, or five where the bend has changed",
+TEST_CASE("a short trace of a stream reads two values, or five if the curvature has changed",
           "[samplers][motion]") {
   const Vec3 centre(16.3, 15.7, 16.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
@@ -250,7 +253,7 @@ TEST_CASE("a short trace reads two values, or five where the bend has changed",
       CHECK((trace.position - exact).norm() < std::abs(length * turned * turned) / 5.0);
       const Vec3 ahead(-std::sin(turned), std::cos(turned), 0.0);
       CHECK((trace.direction - ahead).norm() < turned * turned);
-      // A curve that bent differently before has a larger third derivative.
+      // A curve whose bend was different before has a larger third derivative.
       order.bend = Vec3(0, 0, 1.0);
       const Trace longer = circles.trace(start, order, *memory);
       CHECK(longer.samples == 5);
@@ -259,8 +262,9 @@ TEST_CASE("a short trace reads two values, or five where the bend has changed",
   }
 }
 
-TEST_CASE("a trace to the hand ends at the first nearest place in either direction",
-          "[samplers][motion]") {
+TEST_CASE(
+    "a trace towards the hand ends at the first place nearest to the hand in either direction",
+    "[samplers][motion]") {
   const Vec3 centre(16.3, 15.7, 16.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       33, Transform::createLinearTransform(1.0),
@@ -310,7 +314,7 @@ TEST_CASE("a trace to the hand ends at the first nearest place in either directi
   }
 }
 
-TEST_CASE("a trace along fibres without a sign does not turn back", "[samplers][motion]") {
+TEST_CASE("a trace along axial vectors of random sign does not turn back", "[samplers][motion]") {
   Random random(9);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       16, Transform::createLinearTransform(1.0),

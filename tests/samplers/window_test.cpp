@@ -1,4 +1,4 @@
-/// Tests a window of bricks: where its bricks are in memory it equals the whole volume, elsewhere
+/// Tests a window of bricks. Where its bricks are in memory it equals the whole volume. Elsewhere
 /// it is coarse.
 #include <algorithm>
 #include <array>
@@ -86,7 +86,7 @@ struct Both {
 
 }  // namespace
 
-TEST_CASE("where its bricks are present, a window equals the whole volume to the last bit",
+TEST_CASE("a window equals the whole volume to the last bit where its bricks are present",
           "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
@@ -126,7 +126,7 @@ TEST_CASE("where its bricks are present, a window equals the whole volume to the
   CHECK(both.window->frame().voxel == both.whole->frame().voxel);
 }
 
-TEST_CASE("a flow in bricks is read and traced like the whole flow, to the last bit", "[bricks]") {
+TEST_CASE("a flow in bricks is read and traced as the whole flow is, to the last bit", "[bricks]") {
   const TemporaryFolder folder;
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       140, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
@@ -180,7 +180,8 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   window->aim(0, {centre / kVoxel, centre / kVoxel, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().bytes <= 1.1 * static_cast<double>(budgetOf(8 + 27)));
-  // The reading moves away from the hand in steps of a fiftieth of a voxel, and must not jump.
+  // The place of the reading moves away from the hand in steps of a fiftieth of a voxel. The value
+  // must not jump.
   double jump = 0.0;
   long coarse = 0;
   long same = 0;
@@ -212,8 +213,8 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
                                    both.ofWindow(kVoxel * (p - little)).value));
   }
   CHECK(step < 1e-4);  // a level and the next one differ by about 1e-2
-  // The hand moves there. Tick by tick the coarse reading becomes fine, by at most a fiftieth per
-  // tick.
+  // The hand moves to this place. In each tick the coarse value approaches the fine value by at
+  // most a fiftieth.
   const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
   REQUIRE(both.ofWindow(there).coarse);
   double excess = -1.0;
@@ -238,8 +239,9 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   CHECK(excess < 0.0);
 }
 
-TEST_CASE("a reading not reported as coarse equals the whole volume even while bricks are evicted",
-          "[bricks][host]") {
+TEST_CASE(
+    "a sample that is not marked coarse equals the whole volume even while bricks are evicted",
+    "[bricks][host]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -278,7 +280,7 @@ TEST_CASE("a reading not reported as coarse equals the whole volume even while b
   CHECK(window->state().fetched > 200);
 }
 
-TEST_CASE("the bricks that a reader uses stay unchanged until it leaves", "[bricks]") {
+TEST_CASE("bricks that a reader uses stay unchanged until the reader leaves", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -304,7 +306,7 @@ TEST_CASE("the bricks that a reader uses stay unchanged until it leaves", "[bric
     return std::count_if(seen.begin(), seen.end(),
                          [](const Seen& of) { return *of.cell.rows[0] == of.value; });
   };
-  // A hand at the opposite end wants all slots.
+  // At the opposite end the hand needs all slots.
   const Vec3 there = Vec3::Constant(260.0);
   window->aim(0, {there, there, Vec3::Zero()});
   CHECK_FALSE(window->settle(0.5));
@@ -314,7 +316,7 @@ TEST_CASE("the bricks that a reader uses stay unchanged until it leaves", "[bric
   CHECK(same() < 8);
 }
 
-TEST_CASE("a missing brick is reported in one line and read coarsely", "[bricks]") {
+TEST_CASE("a missing brick is reported in one line and replaced by coarser data", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   const BrickReport report = writeBricks(folder / "bricks", brickInput(volume));
@@ -332,14 +334,14 @@ TEST_CASE("a missing brick is reported in one line and read coarsely", "[bricks]
   CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(20.0)).coarse);
   CHECK_THROWS_WITH(windowOf(folder / "bricks", 3),
                     Contains("a window of") && Contains("increase the budget"));
-  // The same holds if no brick is stored, because the tables need their memory.
+  // The same holds for a volume without stored bricks, because the tables need memory.
   (void)writeBricks(folder / "empty",
                     formulaBricks("empty", {63, 63, 63}, [](const VoxelAt&) { return 0; }));
   CHECK_THROWS_WITH(BrickWindow(std::make_unique<PosixBricks>(folder / "empty"), {1000}),
                     Contains("a window of") && Contains("increase the budget"));
 }
 
-TEST_CASE("a reader that waits gets fine values from the first tick on", "[bricks]") {
+TEST_CASE("a reader that waits for bricks gets fine values from the first tick on", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -378,7 +380,7 @@ TEST_CASE("a hand that returns finds its bricks still in the window", "[bricks]"
   for (const double x : {3.0, 5.0, 3.0, 1.0}) CHECK(go(x) == fetched);
 }
 
-TEST_CASE("a window serves proxy and hand, and drops a hand that is silent for a second",
+TEST_CASE("a window loads bricks for proxy and hand, and drops those of a hand silent for a second",
           "[bricks][release]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
@@ -392,11 +394,11 @@ TEST_CASE("a window serves proxy and hand, and drops a hand that is silent for a
   REQUIRE(window->settle(20.0));
   CHECK_FALSE(both.ofWindow(kVoxel * proxy).coarse);
   const std::uint64_t fetched = window->state().fetched;
-  // A hand that stays reports in each tick, and the window fetches no brick for it.
+  // A hand that stands still reports in each tick, and the window fetches no brick for it.
   for (int tick = 0; tick < 1000; ++tick) window->aim(0, {proxy, probe, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().fetched == fetched);
-  // After a second without a report, the next hand has all of the room.
+  // After the first hand was silent for a second, the second hand has all slots.
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));
   window->aim(1, {Vec3(270.0, 30.0, 30.0), Vec3(270.0, 30.0, 30.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
@@ -405,8 +407,8 @@ TEST_CASE("a window serves proxy and hand, and drops a hand that is silent for a
   CHECK(next.ofWindow(kVoxel * proxy).coarse);
 }
 
-TEST_CASE("where only the coarsest bricks are present, every reading uses them", "[bricks]") {
-  // On a ramp all levels agree, so any wrong reading shows.
+TEST_CASE("where only the coarsest bricks are present every sample uses them", "[bricks]") {
+  // All levels of a ramp agree, so every wrong reading is visible.
   const TemporaryFolder folder;
   const BrickInput ramp =
       formulaBricks("ramp", {639, 255, 127}, [](const VoxelAt& at) { return at[1]; });
@@ -453,7 +455,8 @@ TEST_CASE("where only the coarsest bricks are present, every reading uses them",
   CHECK(other == 0.0);
 }
 
-TEST_CASE("a wall in a loaded brick stops a path out of a missing brick", "[bricks]") {
+TEST_CASE("a wall in a loaded brick is found on a path that begins in a missing brick",
+          "[bricks]") {
   const TemporaryFolder folder;
   const BrickInput wall = formulaBricks("wall", {319, 127, 127},
                                         [](const VoxelAt& at) { return at[0] == 142 ? 2.0 : 0.0; });
@@ -558,7 +561,7 @@ class SlowBricks final : public BrickSource {
 }  // namespace
 
 TEST_CASE(
-    "if bricks take a second, they are requested five bricks ahead of the hand instead of two",
+    "bricks that take a second to load are requested five bricks ahead of the hand instead of two",
     "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "bricks",
@@ -593,7 +596,7 @@ TEST_CASE("a hand that waits for a window is not counted as silent", "[bricks]")
   }
 }
 
-TEST_CASE("a failed request is retried at longer and longer intervals", "[bricks]") {
+TEST_CASE("a failed request for a brick is retried at longer and longer intervals", "[bricks]") {
   using std::chrono::seconds;
   detail::Retries<int> of;
   const detail::Retries<int>::Clock::time_point begin;

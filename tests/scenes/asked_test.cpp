@@ -120,7 +120,8 @@ class Said {
 
 }  // namespace
 
-TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dial][release]") {
+TEST_CASE("a gain on a mode gives the same forces as a scene with its strength scaled",
+          "[dial][release]") {
   struct Kind {
     ModeKind kind;
     std::string of;
@@ -153,7 +154,7 @@ TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dia
     mode.solid = Solid::kBelow;
     mode.strength = property(times * 0.8);
     if (skin) mode.viscosity = property(times * 0.2);
-    // The friction reads `by`, so that `by` has a use in every form of the strength.
+    // The friction uses the mode's `by`, so that `by` is used with every form of the strength.
     if (skin) mode.friction = TransferFunction::piecewise({{0.0, 0.1}, {2.0, 0.2}});
     const bool reads = form == "curve" || form == "number" || skin;
     if (by && reads) mode.by = "half";
@@ -176,7 +177,7 @@ TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dia
   CHECK(dialled.scene->shape == buildScene(scene(1.0)).scene->shape);
 }
 
-TEST_CASE("a mode keeps its id when its file is edited", "[dial]") {
+TEST_CASE("a mode keeps its id if its scene file is edited", "[dial]") {
   const SceneSpec first = named({"skin", "/a", "bone"});
   const ModeIds ids = idsOf(first);
   CHECK(ids.of == std::vector<std::uint32_t>{0, 1, 2});
@@ -213,7 +214,7 @@ TEST_CASE("a mode keeps its id when its file is edited", "[dial]") {
   CHECK(all[2].mode == 2);
 }
 
-TEST_CASE("requests from the shared memory are limited to valid values", "[asked]") {
+TEST_CASE("requests in the shared memory are limited to valid values", "[asked]") {
   LiveWishes before;
   LiveWishes now;
   CHECK(cli::asked(before, now).dialled == 0);
@@ -236,7 +237,7 @@ TEST_CASE("requests from the shared memory are limited to valid values", "[asked
   CHECK(cli::asked(before, now).dials.size() == kLiveModes - 3);
   CHECK(cli::asked(now, now).dialled == 0);
 
-  // If a cut and a clear come together, the cut holds.
+  // If a cut and a clear come together, the cut is in effect.
   before = now;
   ++now.cuts;
   ++now.clears;
@@ -250,7 +251,7 @@ TEST_CASE("requests from the shared memory are limited to valid values", "[asked
   CHECK(cli::asked(now, now).closed);
 }
 
-TEST_CASE("the hand follows its mouse with a time constant of 20 ms", "[asked]") {
+TEST_CASE("the simulated hand follows its mouse with a time constant of 20 ms", "[asked]") {
   Published<LiveHand> mouse;
   const Vec3 start(0.1, 0.0, 0.0);
   const HandTarget hand = cli::behindMouse(mouse, start);
@@ -261,7 +262,7 @@ TEST_CASE("the hand follows its mouse with a time constant of 20 ms", "[asked]")
     to(0.11);
     const double share = 1.0 - std::exp(-1e-3 / 0.02);
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
-    // If the target is requested again for the same time or an earlier one, it has not moved.
+    // A request for the same time or an earlier time does not move the target.
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
     Vec3 at = start;
     for (int i = 2; i <= 20; ++i) at = hand.at(20.0 + 1e-3 * i);
@@ -291,7 +292,8 @@ TEST_CASE("the hand follows its mouse with a time constant of 20 ms", "[asked]")
   }
 }
 
-TEST_CASE("the simulated arm follows its mouse", "[asked]") {
+TEST_CASE("the simulated arm follows its mouse with the expected lag and within the speed limit",
+          "[asked]") {
   Published<LiveHand> mouse;
   ArmParams arm;
   arm.coulomb = 0.0;
@@ -323,7 +325,7 @@ TEST_CASE("the simulated arm follows its mouse", "[asked]") {
   }
 }
 
-TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
+TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   const test::TemporaryFolder folder;
   test::writeTestVolumes(folder.path());
   const std::string file = (folder / "scene.json").string();
@@ -381,7 +383,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   CHECK(factors() == std::vector<float>{0.0F, 1.0F});
   CHECK(said.times("the coupling is 300 N/m") == 1);
 
-  // The edit moves the mode to another place in the file, and the mode stays off.
+  // The edit moves the mode to another place in the file. The mode stays switched off.
   const std::string core = R"({"name": "core", "mode": "isosurface", "of": "ball", "value": -0.5,
       "solid": "below", "strength": 2})";
   write(core + "," + pin + "," + skin);
@@ -395,7 +397,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   CHECK(built->scene->coupling.stiffness == 300.0);
   CHECK(said.times("the coupling is 300 N/m") == 2);
 
-  // A key that was pressed before the edit was noticed still acts on the skin. A request for an
+  // A key that was pressed before the edit was noticed still changes the skin. A request for an
   // unknown mode is ignored.
   watcher.turn({{0, 0.5F}, {1, 1.0F}, {77, 0.0F}}, 2);
   built = look();

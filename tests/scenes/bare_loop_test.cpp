@@ -69,7 +69,7 @@ Stopped stopFor(double seconds) {
 
 }  // namespace
 
-TEST_CASE("the machine's lateness is measured for the requested time and returned once",
+TEST_CASE("the machine's lateness is measured for the requested time and its result is given once",
           "[safety]") {
   const Clock::time_point begun = Clock::now();
   BareLoop loop(0.2, 1);
@@ -80,13 +80,13 @@ TEST_CASE("the machine's lateness is measured for the requested time and returne
   CHECK(seen->worst > 0.0);
   CHECK((seen->late > 0) == (seen->worst > WatchLimits{}.late));
   CHECK(!loop.take());
-  // A loop that is no longer needed ends at once.
+  // A loop that is destroyed early ends immediately.
   const Clock::time_point ends = Clock::now();
   { const BareLoop longer(3600.0, 1); }
   CHECK(Clock::now() - ends < std::chrono::minutes(1));
 }
 
-TEST_CASE("a pause of 100 ms counts as lateness, a longer stop of the program does not",
+TEST_CASE("a pause of 100 ms counts as lateness, and a longer stop of the whole program does not",
           "[safety]") {
   constexpr double kTick = 0.001;  // [s]
   const Stopped paused = stopFor(0.1);

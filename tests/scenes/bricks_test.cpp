@@ -1,5 +1,5 @@
-/// Tests scenes with volumes in bricks: the forces, settings that are rejected, and the fault if a
-/// folder disappears.
+/// Tests scenes with volumes in bricks: their forces, settings that are rejected, and the fault if
+/// a folder disappears.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -121,7 +121,8 @@ TEST_CASE("a scene of bricks gives the same forces as its volume in memory", "[s
   CHECK(one.scene->shape == two.scene->shape);
 }
 
-TEST_CASE("a setting that bricks do not support is rejected with its path", "[scene][bricks]") {
+TEST_CASE("a scene setting that bricks do not support is rejected with its path",
+          "[scene][bricks]") {
   const TemporaryFolder folder;
   writeBall(folder.path());
   writeVdb(folder / "ball.vdb", {makeBall(10.0, 1.0)});
@@ -159,7 +160,7 @@ TEST_CASE("a setting that bricks do not support is rejected with its path", "[sc
              Contains("/volumes/ball") && Contains("unfinished"));
 }
 
-TEST_CASE("the force is cut while the folder of bricks is missing, and can return after it is back",
+TEST_CASE("a missing folder of bricks cuts the force, which can return after the folder is back",
           "[scene][bricks][safety]") {
   const TemporaryFolder folder;
   writeBall(folder.path());
@@ -186,7 +187,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
   CHECK(go(Vec3(0, 0, 0.055), 200).report.force.z() > 1.0);
   fs::copy(folder / "ball.bricks", folder / "away", fs::copy_options::recursive);
   fs::remove_all(folder / "ball.bricks");
-  // Bricks in memory are still used. The first missing brick raises the fault.
+  // The hand still uses the bricks in memory. The first missing brick raises the fault.
   Telemetry now = loop.latest();
   double step = 0.0;
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
@@ -217,7 +218,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
   now = go(Vec3(0, 0, 0.055), 200);
   CHECK(now.report.force.z() > 1.0);
   CHECK_FALSE(now.report.coarse);
-  // The opposite side holds the hand too, after its bricks have arrived.
+  // The opposite side also holds the hand, after its bricks have arrived.
   (void)go(Vec3(0.09, 0, 0.09), 300);
   (void)go(Vec3(0.09, 0, -0.09), 300);
   (void)go(Vec3(0, 0, -0.07), 300);
@@ -233,7 +234,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
 
 // With sanitizers this test would take minutes. Other tests run the same code on small volumes.
 #ifdef NDEBUG
-TEST_CASE("a volume of sixteen times its window gives the forces of the whole volume",
+TEST_CASE("a volume of sixteen times its window gives the same forces as the whole volume",
           "[.][data][bricks]") {
   const char* data = std::getenv("PALPATE_DATA");
   REQUIRE(data != nullptr);
@@ -253,7 +254,7 @@ TEST_CASE("a volume of sixteen times its window gives the forces of the whole vo
   const auto feltWhole = [&] { return Touching(buildScene(of_whole)); };
   CHECK(static_cast<double>(window.state().bytes) <= 1.1 * whole / 16.0 * kMegabyte);
 
-  // At 0.3 m/s, waiting for the disk: all bits are equal.
+  // At 0.3 m/s the reader waits for the disk, and all bits are equal.
   Touching all = feltWhole();
   int held = 0;
   int other = 0;
@@ -271,7 +272,7 @@ TEST_CASE("a volume of sixteen times its window gives the forces of the whole vo
   CHECK(window.state().fetched > 2 * window.state().slots);  // bricks were evicted, too
   CHECK(window.state().failed == 0);
 
-  // At 2 m/s, without waiting: uses those bricks that arrive in time.
+  // At 2 m/s the reader does not wait, and uses the bricks that have arrived.
   spec.waits = false;
   Touching fast(buildScene(spec));
   double step = 0.0;

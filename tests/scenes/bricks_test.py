@@ -89,9 +89,9 @@ class Case(unittest.TestCase):
 
 
 class Others(Case):
-    """What a tool can read that knows only Zarr and docs/bricks.md."""
+    """Tests with tools that know only Zarr and docs/bricks.md."""
 
-    def test_values_have_the_documented_positions(self):
+    def test_values_in_bricks_have_the_documented_positions(self):
         # "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0.
         for half, tolerance in (((), 0), (("--half",), 2e-3)):
             for grid in ("density", "velocity"):
@@ -114,7 +114,7 @@ class Others(Case):
                 self.assertLessEqual(float(np.abs(found - is_to_be).max()), tolerance)
 
     @suite.smoke
-    def test_the_manifest_has_the_documented_format(self):
+    def test_the_manifest_of_bricks_has_the_documented_format(self):
         out, said = self.brick("manifest", "bodies.vdb", "--grid", "bowl")
         names = {"folder": str(out)}
         exec(snippet(1), names)  # pylint: disable=exec-used
@@ -137,7 +137,7 @@ class Others(Case):
         self.assertEqual(sum(len(t) for t in tables), stored + sum(
             level["constant"] for level in said["levels"]))
 
-    def test_bricks_repeat_their_neighbours_aprons_and_coarse_voxels_are_means_of_fine_ones(self):
+    def test_aprons_repeat_the_neighbour_s_voxels_and_coarse_voxels_are_means_of_fine_ones(self):
         out, _ = self.brick("rims", "bodies.vdb", "--grid", "cloud")
         fine, coarse = ZarrArray(out / "0"), ZarrArray(out / "1")
         for i, j, k in fine.chunks():
@@ -160,7 +160,7 @@ class Others(Case):
             np.testing.assert_array_equal(coarse.chunk(*at)[2:66, 2:66, 2:66],
                                           means.astype(np.float32))
 
-    def test_zarr_reads_a_volume_in_bricks(self):
+    def test_the_zarr_library_reads_a_volume_in_bricks(self):
         try:
             import zarr  # noqa: F401 pylint: disable=import-outside-toplevel,unused-import
         except ImportError:
@@ -178,7 +178,7 @@ class Others(Case):
 
 
 class Broken(Case):
-    def test_a_killed_run_resumes_to_the_bytes_of_one_run(self):
+    def test_a_killed_export_of_bricks_resumes_to_the_same_bytes_as_one_run(self):
         """kill -9 at many points: in the end the bytes equal those of one run."""
         run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.3)
         words = ["brick", self.dir / "fine.vdb", "--grid", "bowl", "--compression", 12]
@@ -206,7 +206,7 @@ class Broken(Case):
             shutil.rmtree(out)
         self.assertGreater(killed, 6)
 
-    def test_an_interrupted_run_prints_how_to_resume(self):
+    def test_an_interrupted_export_of_bricks_prints_how_to_resume(self):
         run("make", "two-bodies", self.dir / "slow.vdb", "--voxel", 0.25)
         words = ["brick", self.dir / "slow.vdb", self.dir / "slow", "--grid", "bowl",
                  "--compression", 12]
@@ -223,7 +223,7 @@ class Broken(Case):
         self.assertRegex(told, r"note +\d+ of these bricks were already written by an interrupted run")
         self.assertIn("all bricks were already written", run(*words).stdout)
 
-    def test_a_run_on_a_full_disk_resumes(self):
+    def test_an_export_of_bricks_on_a_full_disk_can_be_resumed(self):
         out = self.dir / "full"
 
         def small():
@@ -240,7 +240,7 @@ class Broken(Case):
 
 class Verbs(Case):
     @suite.smoke
-    def test_info_of_bricks_equals_info_of_their_file(self):
+    def test_the_command_info_prints_the_same_for_bricks_as_for_their_file(self):
         out, made = self.brick("told", "bodies.vdb", "--grid", "bowl")
         grids = json.loads(run("info", self.dir / "bodies.vdb", "--json").stdout)["grids"]
         file = next(grid for grid in grids if grid["name"] == "bowl")
@@ -270,7 +270,7 @@ class Verbs(Case):
         self.assertEqual(again["written"], 0)
 
     @suite.smoke
-    def test_half_precision_bricks_are_smaller_than_single_and_reported(self):
+    def test_half_precision_bricks_are_smaller_and_their_rounding_is_reported(self):
         whole, made = self.brick("single", "bodies.vdb", "--grid", "cloud")
         half, less = self.brick("halved", "bodies.vdb", "--grid", "cloud", "--half")
         self.assertLess(less["bytes"], 0.8 * made["bytes"])
@@ -352,7 +352,7 @@ class Felt(Case):
             for row in rows:
                 del row[timed]
         self.assertEqual(felt[0], felt[1])
-        # The bricks without a scene, with a trailing slash, and under `check`.
+        # The bricks are used without a scene, with a trailing slash, and with `check`.
         self.assertIn(f'"file": "{bricks}"', run("scene", bricks).stdout)
         self.assertIn("in bricks", run("check", self.dir / "bricks.json").stdout)
         run("feel", f"{bricks}/", "--seconds", 1, status=None)
@@ -372,7 +372,7 @@ class Felt(Case):
         self.assertEqual(summary["faults"], {})
         self.assertRegex(out.stdout, r"coarse    coarser data replaced missing data")
 
-    def test_a_recording_replays_identically(self):
+    def test_a_recording_of_a_scene_in_bricks_replays_identically(self):
         self.skin()
         self.feel("bricks.json", "bricks.csv", "--record", self.dir / "felt.rec")
         again = run("feel", self.dir / "felt.rec", "--device", f"replay:{self.dir / 'felt.rec'}",
@@ -403,7 +403,7 @@ class Import(Case):
         self.assertEqual(facts["source"], "cube.raw")
 
     @suite.smoke
-    def test_invalid_outputs_are_refused(self):
+    def test_an_import_into_bricks_refuses_invalid_outputs(self):
         file, layout = self.raw()
         words = ["import", file, "--raw", layout, "--bricks"]
         self.refused(*words, self.dir / "a.vdb", says="omit .vdb in the name")

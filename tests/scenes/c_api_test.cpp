@@ -18,13 +18,13 @@ namespace palpate::c_api_test {
 
 namespace {
 
-/// A scene with a ball of 43 mm from a .vdb file, and a hand in the scene.
+/// A scene with a ball of 43 mm from a .vdb file, and a hand that presses on it.
 class Host {
  public:
   Host() {
     test::writeTestVolumes(folder_.path());
     palpate_arm arm = palpate_weakest_arm();
-    arm.hand = 0;  // not held by a hand: it may jump, and forces come at once
+    arm.hand = 0;  // not held by a hand: it may jump, and forces are not ramped up
     char error[200];
     hand = palpate_load(file().c_str(), &arm, 1000.0, error, sizeof error);
     INFO(error);
@@ -68,7 +68,8 @@ class Folder {
 
 }  // namespace
 
-TEST_CASE("a host in C gets the force of a scene, and keeps the scene if a reload fails", "[c]") {
+TEST_CASE("a host program in C gets the force of a scene and keeps the scene if a reload fails",
+          "[c]") {
   const Host host;
   (void)host.press();
   for (int i = 0; i < 100; ++i) (void)host.tick(0.04);  // at rest
@@ -85,7 +86,7 @@ TEST_CASE("a host in C gets the force of a scene, and keeps the scene if a reloa
   CHECK(test::CountScope::counts().allocations == 0);
 }
 
-TEST_CASE("each failed load gives a host in C a one-line error", "[c]") {
+TEST_CASE("each failed load gives a host program in C an error of one line", "[c]") {
   const Host host;
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const auto refusal = [&](const char* path, palpate_arm arm, double rate) {
@@ -118,8 +119,7 @@ TEST_CASE("each failed load gives a host in C a one-line error", "[c]") {
   palpate_unload(nullptr);
 }
 
-TEST_CASE("a fault cuts the force of a host in C until it clears the fault, and has a description",
-          "[c]") {
+TEST_CASE("a fault cuts the force of a host program in C until it clears the fault", "[c]") {
   const Host host;
   (void)host.press();
   const palpate_felt bad = host.tick(std::numeric_limits<double>::quiet_NaN());
@@ -135,7 +135,8 @@ TEST_CASE("a fault cuts the force of a host in C until it clears the fault, and 
     CHECK(std::string(palpate_fault_words(none)).empty());
 }
 
-TEST_CASE("an explanation for a host in C is whole or cut to the size of the buffer", "[c]") {
+TEST_CASE("the text of an explanation for a host program in C is whole or cut to the buffer's size",
+          "[c]") {
   const Host host;
   const double at[3] = {0.0, 0.0, 0.03};
   const double push[3] = {0.0, 0.0, -1e-3};
@@ -156,7 +157,7 @@ TEST_CASE("an explanation for a host in C is whole or cut to the size of the buf
   CHECK(std::string(why).rfind("push: ", 0) == 0);  // the name of the function's own argument
 }
 
-TEST_CASE("a host in C may change its working directory after a load", "[c]") {
+TEST_CASE("a host program in C may change its working directory after loading a scene", "[c]") {
   const Host host;
   const Folder before(std::filesystem::path(host.file()).parent_path());
   char error[200];

@@ -54,14 +54,14 @@ class Case(unittest.TestCase):
         cls.holder.cleanup()
 
     def refused(self, *words, says, stdin="", status=2):
-        """The command is refused: one clear line on stderr, no output on stdout, no file left."""
+        """Checks that the command is refused: one clear line on stderr, no output on stdout, no file left."""
         _, line = refusal(self, self.dir, lambda: run(*words, stdin=stdin, status=status))
         self.assertIn(says, line)
 
 
 class Program(Case):
     @suite.smoke
-    def test_help_has_an_example_for_every_verb(self):
+    def test_help_has_an_example_for_every_command(self):
         for verb in ("info", "brick", "make", "sample", "solve", "check", "explain", "press",
                      "feel", "view", "compare", "convert", "plot", "stability", "devices", "schema", "help"):
             self.assertIn("Example", run(verb, "--help").stdout)
@@ -76,7 +76,7 @@ class Program(Case):
 
     def test_usage_errors_are_one_line(self):
         self.refused(says="usage")
-        self.refused("tickle", says="is not a verb")
+        self.refused("tickle", says="is not a command of palpate")
         self.refused("fel", says='did you mean "feel"?')
         self.refused("feel", says="see palpate feel --help")
         self.refused("info", "a", "--nonsense", says="nonsense")
@@ -90,7 +90,7 @@ def verbs():
 
 class Help(Case):
     """The help text is the same for each way to request it."""
-    def test_help_of_a_verb_equals_its_own_help(self):
+    def test_help_of_a_command_equals_the_command_s_own_help(self):
         self.assertEqual(run("help").stdout, run("--help").stdout)
         self.assertGreater(len(verbs()), 15)
         for verb in verbs():
@@ -108,7 +108,7 @@ class Documents(unittest.TestCase):
         program = (self.ROOT / "scenes" / "apps" / "first_tick.cpp").read_text().strip()
         self.assertIn(program, (self.ROOT / "README.md").read_text())
 
-    def test_every_verb_is_documented(self):
+    def test_every_command_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
         for verb in ("info", "import", "brick", "make", "sample", "solve", "check",
                      "explain", "press", "feel", "plot", "stability", "devices", "schema", "help"):
@@ -117,7 +117,7 @@ class Documents(unittest.TestCase):
 
 class Info(Case):
     @suite.smoke
-    def test_grids_are_described(self):
+    def test_the_command_info_describes_each_grid_of_a_file(self):
         grids = json.loads(run("info", self.dir / "mixed.vdb", "--json").stdout)["grids"]
         by_name = {g["name"]: g for g in grids}
         self.assertEqual(by_name["ball"]["class"], "level set")
@@ -127,7 +127,7 @@ class Info(Case):
         self.assertIn("feel", run("info", self.dir / "mixed.vdb").stdout)
 
     @suite.smoke
-    def test_invalid_files_are_refused(self):
+    def test_the_command_info_refuses_invalid_files(self):
         self.refused("info", self.dir / "none.vdb", says="no such file")
         self.refused("info", self.dir, says="not a file")
         text = self.dir / "text.vdb"
@@ -142,7 +142,7 @@ class Info(Case):
 
 class Make(Case):
     @suite.smoke
-    def test_a_full_disk_is_reported(self):
+    def test_the_command_make_reports_a_full_disk(self):
         out = self.dir / "full.vdb"
         done = process.run(["prlimit", "--fsize=20000", PALPATE, "make", "two-bodies", out],
                               capture_output=True, text=True, timeout=300)
@@ -150,14 +150,14 @@ class Make(Case):
         self.assertIn("cannot be written (File too large)", done.stderr)
         self.assertFalse(out.exists())
 
-    def test_a_pipe_as_output_is_refused(self):
+    def test_the_command_make_refuses_a_pipe_as_output(self):
         os.mkfifo(self.dir / "pipe.vdb")
         done = process.run([PALPATE, "make", "two-bodies", self.dir / "pipe.vdb"],
                               capture_output=True, text=True, timeout=300)
         self.assertEqual(done.returncode, 2)
         self.assertIn("it is a pipe or a device", done.stderr)
 
-    def test_made_volumes_are_complete_and_described(self):
+    def test_procedural_volumes_are_complete_and_described(self):
         for name, grids in (("wind-tunnel", ["velocity", "wing"]),
                             ("fibres", ["direction", "anisotropy"]),
                             ("two-bodies", ["bowl", "cloud"]),
@@ -177,7 +177,7 @@ class Make(Case):
             os.remove(out)
         self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
 
-    def test_refused_commands_leave_no_files(self):
+    def test_a_refused_command_make_leaves_no_files(self):
         out = self.dir / "never.vdb"
         self.refused("make", "wind-tunel", out, says='did you mean "wind-tunnel"?')
         self.refused("make", "teapot", out, says="use one of wind-tunnel, fibres, two-bodies, "
@@ -212,7 +212,7 @@ class Parts(Case):
                       for volume in volumes]}))
         return scene
 
-    def test_many_parts_are_felt_and_reported(self):
+    def test_a_scene_of_many_parts_gives_forces_and_reports_its_parts(self):
         scene = self.strew("many", 30, 0.1, 3)
         checked = json.loads(run("check", scene, "--json").stdout)
         self.assertEqual(checked["parts"], 30)
@@ -301,7 +301,7 @@ class Sample(Case):
         self.assertIn("lambda2", run("sample", "--help").stdout)
 
     @suite.smoke
-    def test_invalid_input_is_refused(self):
+    def test_the_command_sample_refuses_invalid_input(self):
         file = self.dir / "linear.vdb"
         self.refused("sample", file, "--points", "-", says="more than one grid", stdin="x,y,z\n")
         self.refused("sample", file, "--grid", "densty", "--points", "-", says='"density"',
@@ -330,7 +330,7 @@ class Solve(Case):
         return [json.loads(line) for line in run("solve", stdin=text + "\n",
                                                  status=status).stdout.splitlines()]
 
-    def test_a_plane_holds_and_yields_in_closed_form(self):
+    def test_the_command_solve_balances_a_plane_that_holds_and_one_that_yields_in_closed_form(self):
         [held, yielded] = self.solve(
             {"stiffness": 500, "probe": [0, 0, -0.001], "primitives": [self.PLANE]},
             {"stiffness": 500, "probe": [0, 0, -0.01], "primitives": [self.PLANE]})
@@ -340,7 +340,7 @@ class Solve(Case):
         self.assertAlmostEqual(yielded["force"][2], 1.5)
 
     @suite.smoke
-    def test_two_primitives_use_the_general_solver(self):
+    def test_the_command_solve_balances_two_primitives_with_the_general_solver(self):
         other = {"kind": "point", "position": [0, 0, 0], "strength": 0.5}
         [answer] = self.solve({"stiffness": 500, "probe": [0.004, 0, -0.001], "start": [0, 0, 0],
                                "primitives": [self.PLANE, other]})
@@ -348,7 +348,7 @@ class Solve(Case):
         self.assertLess(answer["error_bound"], 1e-8)
         self.assertAlmostEqual(answer["force"][0], -0.5, places=6)
 
-    def test_a_failed_read_is_not_the_end_of_the_input(self):
+    def test_an_input_that_cannot_be_read_to_its_end_is_refused(self):
         # No memory is mapped at the beginning of this file, so that reading fails.
         failing = "/proc/self/mem"
         for verb, *words in (("solve",), ("sample", self.dir / "ball.vdb", "--points")):
@@ -359,12 +359,12 @@ class Solve(Case):
             self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
             self.assertIn("reading failed", done.stderr)
 
-    def test_without_primitives_the_proxy_is_at_the_probe(self):
+    def test_the_command_solve_puts_the_proxy_at_the_probe_without_primitives(self):
         [answer] = self.solve({"stiffness": 1, "probe": [1, 2, 3], "primitives": []})
         self.assertEqual((answer["proxy"], answer["force"]), ([1, 2, 3], [0, 0, 0]))
 
     @suite.smoke
-    def test_invalid_lines_are_reported_and_the_others_solved(self):
+    def test_the_command_solve_reports_invalid_lines_and_solves_the_others(self):
         good = {"stiffness": 500, "probe": [0, 0, -0.001], "primitives": [self.PLANE]}
 
         def but(**change):
@@ -391,7 +391,7 @@ class Solve(Case):
 
 class Check(Case):
     @suite.smoke
-    def test_prints_the_compiled_graph(self):
+    def test_the_command_check_prints_the_compiled_graph_of_modes(self):
         out = run("check", self.dir / "mixed.vdb")
         self.assertIn("isosurface of ball", out.stdout)
         self.assertIn("labels", out.stderr)
@@ -399,7 +399,7 @@ class Check(Case):
         self.assertEqual(data["sampled"][0]["field"], "ball")
 
     @suite.smoke
-    def test_volumes_computed_at_load_are_listed(self):
+    def test_the_command_check_lists_volumes_that_are_computed_at_load(self):
         scene = self.dir / "speed.json"
         scene.write_text(json.dumps({
             "palpate": 1, "volumes": {"flow": {"file": "linear.vdb", "grid": "velocity"}},
@@ -425,7 +425,7 @@ class Check(Case):
         self.assertIn("derives   unit of flow", run("check", scene).stdout)
 
     @suite.smoke
-    def test_a_surface_that_leaves_its_data_is_reported(self):
+    def test_the_command_check_reports_a_surface_that_leaves_its_data(self):
         scene = self.dir / "edge.json"
         mode = {"name": "tip", "mode": "isosurface", "of": "it", "value": 0, "solid": "below", "strength": 1}
         it = {"file": "ball.vdb", "grid": "ball", "place": {"scale": 0.01, "translate": [1, 0, 0]}}
@@ -444,9 +444,9 @@ class Check(Case):
         mode["value"] = 2.9 * volume["voxel"] / volume["metres_per_unit"]
         (line,), found, _ = edge()
         share = f"{100 * found['open_cells'] / found['surface_cells']:.2g}"
-        self.assertRegex(line, r"^edge      tip: the surface leaves its data in \d+ cells \(" + share + r" % of the "
-                               r"surface is not felt\), first at \(.*\): there the force drops to zero within one "
-                               r"tick: use a wider band or a larger volume$")
+        self.assertRegex(line, r"^edge      tip: in \d+ cells the surface reaches the edge of its data \(" + share +
+                               r" % of the surface is not felt\), first at \(.*\): there the force drops to zero "
+                               r"within one tick: use a wider band or a larger volume$")
         self.assertIn(f" {found['open_cells']} cells", line)
         self.assertGreater(found["open_cells"], 1000)
         # The ball has a radius of 2 units, and its band ends at 2.3.
@@ -461,7 +461,7 @@ class Check(Case):
         self.assertNotIn("edge", json.loads(run("check", scene, "--json").stdout)["modes"][0])
 
     @suite.smoke
-    def test_invalid_scenes_are_refused(self):
+    def test_the_command_check_refuses_invalid_scenes(self):
         scene = self.dir / "bad.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "gone.vdb"}}, "modes": '
                          '[{"mode": "surface", "of": "a", "strength": 1}]}')
@@ -489,7 +489,7 @@ class Check(Case):
 
 class Room(Case):
     """The stability margin of a coupling, and the energy tank."""
-    def test_check_and_feel_report_the_same_margin(self):
+    def test_the_two_commands_check_and_feel_report_the_same_stability_margin(self):
         ball = self.dir / "undamped.json"
         ball.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode": '
                         '"isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
@@ -505,7 +505,7 @@ class Room(Case):
         self.assertEqual(kept["tank"]["debt"], 0)
 
     @suite.smoke
-    def test_an_unstable_coupling_is_reported(self):
+    def test_an_unstable_coupling_is_reported_with_its_stability_margin(self):
         scene = self.dir / "stiff.json"
         scene.write_text(json.dumps({
             "palpate": 1, "coupling": {"stiffness": 9000},
@@ -523,7 +523,7 @@ class Room(Case):
         at, = (i for i, line in enumerate(lines) if line.startswith("stability "))
         return [lines[at]] + [line for line in lines[at + 1:at + 2] if line.startswith(" ")]
 
-    def test_the_margin_is_one_sentence_and_verbose_adds_numbers(self):
+    def test_the_stability_margin_is_one_sentence_and_option_verbose_adds_numbers(self):
         scene = self.dir / "room.json"
 
         def asked(**coupling):
@@ -560,7 +560,7 @@ class Feel(Case):
         return f"path:{file}"
 
     @suite.smoke
-    def test_a_path_presses_a_ball(self):
+    def test_a_recorded_path_that_presses_a_ball_gives_the_expected_forces(self):
         # A ball of 2 units, scaled so that its narrow band's bounds are 0.1 m.
         low, high = json.loads(run("info", self.dir / "ball.vdb", "--json").stdout)["grids"][0][
             "bounds"]
@@ -606,7 +606,7 @@ class Feel(Case):
         self.addCleanup(os.remove, scene)
         return scene
 
-    def test_the_load_of_a_single_mode_equals_the_force(self):
+    def test_the_load_of_a_scene_s_only_mode_equals_the_force(self):
         into = [c / math.sqrt(6) for c in (1, 2, -1)]
         wall = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3}
         places = [[0.02 + depth * c for c in into] for depth in (-0.002, 0.003, 0.003)]
@@ -619,7 +619,7 @@ class Feel(Case):
             force = math.hypot(*(float(row[f"force_{a}"]) for a in "xyz"))
             self.assertAlmostEqual(float(row["load_wall"]), force, places=9)
 
-    def test_loads_equal_those_of_explain(self):
+    def test_the_loads_in_a_trace_equal_those_of_the_command_explain(self):
         wall = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3,
                 "friction": 0.4}
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.3}
@@ -639,7 +639,7 @@ class Feel(Case):
             self.assertGreater(load, 0.05, mode["name"])
             self.assertAlmostEqual(float(rows[1][f"load_{mode['name']}"]), load, places=9)
 
-    def test_columns_of_loads_have_unique_names(self):
+    def test_the_load_columns_of_a_trace_have_unique_names(self):
         drag = {"mode": "viscosity", "of": "d", "strength": 0.3}
         names = ["a, b", 'a"', "a\n", "drag", "drag", "größe"]
         scene = self.scene_of(drag, *({"name": name, **drag} for name in names))
@@ -651,7 +651,7 @@ class Feel(Case):
             self.assertAlmostEqual(float(rows[-1][name]), 0.3, places=6)
 
     @suite.smoke
-    def test_the_summary_counts_what_the_trace_shows(self):
+    def test_the_summary_of_a_run_agrees_with_its_trace(self):
         # A surface and two drags, pressed and slid along: a balance of more than two primitives.
         scene = self.dir / "drag.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": ['
@@ -688,7 +688,7 @@ class Feel(Case):
         self.assertEqual(sum(summary["status"].values()), len(rows))
         os.remove(trace)
 
-    def test_equal_runs_give_equal_forces(self):
+    def test_two_equal_runs_give_equal_forces(self):
         runs = [run("feel", self.dir / "mixed.vdb", "--seconds", 3, "--trace", "-").stdout
                 for _ in range(2)]
         drop = [[r[:14] + r[15:] for r in csv.reader(io.StringIO(text))] for text in runs]
@@ -704,7 +704,7 @@ class Feel(Case):
         self.assertIn("contact", out)
 
     @suite.smoke
-    def test_refused_commands_leave_no_files(self):
+    def test_a_refused_command_feel_leaves_no_files(self):
         ball = self.dir / "ball.vdb"
         self.refused("feel", ball, "--device", "hid", says="add --realtime")
         self.refused("feel", ball, "--device", "pid", says="is not in this version")
@@ -739,7 +739,7 @@ class Feel(Case):
             self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
 
     @suite.smoke
-    def test_links_are_written_through_and_devices_refused(self):
+    def test_an_output_is_written_through_a_symbolic_link_and_refused_to_a_device(self):
         ball = str(self.dir / "ball.vdb")
         link = self.dir / "link.csv"
         link.symlink_to(self.dir / "behind.csv")
@@ -756,7 +756,7 @@ class Feel(Case):
                              says="it is a pipe or a device")
         os.remove(pipe)
 
-    def test_no_output_goes_through_a_planted_link(self):
+    def test_an_output_is_never_written_through_a_link_planted_at_its_temporary_name(self):
         place = self.dir / "shared"
         place.mkdir()
         precious = self.dir / "precious"
@@ -802,7 +802,7 @@ class Feel(Case):
         run("feel", ball, "--device", f"path:{away}", status=1)
 
     @suite.smoke
-    def test_the_report_ends_with_an_explain_command_for_the_largest_force(self):
+    def test_the_report_ends_with_a_command_that_explains_the_largest_force(self):
         place = self.dir / "it's a ball.vdb"
         place.write_bytes((self.dir / "ball.vdb").read_bytes())
         felt = json.loads(run("feel", place, "--json").stdout)
@@ -820,7 +820,7 @@ class Feel(Case):
         os.remove(place)
 
     @suite.smoke
-    def test_the_explain_command_fits_a_moving_volume(self):
+    def test_the_suggested_explain_command_reproduces_the_force_of_a_moving_volume(self):
         """Explain begins with the scene: a moving volume is felt where it was at that time."""
         turns = [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                  for t, z in ((0, 0), (10, 0.02))]
@@ -840,7 +840,7 @@ class Feel(Case):
         os.remove(scene)
 
     @suite.smoke
-    def test_two_hands_feel_one_scene_each_as_if_alone(self):
+    def test_two_hands_in_one_scene_get_the_same_forces_as_each_alone(self):
         ball = self.dir / "ball.vdb"
         for name, side in (("left", -1), ("right", 1)):
             (self.dir / f"{name}.csv").write_text(
@@ -873,7 +873,7 @@ class Feel(Case):
         self.refused("feel", ball, "--watch", says="add --realtime")
 
     @suite.smoke
-    def test_a_picture_is_a_png_that_names_the_version(self):
+    def test_the_picture_of_a_run_is_a_png_that_names_the_version(self):
         picture = self.dir / "felt.png"
         run("feel", self.dir / "ball.vdb", "--seconds", 2, "--picture", picture)
         self.assertIn(run("--version").stdout.splitlines()[0].encode(), picture.read_bytes())
@@ -882,7 +882,7 @@ class Feel(Case):
 
 
 class OnTime(Case):
-    """Runs with a clock, or stopped by one. These tests do not measure how fast the machine is."""
+    """Tests that use the machine's clock. They do not measure how fast the machine is."""
     HOST = True
 
     def until_it_ticks(self, trace):
@@ -895,7 +895,7 @@ class OnTime(Case):
         self.fail("it never ticked")
 
     def on_time(self, *words):
-        """Runs with the clock. The machine may be late enough for a fault, and miss ticks."""
+        """Runs in real time. The machine may be late enough for a fault, and miss ticks."""
         done = process.run([PALPATE, "feel", *map(str, words), "--realtime", "--json",
                             "--reengage", "0"],
                               capture_output=True, text=True, timeout=120)
@@ -950,7 +950,7 @@ class OnTime(Case):
         self.assertEqual(json.loads(out)["scenes"], len(felt))
         return felt
 
-    def test_a_changed_scene_is_loaded_and_a_broken_one_is_not(self):
+    def test_a_run_loads_a_changed_scene_but_not_an_invalid_one(self):
         scene = self.dir / "watched.json"
         text = self.WATCHED.replace("FILE", "ball.vdb")
         child, until = self.watched(scene, text % "before")
@@ -968,7 +968,7 @@ class OnTime(Case):
         until("the new scene is active")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
 
-    def test_a_truncated_volume_does_not_disturb_the_run(self):
+    def test_truncating_a_volume_s_file_does_not_disturb_a_run(self):
         volume = self.dir / "cut.vdb"
         whole = (self.dir / "ball.vdb").read_bytes()
         volume.write_bytes(whole)
@@ -987,7 +987,7 @@ class OnTime(Case):
         until("the new scene is active")
         self.assertEqual(self.felt(child), ["before", "whole"])
 
-    def test_two_hands_run_in_real_time(self):
+    def test_two_hands_can_run_in_real_time(self):
         summary = run("feel", self.dir / "ball.vdb", "--realtime", "--seconds", 1.5, "--device",
                       "simulated", "--device", "simulated", "--json", statuses=(0, 1)).stdout
         hands = json.loads(summary)["hands"]
@@ -1082,7 +1082,7 @@ class Interrupted(Case):
             self.assertEqual(self.end(how, "make", "wind-tunnel", "a.vdb", "--voxel", 0.002),
                              "palpate: interrupted: no output was written\n")
 
-    def test_an_ignored_signal_stays_ignored(self):
+    def test_a_signal_that_was_ignored_at_the_start_stays_ignored(self):
         """A run under nohup ignores SIGHUP."""
         child = subprocess.Popen(["nohup", PALPATE, "make", "wind-tunnel", "a.vdb", "--voxel", "0.003"],
                                  cwd=self.place, stdout=subprocess.DEVNULL,
@@ -1092,8 +1092,8 @@ class Interrupted(Case):
         self.assertEqual(child.wait(120), 0)
         os.remove(self.place / "a.vdb")
 
-    def test_an_interrupted_picture_leaves_the_trace(self):
-        """The trace is written; matplotlib is ended too."""
+    def test_a_run_interrupted_while_it_draws_its_picture_keeps_the_trace(self):
+        """The trace is written, and the process that draws with matplotlib ends too."""
         trace = self.place / "t.csv"
         said = self.end(signal.SIGINT, "feel", self.dir / "ball.vdb", "--seconds", 1, "--trace",
                         "t.csv", "--picture", "p.png", there=trace.exists)
@@ -1112,13 +1112,13 @@ class Interrupted(Case):
         # The progress line is erased.
         self.assertIn("\x1b[K" + "palpate: interrupted", terminal.drawn)
 
-    def test_scripts_show_their_progress_and_end_at_once(self):
+    def test_the_repository_s_scripts_show_their_progress_and_end_immediately_on_ctrl_c(self):
         """The function with which demo.sh, test.sh and .ci/install run long commands."""
         watched = Path(__file__).resolve().parents[2] / ".ci" / "watched"
         terminal = Terminal(["bash", "-euc", f". '{watched}'; watched building log bash -c "
                              "'trap \"exit 3\" INT; echo [3/9]; while :; do sleep 0.1; done' || exit 1; "
                              "touch on"], self.place)
-        # At any second: a machine that stalls misses one.
+        # Accepts any second, because a machine that stalls may miss one.
         self.assertTrue(terminal.until(r"building 0:0[1-9] \[3/9\]"), terminal.drawn)
         terminal.press(b"\x03")
         status, took = terminal.ended()
@@ -1133,7 +1133,7 @@ class Interrupted(Case):
 
 
 class Stability(Case):
-    def test_stability_maps_planes_and_a_scene(self):
+    def test_the_stability_command_maps_a_set_of_planes_and_a_scene(self):
         # 250 ticks a second: four times faster to compute.
         planes = json.loads(run("stability", "--planes", 20, "--size", 9, "--rate", 250,
                                 "--json").stdout)
@@ -1152,7 +1152,7 @@ class Stability(Case):
         drawn = json.loads(Path(f"{out}.json").read_text())
         self.assertEqual([method["name"] for method in drawn["methods"]], ["whole tick", "palpate"])
         self.assertAlmostEqual(drawn["boundaries"][0]["passive"], 250 / 3, places=3)
-        # Deterministic.
+        # A second run gives the same map.
         again = self.dir / "again.json"
         run(*ball, again)
         self.assertEqual(again.read_text(), Path(f"{out}.json").read_text())
@@ -1160,7 +1160,7 @@ class Stability(Case):
             os.remove(f"{out}{ending}")
         os.remove(again)
 
-    def test_a_moving_volume_needs_a_refill(self):
+    def test_the_energy_tank_limits_the_force_of_a_moving_volume_unless_it_is_refilled(self):
         """A ball that moves to and fro does work on the hand: the tank limits the force, except for the refill."""
         scene = self.dir / "beating.json"
         place = {"keyframes": [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
@@ -1182,7 +1182,7 @@ class Stability(Case):
         os.remove(scene)
 
     @suite.smoke
-    def test_a_map_uses_the_values_of_a_profile(self):
+    def test_a_stability_map_uses_the_values_of_an_arm_s_profile(self):
         """Uses the measurements of the arm's self-test where the user gives no value."""
         self.refused("stability", "--device", "hid:polhem", says="palpate devices --test hid:polhem")
         self.refused("stability", "--device", "simulated", says="does not name a profile")
@@ -1194,7 +1194,7 @@ class Stability(Case):
         self.assertEqual(map_of["arm"]["mass"], 0.2)
         self.assertEqual(map_of["rate"], 250)
 
-    def test_a_map_uses_the_measurements_of_a_tested_arm(self):
+    def test_a_stability_map_uses_the_self_test_measurements_of_an_arm(self):
         profile = Path(__file__).resolve().parents[2] / "devices/hid/profiles/polhem.json"
         text = json.dumps(json.loads(profile.read_text()), sort_keys=True, separators=(",", ":"))
         print_of = 14695981039346656037  # FNV-1a
@@ -1227,7 +1227,7 @@ class Stability(Case):
                           two.stderr)
 
     @suite.smoke
-    def test_invalid_options_are_refused(self):
+    def test_the_stability_command_refuses_invalid_options(self):
         self.refused("stability", "--rate", 5, says="100 to 20000")
         self.refused("stability", "--size", 20, says="one more than a multiple of 8")
         self.refused("stability", "--planes", 0, says="--planes")
@@ -1240,7 +1240,7 @@ class Stability(Case):
 
 
 class Devices(Case):
-    """Without an arm; tests/devices/vm has one."""
+    """Tests without an arm. The tests in tests/devices/vm have one."""
     @suite.smoke
     def test_profiles_and_known_arms_are_listed_with_their_sources(self):
         words = run("devices").stdout
@@ -1270,15 +1270,15 @@ class Devices(Case):
         self.refused("devices", "--test", "hid:polhem", says="this arm is not plugged in")
 
     @suite.smoke
-    def test_invalid_arms_to_watch_are_refused(self):
+    def test_watching_invalid_arms_is_refused(self):
         for arm in ("hid:polhem", "polhem"):
             self.refused("devices", "--watch", arm, says="this arm is not plugged in")
         self.refused("devices", "--watch", "woodenhaptics", says="woodenhaptics-v2015 or")
-        self.refused("devices", "--watch", "hid:polhem", "--json", says="it names an arm")
-        self.refused("devices", "polhem", "--watch", "hid:polhem", says="it names an arm")
+        self.refused("devices", "--watch", "hid:polhem", "--json", says="it already names an arm")
+        self.refused("devices", "polhem", "--watch", "hid:polhem", says="it already names an arm")
 
     @suite.smoke
-    def test_facts_and_names_of_profiles_are_checked(self):
+    def test_the_facts_and_names_of_profiles_are_checked_by_the_command_devices(self):
         words = run("devices", "polhem").stdout
         self.assertIn("current_b, which gives at most 3", words)
         facts = json.loads(run("devices", "polhem", "--json").stdout)["facts"]
@@ -1296,7 +1296,7 @@ class Devices(Case):
                      says="the name fits woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers differ")
         self.refused("devices", "polhem", "--test", "hid", says="--test already names an arm")
 
-    def test_the_documented_figures_equal_the_output(self):
+    def test_the_documented_output_of_the_command_devices_equals_the_real_output(self):
         """docs/devices.md: blocks of the program's output, and its table of the shipped profiles."""
         text = (Path(__file__).resolve().parents[2] / "docs/devices.md").read_text(encoding="utf-8")
         blocks = re.findall(r"^    \$ palpate (.*)\n((?:    .*\n)+)", text, flags=re.M)
@@ -1364,7 +1364,7 @@ class Examples(Case):
                 self.assertLess(felt["injected_energy"], 0.3)
                 os.remove(place)
 
-    def test_prepare_makes_every_example(self):
+    def test_the_script_prepare_makes_every_example(self):
         text = (self.SCENES / "prepare").read_text()
         for scene in self.SCENES.glob("*.json"):
             self.assertIn(f"make_{scene.stem}()", text)
@@ -1587,7 +1587,7 @@ class Import(Case):
         return file
 
     @suite.smoke
-    def test_values_and_positions_of_an_image_are_kept(self):
+    def test_an_import_keeps_values_and_positions_of_an_image(self):
         out = self.dir / "image.vdb"
         run("import", self.nifti("image.nii"), out)
         grid = json.loads(run("info", out, "--json").stdout)["grids"][0]
@@ -1601,7 +1601,7 @@ class Import(Case):
         os.remove(out)
 
     @suite.smoke
-    def test_invalid_images_are_refused(self):
+    def test_an_import_refuses_invalid_images(self):
         out = self.dir / "never.vdb"
         cut = self.nifti("cut.nii", cut=500)
         self.refused("import", cut, out, says="truncated")

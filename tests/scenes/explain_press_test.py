@@ -69,7 +69,7 @@ class Touch(Case):
         words_ = ("press", scene, "--at", words(at), "--along", words(way), *options)
         summary = json.loads(run(*words_, "--json").stdout, parse_constant=self.fail)
         rows = list(csv.DictReader(io.StringIO(run(*words_, "--csv", "-").stdout)))
-        # A passive engine gives no more energy than this in any scene.
+        # In any scene, a passive engine gives at most this energy.
         self.assertLessEqual(summary["net_energy"], summary["net_energy_bound"] + 1e-12)
         self.assertEqual(summary["ticks"], len(rows))
         self.assertEqual(sum(summary["status"].values()), len(rows))
@@ -104,7 +104,7 @@ class Explain(Touch):
         self.assertEqual(out["because"][0], "wall holds with 0.5 of 3 N along its normal.")
         self.assertIn("because   wall holds with 0.5 of 3 N", text)
 
-    def test_a_plane_yields_beyond_its_strength(self):
+    def test_an_explanation_shows_that_a_plane_yields_beyond_its_strength(self):
         out, _ = self.explain(self.scene(WALL), MIDDLE, along(INTO, 0.008))
         wall = self.mode(out, "wall")
         self.assertEqual((wall["state"], wall["contact"]), ("yields", "yielded"))
@@ -117,7 +117,7 @@ class Explain(Touch):
         self.assertAlmostEqual(out["force"]["size"], 2)
         self.assertIn("grow by 2 N per tick: the device gets 2 N", out["because"][1])
 
-    def test_friction_sticks_below_mu_n_and_slips_at_it(self):
+    def test_friction_sticks_below_the_limit_mu_n_and_slips_at_that_limit(self):
         scene = self.scene({**WALL, "friction": 0.3})
         for aside, held, state in ((0.0002, 0.1, "sticks"), (0.001, 0.15, "slips")):
             out, _ = self.explain(scene, MIDDLE, along(INTO, 0.001, ASIDE, aside))
@@ -131,7 +131,7 @@ class Explain(Touch):
             self.assertEqual(self.mode(out, "wall")["state"], "holds")
         self.assertIn("its friction slips at 0.15 N", out["because"][0])
 
-    def test_the_loads_add_up_to_the_spring(self):
+    def test_the_loads_in_an_explanation_add_up_to_the_spring_s_force(self):
         scene = self.scene(
             {**WALL, "friction": 0.2, "viscosity": 0.1},
             {"name": "stream", "mode": "follow", "of": "v", "strength": 0.7},
@@ -159,7 +159,7 @@ class Explain(Touch):
                           out["force"]["wanted"])
 
     @suite.smoke
-    def test_each_inactive_mode_has_a_reason(self):
+    def test_an_explanation_gives_a_reason_for_each_inactive_mode(self):
         far = {"file": "ball.vdb", "place": {"scale": 0.001, "translate": [1, 0, 0]}}
         scene = self.scene(
             {"name": "gone", "mode": "isosurface", "of": "far", "value": 0, "solid": "below",
@@ -190,7 +190,7 @@ class Explain(Touch):
         self.assertEqual(out["left_out"], ["spin"])
         fields = {f["field"]: f for f in out["fields"]}
         self.assertEqual((fields["far"]["sampled"], fields["far"]["because"]),
-                         (False, "the proxy is outside its bounds"))
+                         (False, "the proxy is outside the bounds of the field"))
         self.assertEqual((fields["d"]["sampled"], fields["d"]["inside"]), (True, True))
         values = {p["property"]: p["value"] for p in out["properties"]}
         self.assertAlmostEqual(values["d"], 4)
@@ -207,7 +207,7 @@ class Explain(Touch):
         self.assertAlmostEqual(product["primitives"][0]["strength"], math.sqrt(44) - 6)
         self.assertIn("no mode reads it", text)
 
-    def test_missing_data_within_the_bounds_are_reported(self):
+    def test_an_explanation_reports_missing_data_within_the_bounds_of_a_volume(self):
         # The centre of the ball is outside of its narrow band.
         ball = {"b": {"file": "ball.vdb", "place": PLACE}}
         scene = self.scene({"name": "fog", "mode": "viscosity", "of": "b", "strength": 1},
@@ -218,7 +218,7 @@ class Explain(Touch):
         self.assertEqual(out["because"][0], "No primitive holds the proxy.")
         self.near(out["balance"]["proxy"], [0.001, 0, 0])
 
-    def test_a_slab_is_reported_as_one_primitive(self):
+    def test_an_explanation_reports_a_slab_as_one_primitive(self):
         front = {"name": "front", "mode": "front_shape", "of": "v", "strength": 1}
         way = [c / math.sqrt(44) for c in (-2, 2, 6)]
         out, _ = self.explain(self.scene(front), MIDDLE, along(way, 0.001))
@@ -237,7 +237,7 @@ class Explain(Touch):
         self.assertEqual(self.mode(out, "wind")["state"], "pushes")
         self.assertAlmostEqual(size(out["rest"]["force"]), 0.3)
 
-    def test_a_varying_stiffness_settles_first(self):
+    def test_an_explanation_waits_until_a_varying_stiffness_has_settled(self):
         scene = self.scene(WALL, coupling={"stiffness": {"piecewise": [[0, 300], [8, 500]],
                                                          "by": "d"}})
         # The hand starts outside the wall's reach of two voxels.
@@ -247,7 +247,7 @@ class Explain(Touch):
         self.assertGreater(out["rest"]["ticks"], 5)  # 5 N/m a tick
         self.assertAlmostEqual(size(self.mode(out, "wall")["load"]), 0.001 * k, 6)
 
-    def test_a_long_push_needs_sub_steps(self):
+    def test_an_explanation_of_a_long_push_uses_several_sub_steps(self):
         # One voxel, 5 mm, at a time.
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2}
         out, text = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
@@ -269,7 +269,7 @@ class Explain(Touch):
         self.assertIn("has not arrived", out["because"][-1])
 
     @suite.smoke
-    def test_invalid_options_are_refused(self):
+    def test_wrong_options_of_the_command_explain_are_refused(self):
         ball = self.dir / "ball.vdb"
         good = "0,0,0"
         for at in ("0,0", "0,0,0,0", "0,0,x", "", "nan,0,0", "0,0,1e999", "0, 0, 0", "0,,0"):
@@ -300,7 +300,7 @@ class Press(Touch):
     def mode(self, summary, name):
         return next(m for m in summary["modes"] if m["mode"] == name)
 
-    def test_a_wall_rises_with_k_and_yields_at_its_strength(self):
+    def test_the_force_of_a_pressed_wall_rises_with_slope_k_until_the_wall_yields(self):
         # From 4 mm before the wall, 12 mm deep: the wall holds up to 6 mm behind its surface.
         summary, rows = self.press(self.scene(WALL), along(INTO, -0.004, start=MIDDLE),
                                    along(INTO, 0.012))
@@ -330,7 +330,7 @@ class Press(Touch):
         contacts = [row["contacts"] for row in rows[:241]]
         self.assertEqual(list(dict.fromkeys(contacts)), ["", "wall=holds", "wall=yields"])
 
-    def test_a_wall_that_releases_the_proxy_keeps_the_work(self):
+    def test_a_wall_that_releases_the_proxy_keeps_the_energy_that_the_hand_put_in(self):
         # The force fades over one voxel, 5 mm, from a depth of 1 mm on.
         summary, rows = self.press(self.scene({**WALL, "depth": 0.2}), MIDDLE,
                                    along(INTO, 0.014))
@@ -356,7 +356,7 @@ class Press(Touch):
                    words(along(INTO, 0.014)), "--speed", 14).stdout
         self.assertIn("wall: no contact; yielded at 14 mm within a tick; released at 14 mm", said)
 
-    def test_a_drag_dissipates_the_work_put_in(self):
+    def test_a_drag_dissipates_all_work_that_is_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
         summary, rows = self.press(self.scene(drag), MIDDLE, [0, 0.01, 0])
         # Up to 0.5 N over a millimetre, back through zero over two.
@@ -370,7 +370,7 @@ class Press(Touch):
         self.assertAlmostEqual(drag["yield"]["force"], 0.5)
         self.assertAlmostEqual(float(rows[-1]["force_along"]), -0.5)
 
-    def test_friction_acts_across_the_path(self):
+    def test_friction_gives_a_force_perpendicular_to_the_path_of_a_press(self):
         # 45 degrees into the wall. A sticking hand feels k times the path's length along the path; without friction
         # half of it along the path and half of it across.
         way = along(INTO, 0.002 / math.sqrt(2), ASIDE, 0.002 / math.sqrt(2))
@@ -385,7 +385,7 @@ class Press(Touch):
         self.assertAlmostEqual(summary["hysteresis"], 0, 6)
 
     @suite.smoke
-    def test_a_ball_yields_at_its_strength(self):
+    def test_a_pressed_ball_yields_at_its_strength(self):
         [low, high] = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
             "volumes"]["ball"]["bounds"]
         # The scene guess gives an isosurface of 3 N; its radius is 2 units of the file.
@@ -400,7 +400,7 @@ class Press(Touch):
         self.assertAlmostEqual(summary["stiffness"], K, delta=2)
         self.assertLess(low[2], high[2])
 
-    def test_many_modes_are_passive(self):
+    def test_pressing_a_scene_of_many_modes_gains_no_energy(self):
         scene = self.scene(
             {**WALL, "name": 'a "wall", of d', "friction": 0.4, "viscosity": 0.2},
             {"name": "stream", "mode": "follow", "of": "v", "strength": 0.7},
@@ -415,7 +415,7 @@ class Press(Touch):
             self.assertTrue(touched or way != INTO)
 
     @suite.smoke
-    def test_the_curve_and_the_picture_are_written(self):
+    def test_the_press_command_writes_a_curve_and_a_picture(self):
         curve = self.dir / "curve.csv"
         scene = self.scene(WALL)
         words_ = ("press", scene, "--at", "0.02,0.02,0.02", "--along", "0,0.004,0")
@@ -430,7 +430,7 @@ class Press(Touch):
         os.remove(picture)
 
     @suite.smoke
-    def test_invalid_options_are_refused(self):
+    def test_the_press_command_refuses_invalid_options(self):
         ball = self.dir / "ball.vdb"
         at = ("press", ball, "--at", "0,0,0.06")
         self.refused(*at, "--along", "0,0,0", says="--along: its length is the depth")
@@ -509,7 +509,7 @@ class NearParts(Touch):
         done = run(*words_)
         return done.stdout.replace("few.json", "touch.json"), done.stderr
 
-    def test_near_parts_are_reported_as_in_a_scene_of_these_parts(self):
+    def test_parts_near_the_hand_are_explained_as_in_a_scene_of_these_parts_alone(self):
         many = self.many(1000)
         few = self.few((0, 1, 2))
         for push in ([0, 0, 0.001], along(INTO, 0.002), along(INTO, -0.004)):
@@ -534,7 +534,7 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]],
                          ["wall[7]", "/modes/1[7]", "stream[7]", "honey", "floor"])
 
-    def test_a_part_among_many_is_reported_as_if_alone(self):
+    def test_a_part_among_many_is_explained_as_if_it_were_alone(self):
         balls = {f"b{i}": {"file": "ball.vdb", "place": {"like": f"b{i - 1}"} if i == 5 else
                            {"scale": 0.01, "translate": [0.2 * i, 0, 0]}} for i in range(12)}
         skins = [{"name": f"skin {i}", "mode": "isosurface", "of": f"b{i}", "value": 0,
@@ -555,7 +555,7 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]], ["skin 5"])
         self.assertEqual(out["modes"][0]["primitives"][0]["state"], "holds")
 
-    def test_refuses_a_hand_near_no_part_or_too_many_parts(self):
+    def test_refuses_to_explain_a_hand_near_no_part_or_near_too_many_parts(self):
         balls = {"b": {"file": "ball.vdb", "instances": [self.place(i) for i in range(5)]}}
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         far = self.scene(skin, volumes=balls)
@@ -573,7 +573,7 @@ class NearParts(Touch):
                                               "0.15,0,0", "--speed", 1).stderr)
 
     @suite.smoke
-    def test_names_notes_limits_and_unread_volumes_of_parts(self):
+    def test_an_explanation_of_parts_prints_notes_and_limits_and_unread_volumes(self):
         ball = {"file": "ball.vdb"}
         skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
                 "strength": 3}
@@ -604,7 +604,7 @@ class NearParts(Touch):
         self.assertIn("off by at most 0.72 N", done.stderr)
         self.assertAlmostEqual(size(json.loads(done.stdout)["balance"]["spring"]), 1.0)
 
-    def test_an_interrupted_command_leaves_no_files(self):
+    def test_an_interrupted_explanation_or_press_leaves_no_files(self):
         ball = self.dir / "ball.vdb"
         before = sorted(os.listdir(self.dir))
         for words_ in (("press", ball, "--at", "0,0,0.06", "--along", "0,0,-0.1", "--speed", 1e-4,
@@ -623,7 +623,7 @@ class NearParts(Touch):
                 self.assertIn("interrupted: no output was written", said)
                 self.assertEqual(sorted(os.listdir(self.dir)), before)
 
-    def test_a_map_does_not_overwrite_its_scene(self):
+    def test_a_stability_map_does_not_overwrite_its_scene(self):
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         scene = self.scene(skin, volumes={"b": {"file": "ball.vdb", "place": PLACE}})
         before = scene.read_text()
@@ -632,7 +632,7 @@ class NearParts(Touch):
                          says="it is an input of this run")
             self.assertEqual(scene.read_text(), before)
 
-    def test_a_map_of_one_part_equals_the_map_of_a_single_graph(self):
+    def test_the_stability_map_of_a_scene_s_parts_equals_that_of_one_of_them(self):
         balls = {"b": {"file": "ball.vdb",
                        "instances": [{"scale": 0.01, "translate": [0, 0, 0.04 * i]}
                                      for i in range(8)]}}

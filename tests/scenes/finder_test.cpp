@@ -48,7 +48,7 @@ struct Run {
   double most = 0.0;         ///< Largest force [N].
   double farthest = 0.0;     ///< Largest distance of the arm from the origin [m].
   std::vector<double> held;  ///< Largest force of each mode [N].
-  /// Unit directions from which the scene was felt, each far from the previous one.
+  /// Unit directions from which the hand touched the scene, each far from the previous one.
   std::vector<Vec3> came;
 };
 
@@ -86,8 +86,9 @@ Run feel(const Scene& scene, const Vec3& about = Vec3::Zero()) {
 
 }  // namespace
 
-TEST_CASE("a small ball far from the middle of a large box is found and touched from two sides",
-          "[finder]") {
+TEST_CASE(
+    "the exploration path touches a small ball far from the middle of a large box from two sides",
+    "[finder]") {
   const Vec3 centre(0.03, -0.027, 0.021);
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
@@ -120,7 +121,7 @@ TEST_CASE("the exploration path finds smoke where it is dense", "[finder]") {
   CHECK(run.held[1] > 0.4);
 }
 
-TEST_CASE("the exploration path meets forces in a scene that has only a flow", "[finder]") {
+TEST_CASE("the exploration path finds forces in a scene that has only a flow", "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kFollow, "flow", 1.0)};
   const FieldPtr flow = makeVortex({0.02, 0.02, 0.0}, {0.0, 0.0, 5.0}, 0.01, 0.02);
@@ -130,7 +131,8 @@ TEST_CASE("the exploration path meets forces in a scene that has only a flow", "
   CHECK(run.most > 0.9);
 }
 
-TEST_CASE("a strong and a weak ball apart from each other are both visited", "[finder]") {
+TEST_CASE("the exploration path visits a strong and a weak ball that are apart from each other",
+          "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "left", 3.0),
                 mode(ModeKind::kIsosurface, "right", 0.5)};
@@ -168,7 +170,8 @@ TEST_CASE("the exploration path finds a moving ball and the parts of a scene", "
   }
 }
 
-TEST_CASE("the exploration path is reproducible, slow, and within the workspace", "[finder]") {
+TEST_CASE("the exploration path is the same in every run, slow, and within the workspace",
+          "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.02, 0.0, 0.0}, 0.015)}});
@@ -192,7 +195,9 @@ TEST_CASE("the exploration path is reproducible, slow, and within the workspace"
   CHECK(farthest <= radius);
 }
 
-TEST_CASE("a search that finds no surface is bounded and stays in the workspace", "[finder]") {
+TEST_CASE(
+    "a search for a surface takes bounded work and stays in the workspace if it finds no surface",
+    "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.5, 0.0, 0.0}, 0.01)}});

@@ -143,11 +143,11 @@ class Killed(Ended, Server):
 
 
 class Far(Case):
-    """Server and hand in networks of their own, with a link of 5 ms that loses one packet in a hundred."""
+    """Server and hand are in separate networks, with a link of 5 ms that loses one packet in a hundred."""
     HOST = True
 
     def felt(self, seed, *relay, delay=5, during=None):
-        """Returns the summary of a hand that circles in the bowl, on time; its recording is far.rec."""
+        """Runs a hand that circles in the bowl, in real time, and records it in far.rec. Returns the summary."""
         home = self.dir / f"far{seed}"
         rows = [(0, 0.01, 0.01, 0), (1, 0.01, 0.01, -0.02)]
         for i in range(1, 60):
@@ -175,7 +175,7 @@ class Far(Case):
         (self.dir / "far.json").unlink()
         return told, json.loads(said.splitlines()[-1])
 
-    def test_over_a_lossy_network_forces_equal_the_local_ones(self):
+    def test_over_a_network_that_loses_packets_forces_equal_those_of_a_local_folder(self):
         told, way = self.felt(0, "--loss", "0.01")
         self.assertEqual(told["faults"], {})
         self.assertGreater(way["from_one"]["lost"], 10)
@@ -184,7 +184,7 @@ class Far(Case):
         here = self.dir / "here.rec"
         (self.dir / "far.scene").write_text(self.scene(str(self.dir / "bowl")).read_text())
         run("feel", self.dir / "far.scene", "--device", f"replay:{self.dir / 'far.rec'}", "--record", here)
-        # Status 1: they differ, in steps through levels that had not arrived.
+        # Status 1: the recordings differ, because some ticks read coarser levels before bricks had arrived.
         said = run("compare", self.dir / "far.rec", here, status=None).stdout
         self.assertIn("force     differs by at most 0 N, proxy by at most 0 mm", said)
 
@@ -200,10 +200,10 @@ class Far(Case):
 
 
 class Wrong(Case):
-    """Data from a network can be anything."""
+    """Tests invalid data from a network."""
 
     @suite.smoke
-    def test_an_invalid_address_or_answer_is_refused_in_a_line(self):
+    def test_an_invalid_http_address_or_answer_is_refused_in_one_line(self):
         self.refused("http://127.0.0.1:1/bowl", "was not received")
         for none in ("http://", "http:///bowl", "http://a:b@127.0.0.1:1/bowl", "http://127.0.0.1:1/bowl?a=b"):
             self.refused(none, "it is not an address")

@@ -54,7 +54,7 @@ constexpr std::int64_t kNow = 1'700'000'000'250'000'000;
 
 }  // namespace
 
-TEST_CASE("the OpenIGTLink library reads the server's messages", "[igtl]") {
+TEST_CASE("the OpenIGTLink library can read the server's messages", "[igtl]") {
   const auto transform =
       unpacked<igtl::TransformMessage>(igtlTransform("PalpateHand", kNow, Vec3(1.5, -2.25, 300)));
   CHECK(transform->GetDeviceName() == std::string("PalpateHand"));
@@ -79,7 +79,7 @@ TEST_CASE("the OpenIGTLink library reads the server's messages", "[igtl]") {
   CHECK(status->GetStatusString() == std::string("no"));
 }
 
-TEST_CASE("the server reads messages of the OpenIGTLink library", "[igtl]") {
+TEST_CASE("the server can read messages of the OpenIGTLink library", "[igtl]") {
   const auto transform = igtl::TransformMessage::New();
   transform->SetDeviceName("PalpateSteer");
   transform->SetPosition(7.0F, -8.0F, 9.5F);

@@ -251,11 +251,11 @@ class IgtlTest(unittest.TestCase):
         return client
 
     def press(self, client, x):
-        """Leads the hand to x of the file; returns hand, proxy and force when the hand is still."""
+        """Moves the hand to a place on the file's x axis. Returns hand, proxy and force when the hand rests."""
         client.send("TRANSFORM", "PalpateSteer", transform(x, 0, 0))
         begin = time.time()
         last, end = None, time.monotonic() + PATIENCE
-        # Messages sent earlier are still to be read.
+        # Messages that were sent earlier may still arrive.
         while not last or client.stamp < begin + 0.4:
             last = client.numbers("PalpateHand")
         while time.monotonic() < end:
@@ -313,7 +313,7 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(summary["igtl"]["ended"], 0)
         self.assertIn("STATUS".lower(), " ".join(name.lower() for _, name, _ in told))
 
-    def test_an_image_acts_at_its_placement(self):
+    def test_an_image_that_a_client_sends_acts_at_its_placement(self):
         run = self.start()
         client = self.connect(run)
         client.state("felt")
@@ -337,15 +337,15 @@ class IgtlTest(unittest.TestCase):
             self.assertGreater(force[0], 0.5, which)
         self.assertEqual(run.end()["igtl"]["images"], 6)
 
-    def test_a_cut_waits_for_neither_the_run_nor_images(self):
-        # A cut waits neither for a run that has not begun,
+    def test_a_client_s_cut_acts_immediately_before_a_run_and_during_images(self):
+        # A client's cut does not wait for the run to begin.
         run = self.start()
         early = self.connect(run)
         early.send("STRING", "PalpateCommand", string("cut"))
         self.assertEqual(early.until("STATUS")[0], 1)
         early.state("cut")
         self.assertEqual(run.end()["faults"], {"stopped": 1})
-        # nor for images of other clients.
+        # A cut does not wait for images of other clients.
         run = self.start()
         slow, client = self.connect(run), self.connect(run)
         client.state("felt")
@@ -359,7 +359,7 @@ class IgtlTest(unittest.TestCase):
         client.state("cut")
         run.end()
 
-    def test_only_the_arm_can_clear_a_cut(self):
+    def test_only_the_user_at_the_arm_can_clear_a_client_s_cut(self):
         run = self.start()
         client = self.connect(run)
         other = self.connect(run)
@@ -493,7 +493,7 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(summary["faults"], {})
         self.assertLess(summary["late_ticks"], 0.005 * summary["ticks"])
 
-    def test_silent_connections_do_not_block_a_cut(self):
+    def test_connections_that_send_nothing_do_not_block_another_client_s_cut(self):
         run = self.start(device="simulated")
         silent = [self.connect(run) for _ in range(4)]
         silent[0].until("TRANSFORM", "PalpateProxy")

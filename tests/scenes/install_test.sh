@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The installed files work, verb by verb: install_test.sh BUILD [PYTHON]
+# Tests the installed files, verb by verb: install_test.sh BUILD [PYTHON]
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 place=$(mktemp -d)
@@ -66,7 +66,7 @@ usr/share/palpate/examples/prepare two_bodies >prepared
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
-# What is needed only if a user names it is in modules.
+# Features that only some users need are in modules.
 ldd "$palpate" >libraries
 [ "$(wc -l <libraries)" -le 25 ] || { echo "install: palpate loads more than 25 libraries:"; cat libraries; exit 1; }
 ! grep -E "curl|ddsc|iceoryx|hdf5|mpi|rados|ceph" libraries || { echo "install: these belong in modules"; exit 1; }

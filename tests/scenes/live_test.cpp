@@ -43,7 +43,9 @@ SceneSpec ballAndDrag() {
 
 }  // namespace
 
-TEST_CASE("a reader gets whole values and never an older value after a newer one", "[live]") {
+TEST_CASE(
+    "a reader of the shared memory gets whole values and never an older one after a newer one",
+    "[live]") {
   struct Value {
     std::array<std::uint64_t, 40> all{};
   };
@@ -77,7 +79,7 @@ TEST_CASE("a reader gets whole values and never an older value after a newer one
   CHECK(seen.all[0] == kWrites);
 }
 
-TEST_CASE("the shared memory has the same loads of primitives as explain", "[live]") {
+TEST_CASE("the shared memory has the same loads of primitives as the command explain", "[live]") {
   const BuiltScene built = buildScene(ballAndDrag());
   LiveShare share;
   LiveWriter writer(share.block(), 100.0);  // every tick whole
@@ -128,14 +130,14 @@ TEST_CASE("the shared memory has the same loads of primitives as explain", "[liv
   CHECK(row.force == Approx(tick.report.force.norm()));
   CHECK(row.apart == Approx((tick.probe - tick.report.proxy).norm()));
 
-  // The memory as another process sees it, through the descriptor.
+  // Another process sees the memory through this descriptor.
   const LiveShare other(dup(share.descriptor()));
   LiveTick same;
   REQUIRE(other.block().tick.read(same));
   CHECK(same.tick == 30);
 }
 
-TEST_CASE("memory of another layout is rejected, and the loop's memory cannot be truncated",
+TEST_CASE("shared memory of another layout is rejected, and the loop's own cannot be truncated",
           "[live]") {
   CHECK_THROWS_AS(LiveShare(dup(0)), Error);
   LiveShare share;

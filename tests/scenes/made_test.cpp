@@ -54,7 +54,8 @@ std::shared_ptr<const VectorField> vectorOf(const std::filesystem::path& file,
 
 }  // namespace
 
-TEST_CASE("the wind has no divergence, and its vortices have the stated circulation", "[made]") {
+TEST_CASE("the procedural wind has no divergence, and its vortices have the stated circulation",
+          "[made]") {
   const made::Wind wind;
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -85,9 +86,8 @@ TEST_CASE("the wind has no divergence, and its vortices have the stated circulat
   CHECK(wind.velocity({-50, 0, 0}).isApprox(Vec3(wind.stream, 0, 0), 1e-4));
 }
 
-TEST_CASE(
-    "the wind's grid equals its formula at the voxels; its divergence between them is below 2 %",
-    "[made]") {
+TEST_CASE("the procedural wind's voxels equal its formula with a divergence below 2 % between them",
+          "[made]") {
   const test::TemporaryFolder folder;
   const auto grids = writeMade("wind-tunnel", std::nullopt, folder / "wind.vdb");
   REQUIRE(grids.size() == 2);

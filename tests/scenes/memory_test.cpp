@@ -24,7 +24,7 @@ namespace palpate::memory_test {
 using palpate::test::FailScope;
 namespace fs = std::filesystem;
 
-TEST_CASE("a load that runs out of memory leaves the force of the current scene unchanged",
+TEST_CASE("a scene load that runs out of memory leaves the force of the current scene unchanged",
           "[fault]") {
   if (!FailScope::works()) return;
   const fs::path folder =
@@ -35,7 +35,7 @@ TEST_CASE("a load that runs out of memory leaves the force of the current scene 
   std::ofstream(file)
       << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.1}}},
     "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 2, "solid": "below"}]})";
-  // With a cache, as for a file that is watched: the next scene shares parts of the previous one.
+  // Uses a cache, as for a watched file: the next scene shares parts of the previous one.
   SceneCache cache;
   const auto load = [&](SceneCache* kept) {
     return buildScene(openScene(file), nullptr, kept).scene;
@@ -70,7 +70,8 @@ TEST_CASE("a load that runs out of memory leaves the force of the current scene 
   const long step = std::max(1L, all / test::cases(300));
   for (long n = 1; n <= all; n += n < 200 ? 1 : step) {
     CAPTURE(n, all);
-    // Declared outside of the FailScope, because freeing OpenVDB's trees allocates.
+    // This variable is declared outside of the FailScope, because freeing OpenVDB's trees allocates
+    // memory.
     std::shared_ptr<const Scene> scene;
     try {
       const FailScope fails(n);
@@ -91,11 +92,10 @@ TEST_CASE("a load that runs out of memory leaves the force of the current scene 
       "of %ld allocations: %ld loads without one were refused, %ld told by an error, %ld did "
       "without\n",
       all, refused, told, loaded);
-  // Relative to the number of attempted loads.
+  // The number of failed allocations is at least a quarter of the attempted loads.
   CHECK(refused > (refused + told + loaded) / 4);
   // If a stream gets no memory, the load reports a file that cannot be read.
   CHECK(told <= 2);
-  // With enough memory, the scene loads.
   CHECK(load(&cache) != nullptr);
   fs::remove_all(folder);
 }

@@ -118,13 +118,13 @@ class Case(unittest.TestCase):
 
 
 class Bytes(Case):
-    def test_smoothing_matches_a_single_process(self):
+    def test_smoothing_on_several_ranks_equals_that_of_a_single_process(self):
         self.check([1, 2, 3, 5], self.raw, *self.layout, "--smooth", "2.5")
 
-    def test_a_tolerance_matches_a_single_process(self):
+    def test_an_import_with_a_tolerance_equals_that_of_a_single_process(self):
         self.check([2], self.raw, *self.layout, "--tolerance", "3")
 
-    def test_data_in_one_slab_match_a_single_process(self):
+    def test_an_import_with_data_on_one_rank_only_equals_that_of_a_single_process(self):
         # Only the third slab is active, so its rank has no active neighbours.
         values = array.array("f", self.values)
         slab = SIZE[0] * SIZE[1] * 64
@@ -134,7 +134,7 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([3], file, *self.layout)
 
-    def test_distant_holes_match_a_single_process(self):
+    def test_an_import_with_distant_holes_equals_that_of_a_single_process(self):
         values = array.array("f", self.values)
         values[len(values) * 3 // 4] = math.nan
         values[len(values) // 2] = 1e39  # too large for a float
@@ -142,7 +142,7 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([2], file, *self.layout)
 
-    def test_a_last_value_beyond_a_float_matches_a_single_process(self):
+    def test_an_import_with_a_last_value_beyond_a_float_equals_that_of_a_single_process(self):
         values = array.array("i", map(int, self.values))
         values[len(values) - 5] = 2 ** 25 + 1
         file = self.dir / "large.raw"
@@ -150,7 +150,7 @@ class Bytes(Case):
         layout = json.dumps({"size": SIZE, "type": "int32"})
         self.check([2], file, "--raw", layout)
 
-    def test_a_big_endian_nrrd_matches_a_single_process(self):
+    def test_an_import_of_a_big_endian_nrrd_equals_that_of_a_single_process(self):
         file = self.dir / "blob.nrrd"
         header = ("NRRD0004\ntype: short\ndimension: 3\nsizes: %d %d %d\nendian: big\n"
                   "encoding: raw\nspace: right-anterior-superior\n"
@@ -158,7 +158,7 @@ class Bytes(Case):
         file.write_bytes(header.encode() + turned(array.array("h", map(int, self.values))))
         self.check([3], file, "--smooth", "1")
 
-    def test_a_metaimage_of_many_files_matches_a_single_process(self):
+    def test_an_import_of_a_metaimage_of_many_files_equals_that_of_a_single_process(self):
         folder = self.dir / "meta"
         folder.mkdir()
         slices = [self.values[n:n + 10 * SIZE[0] * SIZE[1]]
@@ -173,7 +173,7 @@ class Bytes(Case):
                         f"ElementDataFile = LIST\n{names}\n")
         self.check([3], file, "--smooth", "2")
 
-    def test_packed_nifti_and_vectors_match_a_single_process(self):
+    def test_imports_of_compressed_nifti_and_vectors_equal_those_of_a_single_process(self):
         points = len(self.values)
         header = bytearray(352)
         struct.pack_into("<i", header, 0, 348)
@@ -192,7 +192,7 @@ class Bytes(Case):
         packed.write_bytes(gzip.compress(data, 1))
         self.check([3], packed)
 
-    def test_a_smoothed_vtk_file_matches_a_single_process(self):
+    def test_a_smoothed_import_of_a_vtk_file_equals_that_of_a_single_process(self):
         file = self.dir / "blob.vtk"
         file.write_bytes(b"# vtk DataFile Version 3.0\nblob\nBINARY\nDATASET STRUCTURED_POINTS\n" +
                          b"DIMENSIONS %d %d %d\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA %d\n"
@@ -203,7 +203,7 @@ class Bytes(Case):
             self.skipTest("built without VTK")
         self.check([3], file, "--smooth", "1")
 
-    def test_iso_and_voxel_imports_match_a_single_process(self):
+    def test_imports_with_iso_values_and_voxel_sizes_equal_those_of_a_single_process(self):
         self.check([2], self.raw, *self.layout, "--iso", "30")
         self.check([3], self.raw, *self.layout, "--voxel", "1.3")
 
@@ -217,7 +217,7 @@ class Trouble(Case):
             self.assertIn(word, lines[0])
         self.assertEqual(done.stdout, "")
 
-    def test_refusals_are_one_line(self):
+    def test_an_import_on_several_ranks_is_refused_with_one_line(self):
         out = self.dir / "refused"
         self.refused(run(3, self.raw, self.dir / "x.vdb", *self.layout, status=None), "mpirun",
                      "--bricks")
@@ -290,7 +290,7 @@ class Trouble(Case):
         workers = [pid for pid, parent in found.items() if parent in found]
         return [pid for pid in found if pid not in workers], workers
 
-    def test_a_killed_import_resumes(self):
+    def test_a_killed_import_on_several_ranks_resumes(self):
         # Noise takes long to compress.
         size = (250, 250, 320)
         file = self.dir / "noise.raw"

@@ -158,7 +158,7 @@ class Pictures(Case):
         return scene, "--device", self.path((0, 0.04, 0), (0, 0.02, 0), (0, 0.04, 0))
 
     @suite.smoke
-    def test_a_patient_has_letters_units_and_millimetres(self):
+    def test_a_picture_of_a_patient_has_orientation_letters_and_units_and_millimetres(self):
         words = texts(self.once(self.svg, "feel", *self.head("lps")))
         for letter in "LRPAIS":
             self.assertEqual(words.count(letter), 2, letter)  # in two of three slices
@@ -167,7 +167,7 @@ class Pictures(Case):
         self.assertIn("skin: body = 0 HU", words)
         self.assertIn("force on the hand [N]", words)
 
-    def test_letters_mark_the_patient_s_directions(self):
+    def test_orientation_letters_are_at_the_correct_sides_of_a_picture(self):
         ends = [("L", "R"), ("P", "A"), ("I", "S")]  # of -x and +x, and so on
         letters = self.look(self.given_head())["letters"]
         for seen, (a, b) in zip(letters, PLANES):
@@ -178,7 +178,7 @@ class Pictures(Case):
             self.assertLess(seen[low][1], 0.1)
             self.assertGreater(seen[high][1], 0.9)
 
-    def test_positions_are_in_patient_space(self):
+    def test_positions_in_a_picture_of_a_patient_are_in_patient_space(self):
         # LPS to RAS: the centre, 15 voxels of 2 mm from (10, 20, 30), is at (-40, -50, 60). The bright spot, at larger
         # i, is to the patient's left.
         half = math.sqrt(0.5)
@@ -215,7 +215,7 @@ class Pictures(Case):
         words = texts(self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1))
         self.assertIn("ball", words)  # without a unit, the field's name
 
-    def test_a_scene_is_named_without_its_folder(self):
+    def test_the_title_names_the_scene_without_its_folder(self):
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
             text = self.once(self.svg, "feel", *words)
             self.assertNotIn(str(self.dir), text)
@@ -223,7 +223,7 @@ class Pictures(Case):
             self.assertNotIn(str(BIN), text)
             self.assertIn(Path(words[0]).name, "\n".join(texts(text)))
 
-    def test_slices_of_a_field_have_one_grey_scale(self):
+    def test_all_slices_of_a_field_have_the_same_grey_scale(self):
         data = self.given_head()
         slices = data["fields"][0]["slices"]
         slices[0]["values"] = [[v / 2 for v in line] for line in slices[0]["values"]]
@@ -266,7 +266,7 @@ class Pictures(Case):
         text = self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1)
         self.assertNotIn('id="arrows"', text)
 
-    def test_the_field_of_most_force_is_first(self):
+    def test_the_field_that_acts_most_is_drawn_first(self):
         place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06]}
         volumes = {name: {"file": "lps.vdb", "place": place} for name in "ab"}
         drag = {"name": "drag", "mode": "viscosity", "of": "a", "strength": 0.05}
@@ -281,7 +281,7 @@ class Pictures(Case):
         data = self.given("feel", self.scene("two", volumes, drag, wall), "--device", device)
         self.assertEqual(data["fields"][0]["name"], "a")
 
-    def test_a_path_fades_with_its_distance(self):
+    def test_a_path_fades_with_its_distance_from_the_slice(self):
         data = self.given_head()
         x, y, z = data["through"]
         far = 0.5 * (data["extent"][1][0] - data["extent"][0][0])
@@ -319,7 +319,7 @@ class Pictures(Case):
             places.append(left)
         self.assertEqual(places[0], places[1])
 
-    def test_every_format_is_written(self):
+    def test_a_picture_is_written_in_every_format(self):
         words = ("feel", self.dir / "ball.vdb", "--seconds", 0.5, "--picture")
         pictures = {"svg": self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1).encode()}
         run(*words, self.dir / "p.png")  # the program and its script, without the fork
@@ -369,7 +369,7 @@ class Pictures(Case):
         self.assertIn(name, words)
         self.assertTrue([w for w in words if w.startswith("$x$: " + name)])
 
-    def test_a_press_is_drawn(self):
+    def test_the_trajectory_of_the_command_press_is_drawn(self):
         scene, *_ = self.head("lps")
         text = self.svg("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0")
         words = texts(text)

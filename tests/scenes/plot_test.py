@@ -138,7 +138,7 @@ class Plot(unittest.TestCase):
         self.assertAlmostEqual(a, b, delta=1e-9 * max(1.0, abs(b)))
 
     @suite.smoke
-    def test_the_printed_numbers_equal_those_of_the_traces(self):
+    def test_the_numbers_printed_by_the_command_plot_equal_those_of_the_traces(self):
         told, _ = self.both()
         self.assertEqual([r["name"] for r in told["runs"]], list(STRENGTHS))
         for shown, own, felt in zip(told["runs"], self.numbers, self.felt):
@@ -162,7 +162,7 @@ class Plot(unittest.TestCase):
             self.assertEqual(shown["limited"], own.limited)
             self.assertEqual(shown["limited"], felt["limited"])
 
-    def test_panels_have_units_and_the_range_of_all_runs(self):
+    def test_the_panels_of_a_plot_have_units_and_the_range_of_all_runs(self):
         told, _ = self.both()
         panels = {(p["run"], p["panel"]): p for p in told["panels"]}
         self.assertEqual(set(panels), {(r, p) for r in STRENGTHS
@@ -208,7 +208,7 @@ class Plot(unittest.TestCase):
             ranges = {json.dumps(panels[name, panel]["y"]["limits"]) for name in STRENGTHS}
             self.assertEqual(len(ranges), 1, panel)
 
-    def test_every_format_is_written(self):
+    def test_a_plot_is_written_in_every_format(self):
         for kind in ("png", "pdf", "svg"):
             traces = self.traces[:1] if kind == "pdf" else self.traces
             told, picture = self.both() if kind == "png" else self.drawn(*traces, out=f"runs.{kind}")
@@ -237,7 +237,7 @@ class Plot(unittest.TestCase):
                              f"{self.numbers[0].percentile(0.999):.3g} µs"):
                     self.assertIn(word, words)
 
-    def test_many_rows_give_a_small_picture_that_keeps_a_spike(self):
+    def test_a_plot_of_many_rows_is_small_and_keeps_a_spike(self):
         head, row = self.traces[0].read_text().splitlines()[:2]
         fields = dict(zip(head.split(","), row.split(",")))
         lines = [head]
@@ -261,7 +261,7 @@ class Plot(unittest.TestCase):
         # All marks are drawn: the intervals of the two statuses, one of fault, one of limited.
         self.assertEqual(panels["status"]["marks"], 4)
 
-    def test_a_trace_may_have_other_columns_in_another_order(self):
+    def test_a_plot_reads_traces_with_more_columns_in_another_order(self):
         """A trace from a pipe, too."""
         told, _ = self.six()
         _, usual, *_, other, piped = [  # only the first has a legend of the paths
@@ -284,7 +284,7 @@ class Plot(unittest.TestCase):
         self.assertEqual(told["runs"][0]["ticks"], len(rows))
         self.assertTrue(math.isfinite(told["runs"][0]["force_max"]))
 
-    def test_short_and_still_traces_are_drawn(self):
+    def test_traces_of_few_ticks_or_without_motion_are_drawn(self):
         head, row = self.traces[0].read_text().splitlines()[:2]
         for count in (1, 2):
             lines = [row.replace("0,", f"{i},", 1) for i in range(count)]
@@ -294,7 +294,7 @@ class Plot(unittest.TestCase):
         told, _ = self.drawn(self.written("still.csv", "\n".join([head, ",".join(nothing)])))
         self.assertEqual(told["runs"][0]["force_max"], 0.0)
 
-    def test_runs_are_named_by_their_file_stems(self):
+    def test_runs_in_a_plot_are_named_by_their_file_names_without_extension(self):
         told, picture = self.six()
         names = [r["name"] for r in told["runs"]]
         self.assertEqual(names[:3], ["soft", "soft (2)", Path(ODD).stem])
@@ -303,14 +303,14 @@ class Plot(unittest.TestCase):
             "{http://www.w3.org/2000/svg}text"))
         self.assertIn(Path(ODD).stem, titles)
 
-    def test_prints_one_line_for_each_trace(self):
+    def test_the_plot_command_prints_one_line_for_each_trace(self):
         said, _ = self.both_printed()
         self.assertEqual(len(said), 2)
         for line, name, own in zip(said, STRENGTHS, self.numbers):
             self.assertRegex(line, rf"^{name}: {len(own.t)} ticks in [\d.]+ s; at most [\d.]+ N, ")
 
     @suite.smoke
-    def test_refused_commands_leave_no_files(self):
+    def test_a_refused_command_plot_leaves_no_files(self):
         good = self.traces[0]
         out = self.dir / "out.png"
         text = good.read_text()

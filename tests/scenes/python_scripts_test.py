@@ -22,7 +22,7 @@ def script(path, folder, *words):
     return done.stdout
 
 
-def test_the_session_prints_what_the_page_shows(tmp_path):
+def test_the_python_session_prints_the_output_that_its_page_shows(tmp_path):
     said = script("scenes/bindings/python/session.py", tmp_path)
     shown = re.findall(r"^```text\n(.*?)^```$", (ROOT / "docs/notebook.md").read_text(), flags=re.S | re.M)
     assert len(shown) == 3

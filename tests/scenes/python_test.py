@@ -50,7 +50,7 @@ def press(ticks=2000):
     return path
 
 
-def test_an_array_s_values_are_at_its_origin_and_spacing():
+def test_the_values_of_an_array_lie_at_positions_from_its_origin_and_spacing():
     values = np.arange(4 * 5 * 6, dtype="f8").reshape(4, 5, 6)
     for given in (values, np.asfortranarray(values), values[::-1][::-1], values.astype(">f8")):
         field = palpate.volume(given, spacing=(1, 2, 3), origin=(10, 20, 30)).field()
@@ -72,7 +72,7 @@ def test_integers_become_the_smallest_float_type_that_holds_them():
     assert volume.info["type"] == "double" and volume.info["highest"] == 2**30 + 1
 
 
-def test_integers_beyond_a_double_are_reported():
+def test_integers_that_a_double_cannot_hold_exactly_give_a_warning():
     counts = np.full((4, 4, 4), 7, "i8")
     counts[2, 2, 2] = 2**53
     counts[1, 1, 1] = -2**53
@@ -87,7 +87,7 @@ def test_integers_beyond_a_double_are_reported():
             palpate.volume(np.where(np.eye(4)[:, :, None] > 0, np.array(value, dtype), np.array(7, dtype)))
 
 
-def test_the_matrix_of_a_nifti_turns_the_axes():
+def test_the_matrix_of_a_nifti_image_defines_the_axes_of_an_array():
     affine = np.array([[0, -2, 0], [1, 0, 0], [0, 0, 3]], float)
     values = np.random.default_rng(2).normal(size=(5, 6, 7))
     field = palpate.volume(values, spacing=affine, origin=(1, 2, 3)).field()
@@ -96,7 +96,7 @@ def test_the_matrix_of_a_nifti_turns_the_axes():
     assert rows["value"] == pytest.approx([values[4, 1, 2], values[0, 5, 6]])
 
 
-def test_vectors_have_a_jacobian():
+def test_a_volume_of_vectors_gives_their_jacobian():
     x = np.linspace(-1, 1, 9)
     X, Y, Z = np.meshgrid(x, x, x, indexing="ij")
     field = palpate.volume(np.stack([-Y, X, 0 * Z + 1], axis=-1), spacing=0.25, origin=(-1, -1, -1)).field()
@@ -106,7 +106,7 @@ def test_vectors_have_a_jacobian():
     assert row["jacobian"].ravel().tolist() == pytest.approx([0, -1, 0, 1, 0, 0, 0, 0, 0], abs=1e-9)
 
 
-def test_a_sample_equals_that_of_palpate_sample(bodies, tmp_path):
+def test_a_sample_from_python_equals_that_of_palpate_sample(bodies, tmp_path):
     volume = palpate.Volume.load(bodies, "cloud")
     low, high = np.array(volume.info["bounds"])
     points = np.random.default_rng(3).uniform(low, high, (500, 3))
@@ -121,7 +121,7 @@ def test_a_sample_equals_that_of_palpate_sample(bodies, tmp_path):
     assert rows.shape == (500,) and volume.field().sample(points.reshape(50, 10, 3)).shape == (50, 10)
 
 
-def test_a_run_equals_that_of_palpate_feel(bodies, tmp_path):
+def test_a_run_from_python_equals_that_of_palpate_feel(bodies, tmp_path):
     scene = palpate.Scene.load(bodies)
     path = np.array([(0, 0, 0, 0.06), (0.5, 0.01, 0, 0.02), (1.5, -0.02, 0.01, -0.01), (1.6, 0, 0, 0.05)])
     np.savetxt(tmp_path / "path.csv", path, "%.17g", ",", header="t,x,y,z", comments="")
@@ -141,7 +141,7 @@ def test_a_run_equals_that_of_palpate_feel(bodies, tmp_path):
     assert np.abs(rows["force_z"]).max() > 0.3
 
 
-def test_an_explanation_equals_that_of_palpate_explain(bodies):
+def test_an_explanation_from_python_equals_that_of_palpate_explain(bodies):
     told = json.loads(program("explain", bodies, "--at", "0,0,0.04", "--push", "0.001,0,-0.002", "--json"))
     answer = palpate.Scene.load(bodies).explain((0, 0, 0.04), (0.001, 0, -0.002))
     assert answer == told
@@ -152,7 +152,7 @@ def test_an_explanation_equals_that_of_palpate_explain(bodies):
         palpate.Scene.load(bodies).explain(0, (0, 0, 1))
 
 
-def test_steps_give_the_forces_of_a_run():
+def test_single_steps_from_python_give_the_same_forces_as_a_run():
     scene = palpate.Scene.parse(SCENE, {"ball": ball()})
     path = press()
     rows = scene.run(path)
@@ -258,7 +258,7 @@ def scene():
 """
 
 
-def test_a_run_takes_less_than_one_and_a_half_times_its_rows_in_memory():
+def test_a_run_from_python_takes_less_than_1_5_times_the_memory_of_its_rows():
     rows, more = alone("""
 felt = scene().run([(0, 0, 0, 0.05), (1, 0, 0, 0.05)])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -277,7 +277,7 @@ try:
 except palpate.Error as e:
     print(e)
 """)
-    assert told == "memory: the call needs more than is available: split the work into smaller calls\n"
+    assert told == "memory: the call needs more memory than is available: split the work into smaller calls\n"
 
 
 @pytest.mark.parametrize("work", [
@@ -373,7 +373,7 @@ def test_a_scene_gives_its_fields_volumes_bounds_and_notes():
     assert scene.notes == [] and scene.source == "scene"
 
 
-def test_to_vtk_has_the_fields_values():
+def test_to_vtk_returns_an_image_with_the_field_s_values():
     pytest.importorskip("vtkmodules.vtkCommonDataModel")
     from vtkmodules.util.numpy_support import vtk_to_numpy
     field = ball().field()
@@ -386,7 +386,7 @@ def test_to_vtk_has_the_fields_values():
         field.to_vtk(1e-5)
 
 
-def test_a_balance_equals_that_of_palpate_solve():
+def test_a_balance_from_python_equals_that_of_palpate_solve():
     planes = [palpate.Primitive("plane", direction=d, strength=2) for d in ((0, 0, 1), (1, 0, 1))]
     answer = palpate.solve(500, (0, 0, -1e-3), planes)
     line = ('{"stiffness":500,"probe":[0,0,-0.001],"primitives":['
@@ -434,7 +434,7 @@ def test_a_balance_equals_that_of_palpate_solve():
     (lambda: palpate.Primitive("plane", direction=(0, 0, 0)), palpate.Error, "direction"),
     (lambda: palpate.Primitive("plane", strength=-1), palpate.Error, "strength"),
 ])
-def test_errors_name_their_cause_and_remedy(wrong, kind, what):
+def test_errors_of_the_python_module_name_their_cause_and_remedy(wrong, kind, what):
     with pytest.raises(palpate.Error) as caught:
         wrong()
     error = caught.value
@@ -445,11 +445,11 @@ def test_errors_name_their_cause_and_remedy(wrong, kind, what):
     assert type(again) is kind and again.args == error.args
 
 
-def test_the_version_equals_that_of_the_program():
+def test_the_version_of_the_python_module_equals_that_of_the_program():
     assert f"palpate {palpate.__version__} ({palpate.__commit__})" in program("--version")
 
 
-def test_the_examples_of_the_page_work(tmp_path, monkeypatch, capsys):
+def test_the_examples_on_the_page_about_python_run_without_errors(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     assert len(blocks) == 6

@@ -156,10 +156,10 @@ def load_tests(_loader, tests, _pattern):
 
 
 class Served(Stored, Server):
-    def test_a_user_with_read_access_can_feel(self):
+    def test_a_ceph_user_with_read_access_alone_can_load_bricks(self):
         run("feel", "rados://reader@bricks/bowl/", "--seconds", 0.2)
 
-    def test_an_unusable_address_is_refused_in_a_line(self):
+    def test_an_unusable_rados_address_is_refused_in_one_line(self):
         for none in ("rados://", "rados:///bowl", "rados://bricks", "rados://bricks/", "rados://a@b@bricks/bowl",
                      "rados://@bricks/bowl"):
             self.refused(none, "it is not an address")

@@ -16,7 +16,7 @@ hush() {
     "$@" >hushed.txt 2>&1 && return
     [ $? -eq 1 ] && grep 'the force was cut: the loop was late' hushed.txt || { cat hushed.txt; exit 1; }
 }
-# For commands that have exit status 1 by design, because the recordings differ.
+# For commands that must exit with status 1, because the recordings differ.
 differ() { printf '$ %s\n' "$*"; if "$@"; then echo "they do not differ"; exit 1; fi; }
 
 step "a scene"

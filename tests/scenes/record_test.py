@@ -75,7 +75,7 @@ class Recorded(Case):
         return self.dir / name
 
     @suite.smoke
-    def test_a_replay_is_identical(self):
+    def test_a_replay_gives_the_recorded_forces_bit_for_bit(self):
         a = self.record("a.rec", self.scene, "--seconds", 4)
         for scene in (self.scene, a):
             self.record("b.rec", scene, "--device", f"replay:{a}")
@@ -102,7 +102,7 @@ class Recorded(Case):
                                 "--record", self.dir / "b.rec"], env={**os.environ, **more},
                                capture_output=True, check=True)
                 self.assertTrue(self.compare("a.rec", "b.rec")["identical"], (scene, words))
-        # Rotations of moving volumes use the C library's sines: they differ far less than a tick certifies.
+        # Rotations of moving volumes use the C library's sines, whose differences are far below a tick's error bound.
         moving = json.loads(json.dumps(SCENE))
         moving["volumes"]["ball"]["place"] = {
             "fit": 0.1, "repeat": True, "keyframes": [
@@ -144,7 +144,7 @@ class Recorded(Case):
         self.assertEqual(told["given_otherwise"]["tick"], 1)
         self.assertEqual(told["given_otherwise"]["field"], "dt")
 
-    def test_a_replay_can_start_at_a_time(self):
+    def test_a_replay_can_start_at_a_given_time(self):
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n1,0,0,0.04\n2,0.01,0,0.04\n", encoding="utf-8")
         a = self.record("a.rec", self.scene, "--device", f"path:{path}", "--seconds", 2)
@@ -157,7 +157,7 @@ class Recorded(Case):
         self.assertEqual(told["lost"], [0, 0])
         self.assertIsNone(told["given_otherwise"])
 
-    def test_a_replay_can_run_at_a_speed(self):
+    def test_a_replay_can_run_at_a_given_speed(self):
         a = self.record("a.rec", self.scene, "--seconds", 1)
         for speed, least in ((2, 0.5), (1, 1.0)):
             begun = time.monotonic()
@@ -165,27 +165,27 @@ class Recorded(Case):
             self.assertGreater(time.monotonic() - begun, 0.99 * least)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
 
-    def test_a_path_can_be_recorded(self):
+    def test_a_run_along_a_recorded_path_can_be_recorded(self):
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n0.5,0,0,0.045\n1,0.01,0,0.045\n", encoding="utf-8")
         self.record("a.rec", self.scene, "--device", f"path:{path}")
         self.record("b.rec", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
 
-    def test_a_replay_has_the_recorded_rate(self):
+    def test_a_replay_runs_at_the_recorded_tick_rate(self):
         a = self.record("a.rec", self.scene, "--seconds", 1, "--rate", 4000)
         told = json.loads(run("feel", a, "--device", f"replay:{a}", "--json").stdout)
         self.assertEqual((told["rate_asked"], told["ticks"], told["seconds"]), (4000, 4000, 1))
 
     @suite.smoke
-    def test_two_hands_have_a_recording_each(self):
+    def test_each_of_two_hands_has_its_own_recording(self):
         self.record("a.rec", self.scene, "--seconds", 1, "--device", "simulated", "--device",
                     "simulated")
         for name in ("a.rec", "a.2.rec"):
             self.assertEqual(len(rows_of(self.dir / name)[1]), 1000)
 
     @suite.smoke
-    def test_numpy_and_csv_read_it(self):
+    def test_a_recording_is_readable_by_numpy_and_as_csv(self):
         a = self.record("a.rec", self.scene, "--seconds", 1)
         head, rows = rows_of(a)
         self.assertEqual(head["rate"], 1000)
@@ -202,7 +202,7 @@ class Recorded(Case):
             self.assertEqual(int(values["iterations"]), rows["iterations"][i])
 
     @suite.smoke
-    def test_h5py_reads_it(self):
+    def test_a_recording_that_is_converted_to_hdf5_is_readable_by_h5py(self):
         # More than two blocks, and not an integer number of blocks.
         a = self.record("a.rec", self.scene, "--seconds", 2.5)
         out = self.dir / "a.h5"
@@ -250,7 +250,7 @@ class Recorded(Case):
 
     @unittest.skipIf(WITHOUT_HDF5, "built without HDF5")
     @suite.smoke
-    def test_a_table_is_complete_or_absent(self):
+    def test_an_interrupted_conversion_leaves_either_a_complete_table_or_the_old_file(self):
         a = self.record("a.rec", self.scene, "--seconds", 20)
         out = self.dir / "a.h5"
         out.write_bytes(b"what stood there")
@@ -277,7 +277,7 @@ class Recorded(Case):
             self.assertEqual(len(done.stderr.splitlines()), 1)
 
     @suite.smoke
-    def test_files_that_have_changed_are_reported(self):
+    def test_a_replay_reports_files_that_have_changed_since_the_recording(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
         with open(self.dir / "ball.vdb", "r+b") as file:
             file.seek(-1, os.SEEK_END)
@@ -347,7 +347,7 @@ class Recorded(Case):
             run("feel", self.scene, "--device", f"replay:{self.dir / 'a.rec'}", "--record",
                 self.dir / "b.rec", status=1)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
-        for words, says in (("simulated:nam", '"nam" is not a trouble of a device'),
+        for words, says in (("simulated:nam", '"nam" is not a trouble that palpate can simulate'),
                             ("simulated:nan@x", '"nan@x" is not a trouble'),
                             ("simulated:hung", "add --realtime")):
             done = subprocess.run([PALPATE, "feel", self.scene, "--device", words],
@@ -418,12 +418,12 @@ class OnTime(Case):
             of_scene = [row for row, number in zip(trace, rows["scene"]) if number == scene]
             self.assertTrue(any(float(row["force_z"]) != 0 for row in of_scene))
             self.assertEqual(any(float(row["load_skin"]) > 0.1 for row in of_scene), bears)
-        # A replay of the replay: that recording has the scenes as well.
+        # The recording of a replay contains the scenes too, so it can be replayed.
         run("feel", self.dir / "b.rec", "--device", f"replay:{self.dir / 'b.rec'}", "--record",
             self.dir / "c.rec")
         self.assertTrue(self.compare("a.rec", "c.rec")["identical"])
 
-    def test_a_killed_program_loses_less_than_a_second(self):
+    def test_a_killed_program_loses_less_than_a_second_of_its_recording(self):
         kills = int(os.environ.get("PALPATE_KILLS", "5"))
         chance = random.Random(12)
         worst = 0.0
@@ -437,12 +437,12 @@ class OnTime(Case):
             if kill + 1 < kills:
                 waiting = self.feel(f"{kill + 1}.rec", 60)
             time.sleep(chance.uniform(0.0, 1.0))
-            # How far the loop had come: from the growing file and the clock.
+            # Computes from the growing file when the loop began.
             begun = time.monotonic() - len(rows_of(file)[1]) / 1000.0
             feeling.send_signal(signal.SIGKILL)
             killed = time.monotonic() - begun
             feeling.communicate()
-            # A kill in the middle of a write tears a chunk; the whole chunks before it count.
+            # A kill during a write leaves an incomplete chunk. The complete chunks before count.
             told = self.compare(name, name)
             torn += told["torn"][0] > 0
             worst = max(worst, killed - told["ticks"][0] / 1000.0)

@@ -115,7 +115,7 @@ std::string parseError(const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("a scene with every kind of entry is read, placed and compiled", "[scene]") {
+TEST_CASE("a scene file with every kind of entry is read, placed and compiled", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   const SceneSpec spec = parseScene(fullScene().dump(), "s.json", folder.path());
@@ -137,7 +137,8 @@ TEST_CASE("a scene with every kind of entry is read, placed and compiled", "[sce
   CHECK((built.placements.at("turned")({1, 0, 0}) - Vec3(0, 0.01, 0.1)).norm() < 1e-6);
 }
 
-TEST_CASE("the schema and the reader accept and refuse the same files", "[scene][schema]") {
+TEST_CASE("the schema and the reader of scenes accept and refuse the same files",
+          "[scene][schema]") {
   REQUIRE(parseError(fullScene().dump()) == "no error");
   REQUIRE(schemaAccepts(fullScene()));
   struct Bad {
@@ -232,7 +233,8 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
   }
 }
 
-TEST_CASE("the shipped schema equals the generated one", "[scene][schema]") {
+TEST_CASE("the shipped schema of scenes equals the one that the program prints",
+          "[scene][schema]") {
   std::ifstream in(sourceDir() + "/scenes/scene.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
@@ -241,7 +243,8 @@ TEST_CASE("the shipped schema equals the generated one", "[scene][schema]") {
   CHECK(shipped.str() == sceneSchema());
 }
 
-TEST_CASE("each instance is felt at its own place, and all share one volume", "[scene][scale]") {
+TEST_CASE("each instance of a volume acts at its own place, and all instances share one volume",
+          "[scene][scale]") {
   const TemporaryFolder folder;
   openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.1);
   ball->setName("ball");
@@ -269,7 +272,6 @@ TEST_CASE("each instance is felt at its own place, and all share one volume", "[
   CHECK(built.scene->graph.unused.empty());
   CHECK(built.bounds.upper.x() > 0.1 * (kMany - 1));
   CHECK(told.back() == 1.0);
-  // All instances share one volume in memory.
   CHECK(built.volumes.at("ball") == built.volumes.at("again"));
 
   Reader reader;
@@ -346,7 +348,8 @@ TEST_CASE("each instance is felt at its own place, and all share one volume", "[
                   SceneError);
 }
 
-TEST_CASE("a folder of many volumes gives a scene with a part for each volume", "[scene][scale]") {
+TEST_CASE("a folder of many volumes gives a scene in which each volume is a part",
+          "[scene][scale]") {
   const TemporaryFolder folder;
   constexpr int kFiles = 80;  // more than one graph reads
   for (int i = 0; i < kFiles; ++i) {
@@ -359,7 +362,7 @@ TEST_CASE("a folder of many volumes gives a scene with a part for each volume", 
   const BuiltScene built = buildScene(sceneFromVdb(folder.path()));
   CHECK(built.scene->parts.size() == kFiles);
   CHECK(built.scene->graph.modes.empty());
-  // The first grid fits into 0.1 m. The others stand as their files say.
+  // The first grid fits into 0.1 m. The others keep the positions of their files.
   const double unit = built.placements.at("1000.ball").scale;
   CHECK(built.bounds.size().x() == Approx(unit * 5.0 * (kFiles - 1) + 0.1).epsilon(0.1));
   Reader reader;
@@ -373,7 +376,7 @@ TEST_CASE("a folder of many volumes gives a scene with a part for each volume", 
   CHECK(r.force.z() > 0.5);
 }
 
-TEST_CASE("isosurfaces of derived fields are felt at their exact radius", "[scene][derive]") {
+TEST_CASE("isosurfaces of derived fields hold the hand at their exact radius", "[scene][derive]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   struct Wall {
@@ -406,7 +409,7 @@ TEST_CASE("isosurfaces of derived fields are felt at their exact radius", "[scen
     CHECK(built.scene->graph.scalar_names == std::vector<std::string>{wall.of});
     CHECK(built.scene->graph.vector_reads.empty());
 
-    // From within the vortex, 0.5 mm through the wall: 0.25 N towards the axis.
+    // The hand moves from inside the vortex 0.5 mm through the wall: 0.25 N towards the axis.
     Reader reader;
     ProxyState state;
     const double wall_at = 0.01 * low;
@@ -416,13 +419,14 @@ TEST_CASE("isosurfaces of derived fields are felt at their exact radius", "[scen
       if (x < wall_at - 1e-4) CHECK(r.force.norm() < 1e-9);
     }
     r = hapticStep(*built.scene, reader, {{wall_at + 5e-4, 0, 1e-4}}, state, 1e-3);
-    // A voxel is 1 mm; the wall is where it should be within a tenth of one.
+    // A voxel is 1 mm. The wall is at its place to within a tenth of a voxel.
     CHECK(r.force.x() == Approx(-0.25).margin(0.05));
     CHECK(std::abs(r.force.y()) + std::abs(r.force.z()) < 0.02);
   }
 }
 
-TEST_CASE("a field is computed at load only if its derivatives are needed", "[scene][derive]") {
+TEST_CASE("a derived field is computed at load only if a mode needs its derivatives",
+          "[scene][derive]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   const auto build = [&](const Json& scene) {
@@ -443,7 +447,8 @@ TEST_CASE("a field is computed at load only if its derivatives are needed", "[sc
   CHECK(build(scene).computed.empty());
   scene["modes"].push_back({{"mode", "surface"}, {"of", "speed"}, {"strength", 1}});
   CHECK(build(scene).computed.at("speed").why == "mode /modes/2 needs its gradient");
-  // A field is computed at load if another field needs its derivatives. No volume can give them.
+  // A field is computed at load if another field needs its derivatives, because no volume has
+  // these.
   scene = vortexScene("speed", 0.4, "above");
   scene["fields"]["slope"] = {{"gradient", "swirl"}};
   scene["modes"] = Json::parse(R"([{"mode": "force", "of": "slope", "strength": 1}])");
@@ -486,7 +491,7 @@ TEST_CASE("a field is computed at load only if its derivatives are needed", "[sc
   CHECK_THROWS_WITH(buildScene(spec), Contains("/modes/0/of") && Contains("is derived"));
 }
 
-TEST_CASE("invalid JSON and duplicate keys are rejected", "[scene]") {
+TEST_CASE("a scene file with invalid JSON or duplicate keys is rejected", "[scene]") {
   CHECK_THAT(parseError("{\n\"palpate\": 1,,\n}"),
              Contains("not valid JSON") && Contains("line 2"));
   CHECK_THAT(parseError(""), Contains("not valid JSON"));
@@ -499,8 +504,9 @@ TEST_CASE("invalid JSON and duplicate keys are rejected", "[scene]") {
              Contains("nested deeper"));
 }
 
-TEST_CASE("reading JSON takes time in proportion to its length", "[scene]") {
-  // The fastest of three readings. A quadratic reader takes 64 times as long for 8 times the text.
+TEST_CASE("the time to read JSON is proportional to its length", "[scene]") {
+  // Takes the fastest of three readings. A parser of quadratic cost takes 64 times as long for 8
+  // times the text.
   const auto seconds = [](int objects) {
     std::string text = "[{\"a\": [1, 2]}";
     for (int i = 1; i < objects; ++i) text += ", {\"a\": [1, 2]}";
@@ -560,7 +566,7 @@ TEST_CASE("an error found at load names the scene file and the JSON path", "[sce
   CHECK_THAT(error("/fields/swirl/magnitude", "swirl"), Contains("derived from itself"));
 }
 
-TEST_CASE("smoothing is noted and applied to the volume", "[scene]") {
+TEST_CASE("smoothing of a volume is applied and stated in the scene's notes", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   Json scene = fullScene();
@@ -569,8 +575,8 @@ TEST_CASE("smoothing is noted and applied to the volume", "[scene]") {
   scene["volumes"]["head"]["non_finite"] = "fill";
   const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()));
   REQUIRE(built.notes.size() == 1);
-  CHECK_THAT(built.notes.front(),
-             Contains("s.json: /volumes/head: smoothed with a Gaussian of 2.83 voxels"));
+  CHECK_THAT(built.notes.front(), Contains("s.json: /volumes/head: smoothed with a Gaussian with a "
+                                           "standard deviation of 2.83 voxels"));
   CHECK(built.volumes.at("head")->info().smoothing.width == 2);
 }
 
@@ -592,12 +598,12 @@ TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[s
   CHECK(edited.volumes == first.volumes);
   CHECK(edited.fields == first.fields);
   CHECK(edited.computed.size() == first.computed.size());
-  // At another place, the volume is not loaded again, but the hand is elsewhere in it.
+  // The volume is moved. It is not loaded again, but the hand is at another place in the volume.
   json["volumes"]["flow"]["place"]["scale"] = 0.02;
   const BuiltScene moved = build();
   CHECK(moved.volumes == first.volumes);
   CHECK(moved.scene->shape != first.scene->shape);
-  // A broken scene in between has no cost, and leaves no entry in the cache.
+  // An invalid scene in between costs nothing, and leaves no entry in the cache.
   const std::size_t kept = cache.size();
   json["fields"]["more"] = {{"gradient", "swirl"}};
   json["fields"]["most"] = {{"magnitude", "more"}};
@@ -637,7 +643,7 @@ TEST_CASE("the bounds of a scene enclose a volume far from the origin", "[scene]
   CHECK((built.bounds.centre() - Vec3::Constant(-5.0)).norm() < 1e-12);
 }
 
-TEST_CASE("a volume with keyframes moves the volumes placed like it and its derived fields",
+TEST_CASE("keyframes of a volume also move volumes that are placed like it and its derived fields",
           "[scene][moving]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
@@ -843,7 +849,7 @@ TEST_CASE("a valid scene with extreme numbers gives finite forces without a faul
   CHECK(felt > 0);
 }
 
-TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene]") {
+TEST_CASE("a coupling that is stiffer than the device allows is refused with its path", "[scene]") {
   SceneSpec spec;
   spec.source = "s.json";
   spec.coupling.stiffness = 1500;
@@ -869,7 +875,8 @@ TEST_CASE("the default coupling is lowered to the stiffness that the device can 
   // A stronger device does not raise the stiffness again.
   CHECK(fitCoupling(spec, arm(1000)).empty());
   CHECK(spec.coupling.stiffness == 100);
-  // A requested stiffness is left as it is, and refused; so is one that varies.
+  // A stiffness that the scene states is not changed. If it is too large, the scene is refused;
+  // this includes a stiffness that varies.
   Json scene = vortexScene("speed", 0.5, "above");
   scene.erase("coupling");
   CHECK(parseScene(scene.dump(), "s.json", ".").any_stiffness);
@@ -882,7 +889,7 @@ TEST_CASE("the default coupling is lowered to the stiffness that the device can 
   }
 }
 
-TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
+TEST_CASE("a .vdb file without a scene gets a suitable mode for each grid", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   SceneSpec spec = openScene(folder / "mixed.vdb");
@@ -892,8 +899,8 @@ TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   REQUIRE(spec.notes.size() == 1);
   CHECK_THAT(spec.notes[0], Contains("grid \"labels\"") && Contains("int32"));
 
-  // A flow, and a ramp from -4 to 12. The ramp is so short that it may be a blurred step: its
-  // middle is felt.
+  // A flow, and a ramp from -4 to 12. The ramp is so short that it may be a blurred step, so its
+  // middle gets a surface.
   spec = openScene(folder / "linear.vdb");
   REQUIRE(spec.graph.modes.size() == 3);
   CHECK(spec.graph.modes[0].kind == ModeKind::kFollow);
@@ -902,7 +909,7 @@ TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   CHECK(spec.graph.modes[1].solid == Solid::kAbove);
   CHECK(spec.graph.modes[2].kind == ModeKind::kViscosity);
 
-  // A folder: every grid that can be felt, in the order of the files, placed like the first.
+  // A folder. The scene has every usable grid, in the order of the files, placed like the first.
   spec = openScene(folder.path());
   CHECK(spec.volumes.size() == 4);
   CHECK(spec.volumes.count("linear.density") == 1);
@@ -937,7 +944,7 @@ TEST_CASE("a scene built in C++ passes the same checks as a scene file", "[scene
   CHECK_THROWS_AS(buildScene(spec), SceneError);
 }
 
-TEST_CASE("the example scenes are valid", "[scene][schema]") {
+TEST_CASE("all example scenes are valid", "[scene][schema]") {
   for (const auto& entry :
        std::filesystem::directory_iterator(test::sourceDir() + "/scenes/examples")) {
     if (entry.path().extension() != ".json") continue;

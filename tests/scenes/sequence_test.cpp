@@ -39,8 +39,8 @@ Json ballScene() {
                "strength": 6}]})");
 }
 
-/// Returns the height at which the proxy rests for a hand in the middle of the ball's flank, by
-/// play [mm].
+/// Returns the height at which the proxy rests at a play time, for a hand in the middle of the
+/// ball's flank [mm].
 double surfaceAt(const BuiltScene& scene, double play) {
   Reader reader;
   ProxyState state({1e3, 1e12});
@@ -70,7 +70,7 @@ TEST_CASE("the surface of a volume with frames follows the play time", "[scene][
   for (const double play : {0.0, 0.05, 0.23, 0.5}) {
     CHECK(surfaceAt(ball, play) == Approx(10.0 + 10.0 * play).margin(0.02));
   }
-  // The bounds are those of all frames; the picture shows the first.
+  // The bounds are those of all frames. A picture shows the first frame.
   CHECK(ball.bounds.upper.x() > 15e-3);
   CHECK(ball.volumes.at("ball")->info().bounds.upper.x() < 14.0);
   CHECK(ball.scene->parts.empty());
@@ -86,7 +86,7 @@ TEST_CASE("a scene's play settings are read, checked and completed with defaults
   scene["play"] = {{"speed", -2.0}, {"paused", true}, {"from", 2}, {"to", 4}, {"repeat", true}};
   CHECK(built(scene, folder.path()).play == PlayParams{-2.0, true, 2.0, 4.0, true, 4.0});
   CHECK_FALSE(schemaComplaint(scene, sceneSchema()));
-  // A sequence that repeats itself has no end.
+  // A sequence that repeats has no end.
   scene["play"] = {{"speed", 3}};
   scene["volumes"]["ball"]["frames"] = {{"rate", 10}, {"repeat", true}};
   const PlayParams play = built(scene, folder.path()).play;
@@ -104,10 +104,10 @@ TEST_CASE("a scene's play settings are read, checked and completed with defaults
   scene["volumes"]["ball"]["frames"] = {{"rate", 10}};
   scene["play"] = {{"from", 3}};
   CHECK_THAT(refusal(scene, folder.path()), Contains("/play/from") && Contains("ended"));
-  // Backwards, play begins at the end.
+  // Backward play starts at the end.
   scene["play"] = {{"speed", -1}};
   CHECK(built(scene, folder.path()).play.begin == 0.5);
-  // A note reports too little memory for a fast play.
+  // A note reports that the memory is too small for a fast play.
   scene["play"] = {{"speed", 20}};
   scene["volumes"]["ball"]["frames"]["budget_mb"] = 1000.0;
   CHECK(built(scene, folder.path()).notes.empty());
@@ -153,17 +153,17 @@ TEST_CASE("an invalid sequence is rejected with its path in the scene file", "[s
              Contains("6 frames and 6 times: give 7"));
   CHECK_THAT(with("/volumes/ball/file", "none_%03d.vdb"),
              Contains("/volumes/ball") && Contains("no frame"));
-  // A name of many files, without "frames" to play them.
+  // A name with a pattern for many files, but without "frames".
   Json scene = ballScene();
   scene["volumes"]["ball"].erase("frames");
   CHECK_THAT(refusal(scene, folder.path()),
              Contains("/volumes/ball/file") && Contains("\"frames\""));
-  // A missing frame.
   std::filesystem::remove(folder / "ball_003.vdb");
   CHECK_THAT(refusal(ballScene(), folder.path()), Contains("ball_003.vdb"));
 }
 
-TEST_CASE("a sequence cannot have a field that is computed at load", "[scene][sequence]") {
+TEST_CASE("a scene is rejected if a field of a sequence has to be computed at load",
+          "[scene][sequence]") {
   const TemporaryFolder folder;
   for (int i = 0; i < 3; ++i) {
     writeVdb(folder / ("flow_" + std::to_string(i) + ".vdb"),
@@ -182,8 +182,9 @@ TEST_CASE("a sequence cannot have a field that is computed at load", "[scene][se
   CHECK_THAT(refusal(scene, folder.path()), Contains("/fields/speed") && Contains("sequence"));
 }
 
-TEST_CASE("an edit keeps the sequence, and a coarse scene has its first frame",
-          "[scene][sequence]") {
+TEST_CASE(
+    "an edit of a scene keeps its sequence, and a coarse scene has the sequence's first frame",
+    "[scene][sequence]") {
   const TemporaryFolder folder;
   writeBalls(folder.path());
   SceneCache cache;

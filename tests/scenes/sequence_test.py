@@ -80,7 +80,7 @@ class Case(unittest.TestCase):
 
 class Play(Case):
     @suite.smoke
-    def test_a_ball_grows_with_its_frames(self):
+    def test_a_ball_grows_with_the_frames_of_its_sequence(self):
         rows, summary, _ = self.felt(self.dir / "scene.json")
         for at in (0.3, 0.45, 0.6, 1.5):
             row = rows[np.searchsorted(rows["t"], at)]
@@ -95,7 +95,7 @@ class Play(Case):
         told = json.loads(run("check", self.dir / "scene.json", "--json").stdout)
         self.assertEqual(told["volumes"]["ball"]["frames"]["count"], FRAMES)
 
-    def test_playback_follows_the_scene(self):
+    def test_the_playback_follows_the_play_settings_of_the_scene(self):
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"paused": True, "from": 0.4}
         rows, _, _ = self.felt(self.write("paused.json", scene))
@@ -122,7 +122,7 @@ class Play(Case):
         for name in ("force_x", "force_y", "force_z", "proxy_x"):
             np.testing.assert_array_equal(rows[name], little[name])
 
-    def test_a_recording_replays_identically(self):
+    def test_a_recording_of_a_sequence_replays_identically(self):
         record = self.dir / "a.rec"
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"from": 0.1, "to": 0.4, "repeat": True, "speed": 1.5}
@@ -135,7 +135,7 @@ class Play(Case):
         self.assertAlmostEqual(rows["play"].min(), 0.1, delta=0.002)
 
     @suite.smoke
-    def test_missing_frames_are_reported_in_a_line(self):
+    def test_missing_frames_of_a_sequence_are_reported_in_one_line(self):
         scene = json.loads(json.dumps(self.scene))
         scene["volumes"]["ball"]["file"] = "none_%02d.vdb"
         file = self.write("none.json", scene)
@@ -144,7 +144,7 @@ class Play(Case):
         self.assertIn("none_", line)
 
     @suite.smoke
-    def test_keys_control_the_playback(self):
+    def test_keys_pause_and_move_and_repeat_the_playback(self):
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"paused": True}
         record = self.dir / "keys.rec"

@@ -73,7 +73,8 @@ std::string saying(const std::string& is, const std::string& of = R"(["modes", "
 
 }  // namespace
 
-TEST_CASE("sites end with the same edits after lost, late and repeated messages", "[site]") {
+TEST_CASE("sites have the same edits in the end despite lost, late and repeated messages",
+          "[site]") {
   const long histories = test::cases(10000);
   for (long seed = 0; seed < histories; ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
@@ -89,7 +90,7 @@ TEST_CASE("sites end with the same edits after lost, late and repeated messages"
       const auto at = static_cast<std::size_t>(random.integer(static_cast<int>(count)));
       const int what = random.integer(4);
       if (what == 0) {
-        // Now and then a site forgets all edits, and uses a stamp a second time.
+        // Sometimes a site forgets all edits and uses a stamp a second time.
         if (forgets && random.integer(20) == 0) {
           sites[at].clear();
           forgot = true;
@@ -130,7 +131,7 @@ TEST_CASE("sites end with the same edits after lost, late and repeated messages"
   }
 }
 
-TEST_CASE("the edit with the largest stamp wins for each part", "[site]") {
+TEST_CASE("the edit with the largest stamp wins for each part of a shared scene", "[site]") {
   SharedEdits edits;
   CHECK(merge(edits, edit("wall", 1, 5, "boston")));
   CHECK_FALSE(merge(edits, edit("wall", 2, 4, "uppsala")));
@@ -144,7 +145,7 @@ TEST_CASE("the edit with the largest stamp wins for each part", "[site]") {
   CHECK(edits.size() == 2);
 }
 
-TEST_CASE("local files and device settings are never sent to other sites", "[site]") {
+TEST_CASE("local files and device settings of a site are never sent to other sites", "[site]") {
   SharedScene site("boston", scene().dump());
   const std::optional<std::string> first = site.takeTold();
   REQUIRE(first);
@@ -284,7 +285,7 @@ TEST_CASE("malformed edits from another site are rejected", "[site]") {
   CHECK(taken > 0);
 }
 
-TEST_CASE("a local edit changes only the parts that differ in the file", "[site]") {
+TEST_CASE("a local edit of a site changes only the parts that differ in its file", "[site]") {
   SharedScene boston("boston", scene().dump());
   SharedScene uppsala("uppsala", scene().dump());
   (void)boston.takeTold();
@@ -349,7 +350,7 @@ TEST_CASE("the total size of all sites' edits is bounded", "[site][release]") {
   CHECK(told->size() <= kMostSceneText);
 }
 
-TEST_CASE("an edit with a stamp above the limit is rejected", "[site]") {
+TEST_CASE("a site rejects an edit whose stamp is above the limit", "[site]") {
   SharedScene site("uppsala", scene().dump());
   const std::uint64_t most = std::uint64_t{1} << 20U;
   CHECK(site.hear("boston", textOf({edit("wall", 1.0, most + 1, "boston"), {}})).size() == 1);
@@ -358,7 +359,7 @@ TEST_CASE("an edit with a stamp above the limit is rejected", "[site]") {
   CHECK(site.edits().size() == 1);
 }
 
-TEST_CASE("edits that arrive during a build stay within the message size", "[site]") {
+TEST_CASE("edits that arrive while a scene is built stay within the size of a message", "[site]") {
   SharedScene site("uppsala", scene().dump());
   SharedScene building = site;
   const auto many = [](SharedScene& to, const std::string& begin) {
@@ -377,8 +378,8 @@ TEST_CASE("edits that arrive during a build stay within the message size", "[sit
 }
 
 TEST_CASE("a site with another scene is reported in one line with the difference", "[site]") {
-  // If every site would reject a part because of its name, the part is not sent; all other parts
-  // are.
+  // If all sites reject a part because of its name, this part is not sent. All other parts are
+  // sent.
   Json odd = scene();
   odd["fields"][std::string(300, 'x')] = {{"curl", "ball"}};
   SharedScene boston("boston", withStrength(odd, 5));
@@ -386,12 +387,11 @@ TEST_CASE("a site with another scene is reported in one line with the difference
   const std::string told = *boston.takeTold();
   const auto lines = uppsala.hear("boston", told);
   REQUIRE(lines.size() == 1);
-  CHECK(
-      lines[0] ==
-      "site boston: its scene differs from this site's scene: mode \"wall\": copy one file to the "
-      "other site, or edit it again");
+  CHECK(lines[0] ==
+        "site boston: its scene differs from this site's scene: mode \"wall\": copy one scene file "
+        "to the other site, or edit these parts again");
   CHECK(uppsala.hear("boston", told).empty());
-  // From then on, all sites have the same edited part.
+  // Afterwards all sites have the same edited part.
   SharedScene late("late", scene().dump());
   boston.edit(withStrength(odd, 6));
   CHECK(late.hear("boston", *boston.takeTold()).empty());

@@ -191,7 +191,7 @@ class Case(unittest.TestCase):
 class OneMachine(Case):
     HOST = True
 
-    def test_two_hands_pull_each_other_and_replay_identically(self):
+    def test_two_linked_hands_pull_each_other_and_their_recordings_replay_identically(self):
         hands = {"A": self.path("A", None), "B": self.path("B", lambda t: (0.21, 0, 0))}
         both = [self.start(name, hand, 3) for name, hand in hands.items()]
         status = [one.wait(timeout=30) for one in both]
@@ -218,7 +218,7 @@ class OneMachine(Case):
                                   capture_output=True, text=True, timeout=60).stdout
             self.assertIn("identical to the last bit", told)
 
-    def test_a_second_site_of_a_name_waits_until_the_first_is_released(self):
+    def test_a_second_site_with_the_same_name_waits_until_the_first_has_left(self):
         alone = self.start("A", self.path("A", None), 60)
         killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 60)
         self.wait_for("A", "site B: its hand is connected")
@@ -239,7 +239,7 @@ class OneMachine(Case):
         self.assertAlmostEqual(force[-1], -1.0, delta=1e-3)
         self.assertEqual(leaps(rows), [])
 
-    def test_a_killed_peer_is_released_and_can_join_again(self):
+    def test_a_site_that_was_killed_no_longer_pulls_and_can_join_again(self):
         mine = self.path("A", None)
         his = self.path("B", lambda t: (0.205, 0, 0))
         alone = self.start("A", mine, 60)
@@ -282,7 +282,7 @@ class OneMachine(Case):
         self.assertEqual(json.loads((self.dir / "A.json").read_text())["sites"], {})
         self.assertEqual(self.said("A").count("no other site is heard yet"), 1)
 
-    def test_a_duplicate_name_is_reported_and_not_linked(self):
+    def test_a_site_whose_name_is_in_use_is_reported_and_not_linked(self):
         first = self.start("A", self.path("A", None), 3)
         self.dir.joinpath("A.err").replace(self.dir / "first.err")
         second = process.run(
@@ -293,7 +293,7 @@ class OneMachine(Case):
         self.assertIn("another site has the same name", second.stderr)
         self.assertEqual(json.loads(second.stdout)["force_max"], 0)
 
-    def test_random_packets_do_no_harm(self):
+    def test_random_network_packets_do_not_disturb_a_site(self):
         alone = self.start("A", self.path("A", None), 4)
         time.sleep(1.0)
         chance = random.Random(1)
@@ -345,7 +345,7 @@ class OneMachine(Case):
         felt = np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1)
         self.assertGreater(felt.max(), 0.5, said)
 
-    def test_lines_on_joining_sites_are_limited_per_second(self):
+    def test_the_lines_printed_about_joining_sites_are_limited_per_second(self):
         alone = self.start("A", self.path("A", None), 30)
         self.wait_for("A", "no other site is heard yet")
         process.run([COMERS, str(domain()), "3"], check=True, timeout=60)
@@ -367,7 +367,7 @@ class OneMachine(Case):
         self.wait_for("A", "no other site is heard yet")
         stay(0, 7)
         self.assertNotIn(full, self.said("A"))
-        # The places of silent sites are used again.
+        # New sites get the slots of silent sites.
         stay(10, 9)
         self.assertIn(full, self.said("A"))
         # More names than the site keeps, twice.
@@ -381,7 +381,7 @@ class OneMachine(Case):
         self.assertEqual(self.said("A").count(full), 1)
         self.assertLessEqual(len(json.loads((self.dir / "A.json").read_text())["sites"]), 4 * 7)
 
-    def test_making_keys_changes_no_other_files(self):
+    def test_the_command_that_makes_keys_changes_no_other_files(self):
         mine = [self.dir / "mine" / name for name in ("thesis.new", "draft.new/page")]
         mine[1].parent.mkdir(parents=True)
         for one in mine:
@@ -498,7 +498,7 @@ class Edits(Case):
                               capture_output=True, text=True, timeout=60).stdout
         self.assertIn("identical to the last bit", told)
 
-    def test_simultaneous_edits_converge(self):
+    def test_simultaneous_edits_at_several_sites_converge_to_the_same_scene(self):
         both = [self.site(name, 60, "--watch") for name in "AB"]
         self.wait_for("A", "site B: its hand is connected")
         self.wait_for("B", "site A: its hand is connected")
@@ -517,7 +517,7 @@ class Edits(Case):
         np.testing.assert_allclose(self.last("A")[:2], [2, 2], atol=1e-6)
         self.assertIn(round(float(self.last("A")[2]), 6), (1.5, 2.5))
 
-    def test_edits_do_not_reach_a_missing_volume_or_an_own_scene(self):
+    def test_edits_are_not_applied_to_a_missing_volume_or_to_a_site_s_own_scene(self):
         sites = [self.site("A", 60, "--watch", strengths=(1, 1, 2)), self.site("B", 60),
                  self.site("C", 60, "--own-scene", "--watch")]
         for name in "AB":
@@ -546,7 +546,7 @@ class Edits(Case):
         self.assertNotIn("edit", self.said("C"))
 
 
-    def test_invalid_edits_of_another_site_do_no_harm(self):
+    def test_invalid_edits_of_another_site_are_rejected_and_keep_the_force_limited(self):
         def says(is_, of=("modes", "x", "0"), count=1):
             return json.dumps({"palpate_edits": 1, "rest": [],
                                "edits": [{"of": of, "at": [count, "C"], "is": is_}]})
@@ -617,7 +617,7 @@ class Far(Case):
             self.skipTest("no networks of one's own: " + said)
         return said
 
-    def test_a_bad_network_adds_no_energy(self):
+    def test_a_network_with_delays_and_losses_adds_no_energy_to_linked_hands(self):
         worst = -math.inf
         for seed in range(RUNS):
             chance = random.Random(seed)
@@ -631,7 +631,7 @@ class Far(Case):
             said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
                                 self.words("B", hands[1], 5, "--with", "10.77.0.1"), *network)
             rows = {name: rows_of(self.dir / f"{name}.rec") for name in "AB"}
-            # The sum at the end: one hand alone may get energy that the other hand has put in.
+            # Uses the sum at the end, because one hand alone may get energy that the other hand has put in.
             both = sum(work(of)[-1] for of in rows.values())
             worst = max(worst, both)
             self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
@@ -644,7 +644,7 @@ class Far(Case):
                 self.assertGreater(felt.sum(), 100, f"seed {seed}: {name} felt nothing: {said}")
         print(f"{RUNS} networks: both hands together got at most {1e3 * worst:.3g} mJ", flush=True)
 
-    def test_edits_without_keys_stay_on_their_machine(self):
+    def test_edits_of_a_site_without_keys_are_not_sent_to_other_machines(self):
         before = self.scene.read_text()
 
         def act(_):
@@ -658,7 +658,7 @@ class Far(Case):
         self.assertIn("has changed: the new scene is active", said)
         self.assertNotIn("its edit", said)
 
-    def test_separated_sites_reconnect(self):
+    def test_sites_that_were_separated_reconnect(self):
         before = self.scene.read_text()
 
         def act(relay):

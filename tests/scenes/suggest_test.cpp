@@ -36,8 +36,8 @@ namespace {
 using Scalar = std::function<float(const Vec3d&)>;
 using Vector = std::function<Vec3f(const Vec3d&)>;
 
-/// Returns noise with mean 0 and deviation 1, a sum of 12 uniform numbers. The same place always
-/// gets the same noise.
+/// Returns noise with mean 0 and standard deviation 1, from a sum of 12 uniform random numbers. The
+/// same place always gets the same noise.
 double noise(const Vec3d& p) {
   std::uint64_t x = 0x1234567ULL;
   for (int axis = 0; axis < 3; ++axis) {
@@ -146,7 +146,7 @@ float headInHounsfield(const Vec3d& p) {
 
 }  // namespace
 
-TEST_CASE("a ball in air has one surface, halfway between their values", "[guess]") {
+TEST_CASE("the guess for a ball in air has one surface, halfway between their values", "[guess]") {
   const double deviation = GENERATE(0.0, 10.0, 50.0);
   CAPTURE(deviation);
   const Json scene = suggested({scalar(ball(16.0, 1000.0, 0.0, deviation))});
@@ -156,14 +156,16 @@ TEST_CASE("a ball in air has one surface, halfway between their values", "[guess
   CHECK_THAT(mode["description"].get<std::string>(), Contains("first guess"));
 }
 
-TEST_CASE("a dark ball gets a surface that is solid below its value", "[guess]") {
+TEST_CASE("a dark ball in a brighter medium gets a surface that is solid below its value",
+          "[guess]") {
   const Json scene = suggested({scalar(ball(16.0, 100.0, 900.0, 10.0))});
   const Json mode = only(scene, "isosurface");
   CHECK(mode["value"].get<double>() == Approx(500.0).margin(60.0));
   CHECK(mode["solid"] == "below");
 }
 
-TEST_CASE("a blurred ball's isovalue stays halfway between inside and outside", "[guess]") {
+TEST_CASE("the guessed isovalue of a blurred ball is halfway between inside and outside",
+          "[guess]") {
   const double width = GENERATE(0.5, 1.0, 2.0);
   CAPTURE(width);
   const Json scene = suggested({scalar([width](const Vec3d& p) {
@@ -173,7 +175,7 @@ TEST_CASE("a blurred ball's isovalue stays halfway between inside and outside", 
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(500.0).margin(60.0));
 }
 
-TEST_CASE("inactive surroundings give a surface in an image but not in a mesh", "[guess]") {
+TEST_CASE("inactive surroundings cause a surface in an image but not in a mesh", "[guess]") {
   // The importer makes the surroundings inactive, with their value as the background.
   const double deviation = GENERATE(0.0, 20.0);
   auto grid = openvdb::FloatGrid::create(0.0F);
@@ -200,7 +202,7 @@ TEST_CASE("inactive surroundings give a surface in an image but not in a mesh", 
   }
 }
 
-TEST_CASE("the edge of an image is not a surface", "[guess]") {
+TEST_CASE("the edge of an image gives no surface", "[guess]") {
   // A slab that ends at four faces of the image.
   const auto value = [](const Vec3d& p) {
     return static_cast<float>((p.z() > 8.0 ? 0.0 : 500.0) + 3.0 * noise(p));
@@ -215,7 +217,7 @@ TEST_CASE("the edge of an image is not a surface", "[guess]") {
   CHECK(modesOf(suggested({block}), "isosurface").empty());
 }
 
-TEST_CASE("nested shells have two surfaces, the outer one weaker", "[guess]") {
+TEST_CASE("nested shells get two surfaces, the outer one weaker", "[guess]") {
   const double deviation = GENERATE(0.0, 8.0);
   CAPTURE(deviation);
   const Json scene = suggested({scalar([deviation](const Vec3d& p) {
@@ -233,7 +235,8 @@ TEST_CASE("nested shells have two surfaces, the outer one weaker", "[guess]") {
   CHECK(knots.back()[0] == surfaces[1]["value"]);
 }
 
-TEST_CASE("bone without an upper value is found where tissue ends", "[guess]") {
+TEST_CASE("in raw CT values with varying bone the surface of bone is at the end of tissue",
+          "[guess]") {
   // Raw CT values: air 0, tissue 1050, bone up to 2500.
   const Json scene = suggested({scalar([](const Vec3d& p) {
     const double r = p.length();
@@ -248,7 +251,7 @@ TEST_CASE("bone without an upper value is found where tissue ends", "[guess]") {
   CHECK(surfaces[1]["value"].get<double>() < 1500.0);
 }
 
-TEST_CASE("CT has skin, soft tissue and bone by Hounsfield's scale", "[guess]") {
+TEST_CASE("a CT gets surfaces of skin, soft tissue and bone by Hounsfield's scale", "[guess]") {
   SuggestInput input = scalar(headInHounsfield);
   input.modality = Modality::kCt;
   const Json scene = suggested({input});
@@ -272,7 +275,7 @@ TEST_CASE("a CT without bone gets no bone surface", "[guess]") {
   CHECK(only(suggested({input}), "isosurface")["name"] == "skin");
 }
 
-TEST_CASE("CT with raw values is analysed like any other image", "[guess]") {
+TEST_CASE("a CT in raw values is analysed like any other image", "[guess]") {
   SuggestInput input = scalar([](const Vec3d& p) { return headInHounsfield(p) + 1024.0F; });
   input.modality = Modality::kCt;
   const std::vector<Json> surfaces = modesOf(suggested({input}), "isosurface");
@@ -282,7 +285,7 @@ TEST_CASE("CT with raw values is analysed like any other image", "[guess]") {
   CHECK(surfaces[1]["value"].get<double>() < 1750.0);
 }
 
-TEST_CASE("MR gets one skin surface at a low signal, and one viscosity", "[guess]") {
+TEST_CASE("an MR image gets one skin surface at a low signal and one viscosity", "[guess]") {
   SuggestInput input = scalar([](const Vec3d& p) {
     const double r = p.length();
     return static_cast<float>((r < 18.0 ? (r < 10.0 ? 120.0 : 60.0) : 4.0) +
@@ -329,7 +332,7 @@ TEST_CASE("a constant scalar is rejected by name, a constant vector gets a follo
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
   CHECK_THROWS_WITH(suggestScene("data.vdb", {same}),
                     Contains("same (nearly all values are equal)"));
-  // A constant vector has a direction. It is felt if a bare .vdb has no other grid to feel.
+  // A constant vector has a direction. It acts if a .vdb without a scene has no other usable grid.
   const Json scene = suggested({same, still});
   CHECK(only(scene, "follow")["of"] == "vel");
   CHECK_THAT(scene["description"].get<std::string>(),
@@ -340,7 +343,7 @@ TEST_CASE("a constant scalar is rejected by name, a constant vector gets a follo
   CHECK_THROWS_AS(suggestScene("data.vdb", {empty}), VolumeError);
 }
 
-TEST_CASE("values that are not finite do not disturb the scene guess", "[guess]") {
+TEST_CASE("non-finite values do not change the guessed scene", "[guess]") {
   const auto value = ball(16.0, 1000.0, 0.0, 10.0);
   const Json scene = suggested({scalar([&](const Vec3d& p) {
     if (p.x() > 0.0 && p.x() < 1.0 && p.y() > 10.0) return p.z() > 0.0 ? NAN : INFINITY;
@@ -355,7 +358,7 @@ TEST_CASE("values that are not finite do not disturb the scene guess", "[guess]"
   CHECK(modesOf(flow, "follow").size() == 1);
 }
 
-TEST_CASE("isovalues do not depend on the voxels' shape and place", "[guess]") {
+TEST_CASE("guessed isovalues do not depend on the shape and place of voxels", "[guess]") {
   auto transform = openvdb::math::Transform::createLinearTransform(1.0);
   transform->preScale(Vec3d(0.7, 0.7, 1.9));
   transform->postRotate(0.6, openvdb::math::X_AXIS);
@@ -380,7 +383,7 @@ TEST_CASE("isovalues do not depend on the voxels' shape and place", "[guess]") {
         Approx(500.0).margin(60.0));
 }
 
-TEST_CASE("a level set is an isosurface at 0", "[guess]") {
+TEST_CASE("a level set gets an isosurface at 0", "[guess]") {
   SuggestInput input;
   input.grid = makeBall(2.0, 0.1);
   const Json mode = only(suggested({input}), "isosurface");
@@ -388,7 +391,7 @@ TEST_CASE("a level set is an isosurface at 0", "[guess]") {
   CHECK(mode["solid"] == "below");
 }
 
-TEST_CASE("the strength along a flow depends on the percentiles of its speed", "[guess]") {
+TEST_CASE("the guessed strength along a flow follows the percentiles of its speed", "[guess]") {
   const Vector vortex = [](const Vec3d& p) {
     const double r = std::hypot(p.x(), p.y());
     if (r > 15.0) return Vec3f(0.0F);
@@ -416,7 +419,8 @@ TEST_CASE("the strength along a flow depends on the percentiles of its speed", "
   CHECK(outputsOf(follow["strength"]) == std::vector<double>{0.0, 1.0, 2.0});
 }
 
-TEST_CASE("a vortex gets a vortex tube, a shear layer a viscosity by its curl", "[guess]") {
+TEST_CASE("a vortex gets a vortex tube, and a shear layer a viscosity that follows its curl",
+          "[guess]") {
   // Rankine's vortex: rotates like a solid inside, and has no curl outside.
   const Json turning = suggested({vector([](const Vec3d& p) {
     const double r2 = std::max(36.0, p.x() * p.x() + p.y() * p.y());
@@ -430,13 +434,13 @@ TEST_CASE("a vortex gets a vortex tube, a shear layer a viscosity by its curl", 
       {vector([](const Vec3d& p) { return Vec3f(Vec3d(std::tanh(0.25 * p.z()), 0.0, 0.1)); })});
   const Json drag = only(layer, "viscosity");
   CHECK(layer["fields"][drag["of"].get<std::string>()].contains("curl"));
-  // A stagnation point, which has strain only.
+  // A stagnation point has only strain.
   const Json straining = suggested(
       {ofMesh(vector([](const Vec3d& p) { return Vec3f(Vec3d(p.x(), p.y(), -2.0 * p.z())); }))});
   CHECK(modesOf(straining, "viscosity").empty());
 }
 
-TEST_CASE("a flow of one speed has no force where it stands still, and a force where it moves",
+TEST_CASE("a flow of one speed causes no force in its part at rest and a force where it moves",
           "[guess]") {
   const Json follow = only(suggested({vector([](const Vec3d& p) {
                              if (p.z() > 8.0) return Vec3f(0.0F);
@@ -451,7 +455,8 @@ TEST_CASE("a flow of one speed has no force where it stands still, and a force w
   CHECK(knots.back()[1].get<double>() > 0.0);
 }
 
-TEST_CASE("fibres are axial, and their anisotropy sets the strength along them", "[guess]") {
+TEST_CASE("fibres are guessed as axial vectors whose anisotropy sets the strength along them",
+          "[guess]") {
   SuggestInput fibres =
       vector([](const Vec3d& p) { return Vec3f(Vec3d(1.0, 0.05 * p.x(), 0.0).unit()); },
              "tensor_direction");
@@ -471,7 +476,7 @@ TEST_CASE("fibres are axial, and their anisotropy sets the strength along them",
   CHECK(alone["volumes"]["tensor_direction"]["axial"] == true);
 }
 
-TEST_CASE("of 18 arrays three are used, and the description lists the others", "[guess]") {
+TEST_CASE("the guess uses three of 18 arrays and lists the others in its description", "[guess]") {
   std::vector<SuggestInput> grids;
   const Vector flow = [](const Vec3d& p) {
     return Vec3f(Vec3d(-p.y(), p.x(), 0.3 * p.x() + 2.0 * std::sin(0.3 * p.z())));
@@ -504,7 +509,7 @@ TEST_CASE("of 18 arrays three are used, and the description lists the others", "
   }
 }
 
-TEST_CASE("one of two equivalent scalars is used", "[guess]") {
+TEST_CASE("the guess uses only one of two equivalent scalars", "[guess]") {
   const auto value = [](const Vec3d& p) { return static_cast<float>(std::sin(0.1 * p.x())); };
   const Json scene =
       suggested({ofMesh(scalar(value, 32, "AsH3")),
@@ -513,7 +518,8 @@ TEST_CASE("one of two equivalent scalars is used", "[guess]") {
   CHECK_THAT(scene["description"].get<std::string>(), Contains("H2 (much like AsH3)"));
 }
 
-TEST_CASE("each volume has a unique name that is made from its grid's name", "[guess]") {
+TEST_CASE("each volume of a guessed scene has a unique name that is made from its grid's name",
+          "[guess]") {
   const auto ramp = [](double dx, double dy) {
     return [=](const Vec3d& p) { return static_cast<float>(dx * p.x() + dy * p.y()); };
   };
@@ -561,11 +567,11 @@ TEST_CASE("a guessed scene loads without a note", "[guess]") {
   CHECK(built.notes.empty());
 }
 
-// Grids as a scientist would write them, without metadata about their content.
+// Grids as a scientist writes them, without metadata about their content.
 
-TEST_CASE("a bare CT .vdb gets a skin surface and a bone surface", "[guess]") {
+TEST_CASE("a CT .vdb without a scene gets a skin surface and a bone surface", "[guess]") {
   const TemporaryFolder folder;
-  // A script's file has whole numbers, stored air, a background of 0.
+  // A file that a script wrote has whole numbers, stored air and a background of 0.
   auto ct = makeGrid<openvdb::FloatGrid>(
       48, centred(48), [](const Vec3d& p) { return std::round(headInHounsfield(p)); }, "ct");
   openvdb::tools::changeBackground(ct->tree(), 0.0F);
@@ -599,9 +605,9 @@ TEST_CASE("a bare CT .vdb gets a skin surface and a bone surface", "[guess]") {
   for (const Json& mode : other["modes"]) CHECK(mode["name"] != "bone");
 }
 
-TEST_CASE("the Hounsfield scale is recognised in CT of a head, and not in other fields",
+TEST_CASE("the Hounsfield scale is recognised in a CT of a head, and not in other fields",
           "[guess]") {
-  // Air is the image's background, and its voxels are omitted.
+  // Air is the image's background and has no stored voxels.
   const Json head = suggested({scalar(headInHounsfield)});
   CHECK(head["modes"][0]["name"] == "skin");
   CHECK(head["modes"][1]["name"] == "bone");
@@ -619,7 +625,9 @@ TEST_CASE("the Hounsfield scale is recognised in CT of a head, and not in other 
   }
 }
 
-TEST_CASE("a grid's kind follows the user, then the metadata, then the values", "[guess]") {
+TEST_CASE(
+    "a grid's kind is taken first from the user, then from the metadata, then from the values",
+    "[guess]") {
   const SuggestInput plain = scalar(headInHounsfield);
   SuggestInput hounsfield = plain;
   hounsfield.value_unit = "HU";
@@ -678,7 +686,7 @@ TEST_CASE("vectors of length 1 are axial directions unless the user asks for CFD
   CHECK(modesOf(fibres, "viscosity").empty());
 }
 
-TEST_CASE("a vector's components are found by their names", "[guess]") {
+TEST_CASE("the component grids of a vector are found by their names", "[guess]") {
   const auto found = [](const std::vector<std::string>& names) {
     std::vector<std::string> vectors;
     for (const Components& c : findComponents(names)) vectors.push_back(c.name);
@@ -736,7 +744,7 @@ TEST_CASE("the three component grids of a vector are not used as scalars", "[gue
   CHECK(buildScene(spec).volumes.count("Velocity") == 1);
 }
 
-TEST_CASE("each material fraction gets a surface at one half, but the void does not", "[guess]") {
+TEST_CASE("each material fraction gets a surface at one half, except the void", "[guess]") {
   // A ball and a box in a void. At edges, volume fractions change over one or two voxels.
   const auto within = [](double depth) { return std::clamp(0.5 + 0.5 * depth, 0.0, 1.0); };
   const auto steel = [=](const Vec3d& p) {
@@ -780,7 +788,7 @@ TEST_CASE("mixed gases get no material surface", "[guess]") {
   CHECK(modesOf(scene, "viscosity").size() == 1);
 }
 
-TEST_CASE("a shock gets a surface at its steepest place", "[guess]") {
+TEST_CASE("a shock gets a surface where the value changes most steeply", "[guess]") {
   // A bow shock: free stream in front, and values that fall and rise behind it. It is smeared over
   // about three cells of two voxels each.
   const Scalar bow = [](const Vec3d& p) {
@@ -801,8 +809,8 @@ TEST_CASE("a shock gets a surface at its steepest place", "[guess]") {
   }
 }
 
-TEST_CASE("labels get surfaces where isovalues can separate them", "[guess]") {
-  // Three bodies in empty space. The third is within reach of both others.
+TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[guess]") {
+  // Three bodies in empty space. The third is near both others.
   const Scalar atlas = [](const Vec3d& p) {
     if ((p - Vec3d(-7.0, 0.0, 0.0)).length() < 7.0) return 1.0F;
     if ((p - Vec3d(7.0, 0.0, 0.0)).length() < 7.0) return 4.0F;
@@ -828,7 +836,7 @@ TEST_CASE("labels get surfaces where isovalues can separate them", "[guess]") {
     return static_cast<float>(p.length() < 8.0 ? 3 : (p.length() < 16.0 ? 1 : 0));
   })});
   CHECK(shells["modes"][0]["name"] != "density all labels");
-  // Two values make one body, even if the user selects labels.
+  // Two values give one body, even if the user selects labels.
   const auto mask = scalar(ball(12.0, 1.0, 0.0, 0.0), 40, "mask");
   for (const GuessFor what : {GuessFor::kAnything, GuessFor::kLabels}) {
     const Json body = Json::parse(suggest({"data.vdb", "", ""}, {mask}, what).scene);
@@ -860,7 +868,8 @@ TEST_CASE("labels in tiles without voxels get surfaces", "[guess]") {
   CHECK(scene["modes"][1]["value"] == 7.0);
 }
 
-TEST_CASE("a stream of one speed with a wake gets a gradual strength", "[guess]") {
+TEST_CASE("a stream of one speed with a wake gets a strength that rises gradually with speed",
+          "[guess]") {
   const Json scene = suggested({vector([](const Vec3d& p) {
     const double wake = p.x() > 6.0 ? 0.5 * (p.x() - 6.0) / 9.0 : 0.0;
     return Vec3f(Vec3d(1.0 + wake + 2e-4 * noise(p), 0.0, 0.0));
@@ -906,7 +915,7 @@ TEST_CASE("the printed share of a material is its share of the whole volume", "[
   CHECK(std::stod(line.substr(at + 6)) == Approx(6.0).margin(0.6));
 }
 
-TEST_CASE("vector components with different transforms are left out", "[guess]") {
+TEST_CASE("the guess leaves out vector components with different transforms", "[guess]") {
   const auto grids = [](double edge) {
     SuggestInput x = scalar([](const Vec3d& p) { return static_cast<float>(p.y()); }, 32, "v");
     const SuggestInput y =
@@ -945,7 +954,7 @@ TEST_CASE("a distance field without metadata gets a surface at 0", "[guess]") {
             .empty());
 }
 
-TEST_CASE("a distance that is cut off gets a surface at 0, with its solid inside", "[guess]") {
+TEST_CASE("a distance field that is clamped gets a surface at 0 with its solid inside", "[guess]") {
   const auto ball = [](const Vec3d& p) { return p.length() - 12.0; };
   const auto box = [](const Vec3d& p) {
     const Vec3d d(std::abs(p.x()) - 15.3, std::abs(p.y()) - 11.7, std::abs(p.z()) - 8.2);
@@ -1000,7 +1009,7 @@ TEST_CASE("a distance that is cut off gets a surface at 0, with its solid inside
   }
 }
 
-TEST_CASE("a narrow band without a grid class gets a surface at 0", "[guess]") {
+TEST_CASE("a narrow-band distance field without a grid class gets a surface at 0", "[guess]") {
   for (const double half_width : {1.5, 2.0, 3.0}) {
     const auto ball = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
         1.5F, Vec3f(0.0F), 0.1F, static_cast<float>(half_width));
@@ -1014,7 +1023,7 @@ TEST_CASE("a narrow band without a grid class gets a surface at 0", "[guess]") {
   }
 }
 
-TEST_CASE("a blurred step between -1 and 1 is not a distance", "[guess]") {
+TEST_CASE("a blurred step between -1 and 1 is not taken for a distance field", "[guess]") {
   for (const double width : {1.5, 3.0, 6.0}) {
     const auto phase = [width](const Vec3d& p) {
       return static_cast<float>(std::tanh((p.length() - 14.0) / width));
@@ -1024,7 +1033,7 @@ TEST_CASE("a blurred step between -1 and 1 is not a distance", "[guess]") {
   }
 }
 
-TEST_CASE("the weights of distances are not matter", "[guess]") {
+TEST_CASE("the weights of a distance field are recognised and get no surface", "[guess]") {
   const auto distance = [](const Vec3d& p) {
     return static_cast<float>(std::clamp(0.2 * (p.length() - 12.0), -1.0, 1.0));
   };
@@ -1038,7 +1047,7 @@ TEST_CASE("the weights of distances are not matter", "[guess]") {
   CHECK_THAT(guess.left[0], Contains("weights of the distances in tsdf"));
 }
 
-TEST_CASE("a dense fog in which little varies gets the modes of a sparse fog", "[guess]") {
+TEST_CASE("a dense fog with few varying voxels gets the same modes as a sparse fog", "[guess]") {
   // The plume fills 0.1 %, 0.4 % and 3 % of the box.
   for (const double radius : {4.0, 6.5, 12.5}) {
     const auto plume = [radius](const Vec3d& p) {
@@ -1059,14 +1068,14 @@ TEST_CASE("a dense fog in which little varies gets the modes of a sparse fog", "
     CHECK_THAT(scene["volumes"]["density"]["description"].get<std::string>(),
                Contains("0 in nearly all voxels"));
   }
-  // A few voxels that differ are not a body.
+  // A few voxels that differ do not count as a body.
   CHECK_THROWS_AS(
       suggestScene("data.vdb",
                    {scalar([](const Vec3d& p) { return p.length() < 1.0 ? 7.0F : 1.0F; })}),
       VolumeError);
 }
 
-TEST_CASE("a guessed scene leaves the stiffness to the device", "[guess]") {
+TEST_CASE("a guessed scene sets no stiffness and uses the device's", "[guess]") {
   const std::string text = suggestScene("data.vdb", {scalar(ball(16.0, 1000.0, 0.0, 0.0))});
   SceneSpec spec = parseScene(text, "suggested.json", "/data");
   CHECK(spec.any_stiffness);
@@ -1078,8 +1087,9 @@ TEST_CASE("a guessed scene leaves the stiffness to the device", "[guess]") {
   CHECK_NOTHROW(checkDevice(spec, weak));
 }
 
-TEST_CASE("materials are felt by their volume fractions, not by their masses", "[guess]") {
-  // Nose and plate of a shock-physics code; the void between has no array.
+TEST_CASE("materials get surfaces from their volume fractions and not from their masses",
+          "[guess]") {
+  // The nose and the plate of a shock-physics code. The void between them has no array.
   const auto nose = [](const Vec3d& p) {
     return static_cast<float>(std::clamp(9.5 - (p - Vec3d(0.0, 0.0, 8.0)).length(), 0.0, 1.0));
   };
@@ -1134,7 +1144,7 @@ struct BowShock {
 
 }  // namespace
 
-TEST_CASE("the surface of a bow shock lies at its steepest places", "[guess]") {
+TEST_CASE("the guessed surface of a bow shock is at the steepest places", "[guess]") {
   const BowShock shock;
   const auto pressure = [&](const Vec3d& p) {
     const auto [depth, ratio] = shock.at(p);
@@ -1164,7 +1174,7 @@ TEST_CASE("the surface of a bow shock lies at its steepest places", "[guess]") {
   CHECK(off[off.size() * 9 / 10] < 3.0);
 }
 
-TEST_CASE("a CT's modes act on the patient, not on the table", "[guess]") {
+TEST_CASE("the guessed modes of a CT act on the patient and not on the table", "[guess]") {
   // A head with a vessel in a cavity of air, four voxels above a table.
   const auto value = [](const Vec3d& p) {
     const double r = (p - Vec3d(0.0, 6.0, 0.0)).length();
@@ -1199,16 +1209,16 @@ TEST_CASE("a CT's modes act on the patient, not on the table", "[guess]") {
     CHECK((strength.is_number() ? mode["by"] : strength["product"][1]["by"]) == "density_body");
   }
   REQUIRE(guess.left.size() == 1);
-  CHECK_THAT(guess.left[0], Contains("largest body") && Contains("to keep it, remove every"));
+  CHECK_THAT(guess.left[0], Contains("largest body") && Contains("to keep all, remove every"));
   CHECK_NOTHROW(parseScene(guess.scene, "suggested.json", "/data"));
 
-  // A head without a table stays whole.
+  // A head without a table is used as a whole.
   SuggestInput alone = scalar([&](const Vec3d& p) { return p.y() < -10.0 ? -1000.0F : value(p); });
   alone.value_unit = "HU";
   CHECK_FALSE(findLargestBody(alone).has_value());
 }
 
-TEST_CASE("a no-data value gives no surface", "[guess]") {
+TEST_CASE("a value that marks missing data gives no surface", "[guess]") {
   for (const double nothing : {-9999.0, 1e20}) {
     const Guess guess =
         suggest({"data.vdb", "", ""}, {scalar([nothing](const Vec3d& p) {
@@ -1225,7 +1235,7 @@ TEST_CASE("a no-data value gives no surface", "[guess]") {
   }
 }
 
-TEST_CASE("the skin of a noisy MR lies above the noise of its air", "[guess]") {
+TEST_CASE("the guessed skin surface of a noisy MR image is above the noise of its air", "[guess]") {
   const auto value = [](const Vec3d& p) {
     if (p.length() < 18.0) return static_cast<float>(350.0 + 15.0 * noise(p));
     return static_cast<float>(15.0 * std::hypot(noise(p), noise(p + Vec3d(0.0, 0.0, 100.0))));
@@ -1237,7 +1247,7 @@ TEST_CASE("the skin of a noisy MR lies above the noise of its air", "[guess]") {
   CHECK(skin["value"].get<double>() < 200.0);
 }
 
-TEST_CASE("skin and bone of VTK's head are found near 500 and 1150", "[.][data]") {
+TEST_CASE("the guessed skin and bone surfaces of VTK's head are near 500 and 1150", "[.][data]") {
   const char* data = std::getenv("PALPATE_DATA");
   REQUIRE(data != nullptr);
   auto grid = openvdb::FloatGrid::create(0.0F);

@@ -96,7 +96,7 @@ class Case(unittest.TestCase):
         self.write_scene(self.SCENE)
 
     def use(self, folder):
-        """Works in this folder."""
+        """Uses this folder and its scene file."""
         self.dir = folder
         self.scene = folder / "scene.json"
         self.told_file = folder / "told.json"
@@ -153,7 +153,7 @@ wait
             Still.first = self.dir
         self.use(Still.first)
 
-    def test_the_picture_shows_the_last_tick(self):
+    def test_a_picture_from_the_command_view_shows_the_last_tick(self):
         self.use_the_first()
         told = self.told()
         trace = {round(1e6 * float(row["t"])): row for row in rows(self.dir / "t.csv")}
@@ -209,7 +209,7 @@ wait
         self.assertEqual(struct.unpack(">IIB", png[at + 4:at + 13]), (11811, 11811, 1))
         self.assertEqual(struct.unpack(">I", png[at + 13:at + 17])[0], zlib.crc32(png[at:at + 13]))
 
-    def test_a_bare_volume_is_drawn(self):
+    def test_a_volume_without_a_scene_is_drawn(self):
         self.scene = self.volumes / "ball.vdb"
         self.still("--seconds", "0.1", "--picture", "still.png")
         told = self.told()
@@ -249,7 +249,7 @@ wait
         env = {name: value for name, value in self.env.items() if name != "DISPLAY"}
         return {**env, "PATH": f"{place}:{env['PATH']}"}
 
-    def test_an_interruption_ends_the_drawing(self):
+    def test_ctrl_c_ends_the_drawing_of_a_picture(self):
         """While palpate waits for its server, which prints its number without end."""
         env = self.beside(f"touch '{self.dir}/begun'\nwhile printf 1 >&3; do sleep 1; done\n")
         for asked in (signal.SIGINT, signal.SIGTERM):
@@ -278,7 +278,7 @@ wait
         self.assertIn("the picture was not drawn: its exit status is 2", done.stderr)
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
-    def test_graphics_that_are_too_old_are_reported(self):
+    def test_an_opengl_version_that_is_too_old_is_reported(self):
         env = {**self.env, "MESA_GL_VERSION_OVERRIDE": "2.1"}
         env.pop("DISPLAY", None)
         done = self.still("--seconds", "0.1", "--picture", "still.png", env=env, status=2)
@@ -440,14 +440,14 @@ class Window(Case):
         return feel.wait(timeout=PATIENCE)
 
     def ends_well(self, feel):
-        """Ends without a fault, or with a message that the loop was late, as on a busy machine."""
+        """Checks that the run ends without a fault, or with a message that the loop was late, as on a busy machine."""
         if self.ended(feel) != 0:
             self.assertEqual(feel.returncode, 1, self.said())
             self.assertIn("the force was cut: the loop was late", self.said())
             self.assertNotIn("the window has ended", self.said())
 
     def press(self, window):
-        """The mouse brings the hand to the ball and into it."""
+        """Moves the mouse so that the hand presses into the ball."""
         told = self.until("a hand", lambda told: told["tick"] > 0)
         x, y = told["pixels"]["centre"][0], told["size"][1] - told["pixels"]["centre"][1]
         end = time.monotonic() + PATIENCE
@@ -516,7 +516,7 @@ class Drawn(Window):
             last = cls("test_slices_go_through_the_proxy")
             last.end(last.join())
 
-    def test_a_mouse_feels_a_ball_and_keys_have_their_documented_effect(self):
+    def test_a_mouse_hand_is_held_by_a_ball_and_keys_have_their_documented_effect(self):
         window = self.join()
         self.do("key", "--window", window, "Return")  # the force may be off after late ticks
         self.press(window)
@@ -527,7 +527,7 @@ class Drawn(Window):
         self.assertLess(math.hypot(*told["probe"]), math.hypot(*told["proxy"]))
         # The panel on the screen shows a bar in the colour of the state "holds".
         self.until_shown("a bar", window, lambda image: near(image, (480, 330), HOLDS, 50) > 40)
-        # Stronger, off and on again: the loop balances this strength.
+        # Makes the skin stronger, then switches it off and on again.
         self.do("key", "--window", window, "plus")
         self.until("a stronger skin", lambda t: abs(t["bars"][0]["strength"] - 3.75) < 1e-6)
         self.do("key", "--window", window, "o")
@@ -546,7 +546,7 @@ class Drawn(Window):
         words = {row["status"] for row in rows(self.dir / "t.csv") if float(row["t"]) >= cut_after}
         self.assertIn("fault", words)
 
-    def test_the_window_shows_when_the_force_returns_after_late_ticks(self):
+    def test_the_window_shows_after_late_ticks_when_the_force_will_return(self):
         feel = self.start("--device", "simulated", "--seconds", "900", "--reengage", "5")
         self.window()
         self.until("a tick", lambda told: told["time"] > 0.1)
@@ -584,7 +584,7 @@ class Drawn(Window):
         self.assertEqual(self.still.returncode, 0, self.still.stderr)
         self.assertEqual(len(rows(self.dir / "t.csv")), 20000)
 
-    def test_the_picture_moves_and_is_refined(self):
+    def test_the_picture_in_the_window_moves_with_the_mouse_and_is_then_refined(self):
         window = self.join()
         self.until("a fine backdrop", lambda told: not told["coarse"])
         before = self.until("a frame", lambda told: told["pixels"])["pixels"]["centre"]
@@ -617,7 +617,7 @@ class Drawn(Window):
         self.until_shown("no slices", window, lambda image: grey(image)[1] < 195)
         self.leave(window)
 
-    def test_an_edited_scene_is_drawn_and_keeps_its_gains(self):
+    def test_an_edited_scene_is_drawn_in_the_window_and_keeps_its_gains(self):
         window = self.join()
         self.do("key", "--window", window, "o")
         self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
@@ -633,7 +633,7 @@ class Drawn(Window):
         self.until("a skin", lambda t: t["bars"][1]["dial"] == 1)
         self.leave(window)
 
-    def test_the_panel_shows_only_requests_that_were_applied(self):
+    def test_the_panel_marks_requests_that_the_loop_has_not_yet_applied(self):
         window = self.join()
         # While the loop is stopped, no request is applied.
         self.feel.send_signal(signal.SIGSTOP)
@@ -653,7 +653,7 @@ class Drawn(Window):
         self.do("key", "--window", window, "1", "key", "--window", window, "o")
         self.leave(window)
 
-    def test_a_window_answers_while_a_scene_is_read_again(self):
+    def test_a_window_responds_while_a_scene_is_read_again(self):
         window = self.join()
         before = self.told()["frames_reading"]
         scene = json.loads(json.dumps(self.COMMON))
@@ -699,7 +699,7 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_no_thread_of_a_window_is_on_the_loop_s_core(self):
+    def test_no_thread_of_the_window_runs_on_the_core_of_the_loop(self):
         """Nor are the threads of its graphics; a loop with real-time priority stays on its core."""
         window = self.join()
         feel = self.feel
@@ -714,7 +714,7 @@ class Drawn(Window):
             self.assertEqual(os.sched_getaffinity(task), {max(cores)})
         self.leave(window)
 
-    def test_a_slow_backdrop_is_drawn_coarser_and_reported(self):
+    def test_a_slow_background_is_drawn_coarser_and_reported(self):
         self.env["PALPATE_VIEW_PATIENCE"] = "1e-6"
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
@@ -729,7 +729,7 @@ class Drawn(Window):
             while self.told()["pixels"]["centre"] == before and time.monotonic() < end:
                 time.sleep(0.03)
         self.until("a coarser one", lambda t: t["detail"] == 4 and not t["coarse"]
-                   and any("drawn coarse" in note for note in t["notes"]))
+                   and any("reduced detail" in note for note in t["notes"]))
         self.close(window)
         self.ends_well(feel)
 
@@ -748,7 +748,7 @@ class Lost(Window):
                          "palpate feel, which does not draw\n")
 
     def goes_on(self, feel):
-        """The run continues until it is interrupted."""
+        """Checks that the run continues until it is interrupted."""
         self.until_said("view: the window has ended")
         self.assertIsNone(feel.poll())
         feel.send_signal(signal.SIGINT)
@@ -762,7 +762,7 @@ class Lost(Window):
         self.assertIn("view: the window has ended: it was ended by signal 9 (Killed): the run continues "
                       "without it; Ctrl-C ends the run", self.said())
 
-    def test_a_mouse_without_its_window_ends_the_run(self):
+    def test_a_run_ends_if_a_mouse_is_its_only_hand_and_the_window_ends(self):
         feel = self.start("--trace", "t.csv")
         self.window()
         os.kill(self.child(feel), signal.SIGKILL)
@@ -779,7 +779,7 @@ class Lost(Window):
         self.goes_on(feel)
         self.assertIn("palpate: display: the connection is lost: the window closes\n", self.said())
 
-    def test_a_display_that_refuses_is_reported_in_a_line(self):
+    def test_a_display_that_refuses_the_connection_is_reported_in_one_line(self):
         """The test destroys the window."""
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.do("windowclose", self.window())
@@ -789,7 +789,7 @@ class Lost(Window):
         self.assertIn("view: the window has ended: its exit status is 1: ", self.said())
         self.assertNotIn("X Error", self.said())
 
-    def test_a_mouse_over_a_hidden_window_has_no_effect(self):
+    def test_moving_the_mouse_over_a_hidden_window_does_not_move_the_hand(self):
         """VTK requests the focus, which the X server refuses for hidden windows."""
         feel = self.start("--seconds", "900")
         window = self.window()
@@ -806,7 +806,7 @@ class Lost(Window):
         self.ends_well(feel)
 
     def told_its_end(self, window, child):
-        """The window shows that the loop has stopped, draws no more frames, and ends when it is closed."""
+        """Checks that the window shows that the loop has stopped, draws no more frames, and ends when it is closed."""
         self.until("the end", lambda told: told["stalled"])
         self.until_at_rest()
         self.assertTrue(Path(f"/proc/{child}").exists())

@@ -53,7 +53,8 @@ void writeFrames(const std::filesystem::path& folder, const std::string& before,
 
 }  // namespace
 
-TEST_CASE("a procedural heart is felt where its formula has moved the wall", "[scene][warp]") {
+TEST_CASE("a procedural heart holds the hand where its formula has moved the wall",
+          "[scene][warp]") {
   const TemporaryFolder folder;
   (void)writeMade("beating-heart", std::nullopt, folder / "heart.vdb");
   const BuiltScene heart = built(heartScene(), folder.path());
@@ -92,7 +93,7 @@ TEST_CASE("a procedural heart is felt where its formula has moved the wall", "[s
   CHECK(off < 0.15);    // [mm]: a voxel is one
 }
 
-TEST_CASE("an invalid warp is rejected with its path", "[scene][warp]") {
+TEST_CASE("an invalid warp is rejected with its path in the scene file", "[scene][warp]") {
   const TemporaryFolder folder;
   (void)writeMade("beating-heart", 3.0, folder / "heart.vdb");
   const Json good = heartScene();
@@ -139,7 +140,7 @@ TEST_CASE("an invalid warp is rejected with its path", "[scene][warp]") {
              Contains("/volumes/too/place/warp"));
 }
 
-TEST_CASE("frames are the files of a pattern, and a missing one is an error",
+TEST_CASE("the frames of a sequence are the files of a pattern, and a missing file is an error",
           "[scene][warp][sequence]") {
   const TemporaryFolder folder;
   VolumeSpec volume;
@@ -172,7 +173,7 @@ TEST_CASE("frames are the files of a pattern, and a missing one is an error",
                     Contains("u_0009.vdb: the frame is missing, but u_0010.vdb exists"));
 }
 
-TEST_CASE("displacements from many files move a volume placed like the deformed one",
+TEST_CASE("displacements from many files move a volume that is placed like the deformed one",
           "[scene][warp][sequence]") {
   const TemporaryFolder folder;
   writeFrames(folder.path(), "u_", 1, 4);  // moves up by a quarter of a unit per frame

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs a command while a program on each core computes without pauses: beside_neighbours.sh COMMAND...
-# The claims of a test must hold on a busy machine as well as on an idle one.
+# A test must pass on a busy machine as well as on an idle one.
 set -uo pipefail
 for tool in setpriv taskset; do
     command -v $tool >/dev/null || { echo "beside_neighbours: no $tool" >&2; exit 1; }

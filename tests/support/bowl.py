@@ -85,7 +85,7 @@ class Case(unittest.TestCase):
 class Stored:
     """Tests of bricks at `address`, common to all kinds of store."""
 
-    def test_a_served_folder_gives_the_forces_of_the_local_one(self):
+    def test_bricks_from_a_server_give_the_same_forces_as_the_local_folder(self):
         here, told, _ = self.feel(str(self.dir / "bowl"))
         there, told_there, _ = self.feel(self.address)
         self.assertEqual(here, there)
@@ -94,7 +94,7 @@ class Stored:
         self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
         self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
 
-    def test_info_feel_and_check_accept_an_address(self):
+    def test_the_commands_info_feel_and_check_accept_the_address_of_a_server(self):
         words = [json.loads(run("info", place, "--json").stdout)["grids"]
                  for place in (self.dir / "bowl", self.address)]
         self.assertEqual(*words)
@@ -103,7 +103,7 @@ class Stored:
         check = json.loads(run("check", self.scene(self.address), "--json").stdout)
         self.assertEqual(check["volumes"]["bowl"]["bricks"]["levels"], self.levels)
 
-    def test_a_recording_from_a_server_replays_identically(self):
+    def test_a_recording_with_bricks_from_a_server_replays_identically(self):
         record, again = self.dir / "served.rec", self.dir / "again.rec"
         run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
         run("feel", record, "--device", f"replay:{record}", "--record", again)
@@ -149,7 +149,7 @@ class Ended:
             self.assertLess(time.monotonic() - begin, told_within)
             if "the force is cut" not in self.said:
                 self.wait_for("the force is cut")
-        # A second fault or a late one would come now.
+        # A second fault, or one that comes late, would appear now.
         time.sleep(2.0)
         self.running.send_signal(signal.SIGINT)
         self.said += self.running.stderr.read()
@@ -162,7 +162,7 @@ class Ended:
     def test_a_server_that_stops_answering_cuts_the_force(self):
         self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), told_within=6), {"volume": 1})
 
-    def test_a_server_that_is_back_is_reported(self):
+    def test_a_server_that_answers_again_is_reported(self):
         summary = self.on_time()
         self.kill(signal.SIGSTOP)
         self.wait_for("the volume does not exist any more")

@@ -31,7 +31,7 @@ constexpr double kTurning = 0.08;      // [m]: radius that converts speed to ang
 
 using Path = std::vector<Vec3>;
 
-/// Filters forwards and then backwards, so that the result is not delayed.
+/// Filters forwards and then backwards, so that the result has no delay.
 void lowPass(std::vector<double>& values) {
   const double share = 1.0 - std::exp(-2.0 * std::numbers::pi * kFollows / kRate);
   const auto pass = [&](auto begin, auto end) {

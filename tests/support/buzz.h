@@ -1,6 +1,6 @@
-/// Measures the force on a hand that slides along the skin of a scan. A hand cannot move at more
-/// than 100 Hz, so the force above 100 Hz comes only from the shape and noise of the data. Compares
-/// penalty forces with the engine.
+/// Measures the force on a hand that slides along the skin of a scan. A hand cannot oscillate at
+/// more than 100 Hz, so the force above 100 Hz comes only from the shape and noise of the data.
+/// Compares penalty forces with the engine.
 #pragma once
 
 #include <memory>
@@ -50,7 +50,7 @@ struct Buzzes {
   Buzz engine;      ///< The engine's whole tick with an isosurface.
 };
 
-/// A path of a hand over a skin.
+/// A hand's path over a skin.
 struct SkinWay {
   double level = 0.0;   ///< Value at the skin.
   bool above = true;    ///< True if the solid's values are above the level.

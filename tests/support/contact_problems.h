@@ -54,8 +54,8 @@ struct ContactRuns {
 };
 
 /// Runs in a groove with an opening [degrees] and strength 20 N. The hand comes in and moves to and
-/// fro along the edge and across it, 1 to 4 voxels beyond the bottom, at speeds between 0.02 and 2
-/// m/s.
+/// fro along the edge and perpendicular to it, 1 to 4 voxels beyond the bottom, at speeds between
+/// 0.02 and 2 m/s.
 ContactResult feelGrooves(double opening, const ContactRuns& runs);
 /// Runs a hand that wanders 1 to 4 voxels below the surface of a ball (at most 0.6 of its radius),
 /// at 0.1 to 0.6 voxel per tick.

@@ -18,7 +18,8 @@ namespace {
 
 using methods::Balance;
 
-/// Returns the text of a number that is a power of ten or a multiple of one.
+/// Returns a number as one digit and a power of ten, such as "2e-3". The number must have only one
+/// significant digit.
 std::string word(double number) {
   const int exponent = static_cast<int>(std::floor(std::log10(number) + 1e-9));
   char text[32];
@@ -50,11 +51,11 @@ Contender makeSet(std::string name, std::string setting,
   return {std::move(name), std::move(setting), solve};
 }
 
-/// How the step adapts in our version of the paper's solver.
+/// Rule for the step size in our version of the solver of Lundin et al.
 enum class Pace {
   kSteady,  ///< Solves the most problems that are independent of each other (euler_adaptive.h).
-  /// Costs half of kSteady and solves a few per cent fewer problems. Needs 30 to 40 iterations, as
-  /// the paper says.
+  /// Costs half as much as kSteady and solves a few per cent fewer problems. Needs 30 to 40
+  /// iterations, as stated in the paper.
   kHalving,
   /// Shrinks by 3 %. Solves the most problems along motions, in a thousand steps or more.
   kSlow,

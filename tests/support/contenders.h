@@ -26,7 +26,7 @@ struct Contender {
   /// Solves a problem. The primitives are those of the problem, in memory that was just written, as
   /// in a tick.
   std::function<Answer(const BalanceProblem&, std::span<const Primitive>)> solve;
-  /// Called before a balance that does not continue the previous one.
+  /// To be called before a balance that does not continue the previous one.
   std::function<void()> forget = [] {};
 };
 
@@ -39,9 +39,8 @@ inline constexpr const char* kPaper = "Euler, adaptive step";
 /// the engine's solver with the memory of the last balance.
 [[nodiscard]] std::vector<Contender> makeContenders(bool motion);
 
-/// Returns the methods of figure 7. Of our versions of the paper's solver, the list has the one
-/// that needs the number of iterations that the paper gives. The engine's solver is called as in a
-/// tick.
+/// Returns the methods of figure 7. Our version of the paper's solver is the one that needs the
+/// paper's number of iterations. The engine's solver is called as in a tick.
 [[nodiscard]] std::vector<Contender> makeFigure7Contenders();
 
 }  // namespace palpate::bench

@@ -11,8 +11,8 @@
 namespace palpate::bench {
 
 /// Returns the value at q, measured in cubes from the first corner; all coordinates are >= 0. There
-/// are side^3 corners, and the last axis varies fastest. Beyond the last corner the value is that
-/// of the last corner.
+/// are side^3 corners, and the last axis varies fastest. Beyond the last corner the value stays
+/// constant.
 inline double betweenCorners(const std::vector<double>& corners, std::size_t side, const Vec3& q) {
   const Vec3 low = q.array().floor();
   const double last = static_cast<double>(side) - 1.0;

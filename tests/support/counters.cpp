@@ -38,8 +38,7 @@ F next(const char* name) {
 }  // namespace
 
 #if PALPATE_SANITIZED
-// Under a sanitizer, which owns the allocator, its hooks count all allocations, including those of
-// operator new.
+// A sanitizer owns the allocator. Its hooks count all allocations, including those of operator new.
 extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,
                                                                            std::size_t),
                                                          void (*freed)(const volatile void*));
@@ -58,8 +57,8 @@ const int kHooked = __sanitizer_install_malloc_and_free_hooks(onAllocated, onFre
 extern "C" {
 
 #if !PALPATE_SANITIZED
-// glibc's own allocator under another name. Replacing malloc allows its calls, and so those of
-// operator new, to be counted.
+// glibc's own allocator under another name. The file replaces malloc, so that it can count calls of
+// malloc and of operator new.
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
 void* __libc_realloc(void*, std::size_t);

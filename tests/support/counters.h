@@ -1,5 +1,5 @@
-/// Counts operations of this thread that a tick must not do. A test shows that a tick does not do
-/// them if the counts are zero.
+/// Counts operations of this thread that a tick must not do. If all counts are zero, the tick did
+/// none of these operations.
 #pragma once
 
 #include <cstddef>
@@ -26,8 +26,8 @@ class CountScope {
 
 /// While this object lives, the n-th allocation of kLarge bytes or more fails once, as if memory
 /// were exhausted. Counts all threads from the construction on. Smaller allocations succeed,
-/// because a program gets them from memory that it already has. Only one object at a time. Does not
-/// work under a sanitizer, which owns the allocator.
+/// because a program usually gets them from memory that it already has. Only one object at a time.
+/// Does not work under a sanitizer, which owns the allocator.
 class FailScope {
  public:
   static constexpr std::size_t kLarge = 512;  ///< [bytes]

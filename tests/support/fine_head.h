@@ -38,7 +38,6 @@ class FineHead {
     }
   }
 
-  /// Returns the number of voxels along an axis.
   [[nodiscard]] int count(std::size_t a) const {
     return static_cast<int>((kCount[a] - 1) * kSpacing[a] / voxel_) + 1;
   }

@@ -68,9 +68,8 @@ bool readHeader(int socket, Header& header, std::array<int, 3>& streams) {
 
 /// Ends a forked process after the exit handlers that its main() has registered. Handlers of
 /// libraries would wait for threads that a fork does not have, such as those that log4cplus (used
-/// by OpenVDB) starts before main(). So forks are not searched for memory leaks. With
-/// AddressSanitizer, the search would take 0.3 s and would take the parent's threads for those of
-/// the fork.
+/// by OpenVDB) starts before main(). So forks are not searched for memory leaks. AddressSanitizer's
+/// search would take 0.3 s and would confuse the parent's threads with those of the fork.
 void endBeforeLibraries(int status, void*) {
   std::cout.flush();
   std::fflush(nullptr);

@@ -1,4 +1,4 @@
-/// A hand for tests that reset it many times.
+/// A hand for tests that reset the hand many times.
 #pragma once
 
 #include "palpate/engine/tick/step.h"

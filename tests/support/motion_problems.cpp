@@ -276,7 +276,7 @@ double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vecto
                     static_cast<double>(batch));
     begun = std::chrono::steady_clock::now();
   }
-  // A path of a few ticks makes a single batch.
+  // A path of a few ticks is a single batch.
   if (times.empty() && !hands.empty()) {
     const auto now = std::chrono::steady_clock::now();
     times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() /
@@ -698,7 +698,7 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
     if (near + 1 < stream.x.size()) out.off_max = std::max(out.off_max, off);
     if (!judged) continue;
     const Vec3& before = proxies[i - 1];
-    // Searches for the nearest point of the exact stream through the previous proxy.
+    // Finds the nearest point on the exact stream through the previous proxy.
     double way = (p - before).dot(stream.directionAt(before));
     Vec3 departure;
     for (int pass = 0; pass < 3; ++pass) {

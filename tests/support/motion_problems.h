@@ -148,7 +148,7 @@ struct Stream {
 Stream traceStream(const std::string& name, const std::function<Vec3(int, int, int)>& voxel,
                    const Vec3& start, double length,
                    const std::function<bool(const Vec3&)>& inside = nullptr, double slowest = 1e-9);
-/// Returns a grid with the voxels about the course.
+/// Returns a field of the voxels about the course.
 FieldPtr fieldAbout(const Stream& stream, const std::string& interpolation = "trilinear");
 
 /// Return the voxels of an ABC flow and of a Taylor-Green flow, with a wavelength in voxels.

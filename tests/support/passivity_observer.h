@@ -6,11 +6,11 @@
 
 namespace palpate::methods {
 
-/// Sums the work at the port as software sees it. If the sum is negative, control() adds a damping
-/// force that would have returned the sum to zero in the previous step.
+/// Sums the work at the port as the software sees it. If the sum is negative, control() adds a
+/// damping force that would have returned the sum to zero in the previous step.
 ///
 /// The observer does not know the encoder's error, the delay or the arm's friction, and acts a step
-/// late. tests/engine/passivity_test.cpp counts how often energy still comes out.
+/// late. tests/engine/passivity_test.cpp counts how often the hand still gains energy.
 class PassivityObserver {
  public:
   /// @param wanted  Force on the hand [N].

@@ -146,9 +146,8 @@ class Scene {
   double filtered_ = 0.0;
 };
 
-/// Returns the deviation of a force's delay from its mean, from -1 to 1. The kinds are: constant,
-/// random, alternating, early while the force grows and late while it falls, and the reverse of
-/// that.
+/// Returns how much later than its mean a delay is, from -1 (earliest) to 1 (latest). The value is
+/// constant, random or alternating, or depends on whether the force grows or falls.
 double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   const double either = draw.uniform(-1.0, 1.0);
   switch (kind % 6) {
@@ -178,7 +177,7 @@ Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
 }
 
 /// Returns the path of a hand that knows the whole state, for a tick of this length. The hand moves
-/// along the force, as fast as is best against the arm's friction, and to and fro over the
+/// along the force, at the best speed against the arm's friction, and back and forth over the
 /// encoder's steps.
 Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double time, double mood,
               Draw& draw) {
@@ -282,7 +281,7 @@ class Interruptions {
     kZero,    ///< The tank is reset, and zero is sent.
   };
   What next(Draw& draw) {
-    // Does not draw a number, so that earlier runs stay the same.
+    // Draws no random number in this case, so that earlier runs stay the same.
     if (!(run_.forgets > 0.0)) return What::kNone;
     if (left_ == 0 && draw.uniform(0, 1) < run_.forgets) {
       left_ = 1 + static_cast<int>(draw.uniform(0.0, run_.away + 1.0));

@@ -1,4 +1,4 @@
-/// Simulates millions of hands, arms and scenes, to see whether energy comes out of the hand's
+/// Simulates millions of hands, arms and scenes, and checks whether a hand gains energy at its
 /// port.
 #pragma once
 
@@ -12,8 +12,8 @@ namespace palpate::bench {
 /// The sources of forces. All but the plain wall can create energy by themselves.
 enum class ActiveScene : std::uint8_t {
   kWall,  ///< Stiff and damped; in about half of the runs stiffer than the stability limit.
-  /// The force depends on the place, and also has a part across its direction of change, so it is
-  /// not a gradient.
+  /// The force depends on the place. It also has a component perpendicular to its direction of
+  /// change, so it is not a gradient.
   kWaves,
   kUndamped,   ///< A wall with damping of the wrong sign, filtered.
   kNoise,      ///< Random by place and time.
@@ -34,10 +34,10 @@ struct PassivityRun {
   double encoder = 1e-5;  ///< Encoder step along each of three axes [m].
   double period = 1e-3;   ///< [s]
   double jitter = 0.0;    ///< The time between two ticks is (1 - jitter) to 1 of the period.
-  /// Share of ticks in which an interruption begins that resets the tank, such as an opened switch,
-  /// or the end of a scene or fault. The reset comes at once, or.
+  /// Share of ticks in which an interruption of the force begins, such as an opened switch, or the
+  /// end of a scene or fault. The interruption resets the tank, at most `away` ticks later.
   double forgets = 0.0;
-  int away = 0;           ///< up to this many ticks later; until the reset, zero is sent.
+  int away = 0;           ///< Largest number of ticks until the reset; until then, zero is sent.
   int every = 1;          ///< A new position comes once in this number of ticks.
   bool tells_age = true;  ///< In all other ticks, the position is reported as old.
   /// The tank knows the uncertainty of the delay and the jitter of the readings.
@@ -96,8 +96,8 @@ struct PassivityResult {
   double nominal = 0.0;  ///< Largest force [N].
 };
 
-/// Simulates the run. The result is exact except for rounding. The arm moves along straight pieces,
-/// whatever moves it, and the work of the acting force is integrated in closed form.
+/// Simulates the run. The result is exact except for rounding. The arm always moves along straight
+/// pieces, and the work of the acting force is integrated in closed form.
 [[nodiscard]] PassivityResult play(const PassivityRun& run, Keeper keeper);
 
 /// Sums of many runs.

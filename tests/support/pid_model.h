@@ -114,7 +114,6 @@ class PidModel {
     put("input.buttons", body, static_cast<std::int64_t>(buttons));
     return out;
   }
-  /// Returns its current state report.
   [[nodiscard]] std::vector<std::byte> state() {
     std::vector<std::byte> out(1 + sizes_["i2"]);
     out[0] = std::byte{2};
@@ -192,7 +191,7 @@ class PidModel {
     if (!e.started) return false;
     if (now - e.at > shape_.longest) return false;
     if (!shape_.duration) return true;
-    // Some firmware takes 0 or the largest duration as endless. This model does not play such
+    // Some firmware treats 0 or the largest duration as endless. This model does not play such
     // effects.
     if (e.duration == 0 || e.duration >= (1 << shape_.duration_bits) - 1) return false;
     return now - e.at <= 1e-3 * static_cast<double>(e.duration);

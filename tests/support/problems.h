@@ -24,7 +24,7 @@ enum class Family {
   kNearParallel,  ///< Anchored at one point, with directions within 1e-2 rad of each other.
   kSlot,          ///< Planes that face each other, 0 to 1 um apart.
   /// Anchored at one point, with directions of one orthonormal frame: at most three planes, or a
-  /// line and the plane across it, or a point.
+  /// line and the plane perpendicular to it, or a point.
   kOrthogonal,
   kPlanes,  ///< Planes only.
   /// A plane and others, up to a tenth of a millimetre from the start, like one tick of a surface

@@ -14,7 +14,7 @@
 
 namespace palpate::test {
 
-/// The largest number of cases that a test has requested, and its usual number.
+/// The largest number of cases that a test has requested, and the usual number of that test.
 struct AskedCases {
   long run = 0;
   long usual = 0;
@@ -33,9 +33,9 @@ inline bool roomHasChanged() {
          std::string::npos;
 }
 
-/// Returns how many random cases to run: PALPATE_CASES if it is a number, a share of `usual` if it
-/// is a percentage ("10%"), `usual` if it is not set. For a room that has changed, a percentage
-/// counts as at least 100. Returns at least 1.
+/// Returns the number of random cases to run: PALPATE_CASES if it is a number, a share of `usual`
+/// if it is a percentage ("10%"), `usual` if it is not set. For a room that has changed, a
+/// percentage counts as at least 100. Returns at least 1.
 inline long cases(long usual) {
   const char* text = std::getenv("PALPATE_CASES");
   long run = usual;

@@ -81,7 +81,7 @@ Vec solve(const Sym& H, const Vec& b) {
   return x;
 }
 
-/// A primitive as in section 4.1, relative to the probe.
+/// A primitive as in section 4.1 of Lundin et al., relative to the probe.
 struct Term {
   PrimitiveKind kind;
   Vec at;
@@ -90,7 +90,8 @@ struct Term {
   Vec z;  ///< -f / s, within the unit ball; for a plane without the constant half of its force
 };
 
-/// Returns the offset whose length raises the primitive's potential; for planes it is along q.
+/// Returns the displacement whose length determines the primitive's potential; for a plane it is
+/// along q.
 Vec away(const Term& t, const Vec& x) {
   const Vec d = x - t.at;
   if (t.kind == PrimitiveKind::kPoint) return d;

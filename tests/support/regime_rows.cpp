@@ -249,7 +249,7 @@ Regime strikesAndJumps() {
   }
   const ShellResult pressed = pressShell(shell, 0.0, 0.6, kStrikes, {});
 
-  // This hand moved on into a ball while its positions were lost.
+  // The hand moved on into a ball while its positions were lost.
   double spring = 0.0;
   double sent = 0.0;
   double most = 0.0;
@@ -442,7 +442,7 @@ Regime scenesThatChange() {
     const StepReport r = hapticStep(*scene, reader, {still}, state, kTick);
     const Vec3 centre = state.bodies()[0].pose.translate;
     const double depth = kRadius - (still - centre).norm();
-    // The same ball as a new scene in every tick, so that the proxy is not carried with it.
+    // The same ball as a new scene in every tick, so that the motion does not carry the proxy.
     const auto placed = test::ballScene(makeSphere(centre, kRadius), 5.0, {kStiffness, 0.0});
     const StepReport swapped = hapticStep(*placed, reader_of_swaps, {still}, uncarried, kTick);
     keepMost(uncounted,

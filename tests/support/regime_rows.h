@@ -1,5 +1,5 @@
-/// Compares the engine with methods of the literature in regimes where these fail. A row per regime
-/// gives numbers for both. Deterministic.
+/// Compares the engine with methods of the literature in regimes in which these methods fail. Each
+/// row gives the numbers of both for one regime. Deterministic.
 #pragma once
 
 #include <string>
@@ -26,13 +26,12 @@ struct Regime {
   std::vector<Finding> holds;
 };
 
-/// Constraints of a millinewton, at angles of 60 degrees to 1, and parallel ones: section 3.1,
-/// figure 2.
+/// Constraints of a millinewton, at angles of 60 degrees to 1, and parallel ones: section 3.1 and
+/// figure 2 of Lundin et al.
 [[nodiscard]] Regime weakConstraints();
 /// Two planes at angles of 1 to 30 degrees, a slot, and a corner of three planes.
 [[nodiscard]] Regime acuteWalls();
-/// Springs of 1 to 1e5 N/m, with strengths that stretch them by a millionth of a metre or by a
-/// metre.
+/// Springs of 1 to 1e5 N/m, with strengths that stretch them by 1 um or by 1 m.
 [[nodiscard]] Regime extremeSprings();
 /// Strikes at 2 m/s on a thin shell, and hands without positions for 10 to 100 ms.
 [[nodiscard]] Regime strikesAndJumps();
@@ -46,7 +45,6 @@ struct Regime {
 /// Devices that report false data: unplugged, stale, not a number, late.
 [[nodiscard]] Regime brokenDevices();
 
-/// Returns all regimes.
 [[nodiscard]] std::vector<Regime> allRegimes();
 
 }  // namespace palpate::bench

@@ -1,7 +1,7 @@
 /// Measures a hand that slides along the skin of a scan. Real data are noisy, so newly placed
-/// planes move the proxy to and fro, which a hand may feel as vibration. They may also move the
-/// proxy away from the hand, which adds energy. The measurement shows whether it helps to hold the
-/// proxy back, so that it can move away only while the hand moves.
+/// planes move the proxy back and forth, and the hand may feel a vibration. The planes may also
+/// move the proxy away from the hand, which adds energy. The measurement shows the effect of a
+/// rule: the proxy may move away only while the hand moves.
 #pragma once
 
 #include <memory>
@@ -27,7 +27,8 @@ struct Rubbing {
   double samples = 0.0;     ///< Mean per tick.
   double unfinished = 0.0;  ///< Share of ticks that did not converge.
   Felt engine;
-  /// With a proxy that turns about the hand but is never farther from the hand than before.
+  /// The same quantities for a proxy that turns about the hand but never moves farther from the
+  /// hand.
   Felt held;
 };
 

@@ -16,7 +16,6 @@ namespace palpate::test {
 
 inline constexpr double kBallRadius = 0.03;  ///< [m]
 
-/// Returns a ball about the origin.
 inline FieldPtr ballField() {
   return makeSphere(Vec3::Zero(), kBallRadius);
 }
@@ -35,7 +34,7 @@ inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double stren
   return makeScene(ballSpec(strength), {{"ball", ball}}, coupling);
 }
 
-/// A device that reports the position that a test sets, and stores the force that it receives.
+/// A device that reports the position set by a test, and stores the force that it receives.
 class TestDevice final : public Device {
  public:
   TestDevice() {

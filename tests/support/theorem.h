@@ -57,15 +57,15 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   // Varying strengths are those of the last reading, which is at most the tolerance away.
   const double once = scene.step.tolerance_voxels * voxel;
   for (const Varying& one : varying) strengths += one.slope.norm() * once;
-  // The proxy is within the tolerance of its answer, and the answer is within the tolerance of the
+  // The proxy is within the tolerance of its result. The result is within the tolerance of the
   // largest offset that the strengths can hold.
   const double tolerance = 2.0 * once;
   const double over =
       k * (offset.norm() - r.waiting.norm() - tolerance - r.error_bound) - (1.0 + 1e-9) * strengths;
   must(over <= 1e-9, "force above all strengths [N]", over);
 
-  // Surfaces: judged by the values themselves, the proxy is not behind a surface that was read and
-  // holds.
+  // Surfaces: according to the field's values, the proxy is not behind a surface that was read and
+  // that holds.
   for (std::size_t i = 0; i < scene.graph.modes.size(); ++i) {
     const auto* mode = std::get_if<IsosurfaceMode>(&scene.graph.modes[i]);
     const auto* of = std::get_if<IsosurfaceMemory>(&state.memory(i).of);

@@ -8,7 +8,6 @@
 
 namespace palpate::test {
 
-/// Writes grids to a file.
 void writeVdb(const std::filesystem::path& file, const openvdb::GridPtrVec& grids);
 
 /// Returns the level set of a sphere about the origin, half-width 3 voxels, named "ball".

@@ -48,7 +48,7 @@ std::string withX(const std::string& x) {
 
 }  // namespace
 
-TEST_CASE("state messages of each generation of Haply's service are decoded", "[haply]") {
+TEST_CASE("state messages of each version of Haply's service are decoded correctly", "[haply]") {
   const Message newer = readState(k35Text);
   CHECK(newer.generation == Generation::k35);
   REQUIRE(newer.arm_count == 1);
@@ -99,7 +99,8 @@ TEST_CASE("numbered handle buttons are decoded like lettered ones", "[haply]") {
   CHECK(message.grips[0].button_count == 4);
 }
 
-TEST_CASE("an invalid or out-of-reach coordinate gives no position", "[haply]") {
+TEST_CASE("a Haply message with an invalid or out-of-reach coordinate gives no position",
+          "[haply]") {
   for (const char* x : {"1e300", "-2.1", "\"0.078\"", "null", "true", "[0.078]", "{}"}) {
     CAPTURE(x);
     const Message message = readState(withX(x));
@@ -116,7 +117,8 @@ TEST_CASE("an invalid or out-of-reach coordinate gives no position", "[haply]") 
   CHECK(readState(withX("2")).arms[0].placed);
 }
 
-TEST_CASE("messages that are too long, too deeply nested or not a state are refused", "[haply]") {
+TEST_CASE("a Haply message that is too long or too deeply nested or not a state is refused",
+          "[haply]") {
   Message message;
   std::string longest = k31Text;
   longest.resize(kMessageLimit, ' ');
@@ -139,7 +141,7 @@ TEST_CASE("messages that are too long, too deeply nested or not a state are refu
   CHECK(readMessage(R"({"inverse3":7})", message) == Verdict::kOther);
 }
 
-TEST_CASE("arms with malformed ids are ignored", "[haply]") {
+TEST_CASE("arms with malformed ids in a Haply message are ignored", "[haply]") {
   for (const char* id : {"04\\\"9D", "", "0 4", "04\\u00009D", "\\u00e9",
                          "0123456789012345678901234567890123456789012345678"}) {
     CAPTURE(id);
@@ -148,7 +150,8 @@ TEST_CASE("arms with malformed ids are ignored", "[haply]") {
   }
 }
 
-TEST_CASE("the configuration reports another origin, basis, model or transform", "[haply]") {
+TEST_CASE("a change of origin, basis, model or transform is read from a Haply state message",
+          "[haply]") {
   const auto with = [](const std::string& from, const std::string& to) {
     std::string text = k35Text;
     return readState(text.replace(text.find(from), from.size(), to)).arms[0];
@@ -167,7 +170,8 @@ TEST_CASE("the configuration reports another origin, basis, model or transform",
       with(R"("transform":{"position":{"x":0)", R"("transform":{"position":{"x":"0")").transformed);
 }
 
-TEST_CASE("force messages have their generation's format and the exact values", "[haply]") {
+TEST_CASE("force messages to Haply's service have the format of its version and exact force values",
+          "[haply]") {
   Random random(1);
   std::array<char, kRoom> room{};
   for (int i = 0; i < 1000; ++i) {
@@ -195,8 +199,8 @@ TEST_CASE("force messages have their generation's format and the exact values", 
       }
     }
   }
-  // The longest message fits. A message that does not fit, or that its generation lacks, is not
-  // written at all.
+  // The longest message fits. A message that does not fit, or that the service's version does not
+  // have, is not written.
   const std::string longest(47, 'x');
   const Triple digits{-2.2250738585072014e-308, -1.7976931348623157e-308, -3.3333333333333335e-307};
   const std::array<ForceTo, kMaxArms> four{
@@ -318,7 +322,8 @@ std::string mutateValues(Random& random, const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("mutated messages never crash the reader or give invalid values", "[haply]") {
+TEST_CASE("mutated messages never crash the reader of Haply's states or give invalid values",
+          "[haply]") {
   const std::vector<std::string> seeds{k35Text, k31Text, k30Text};
   Random random(2);
   const long count = cases(20'000);

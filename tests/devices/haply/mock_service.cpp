@@ -40,12 +40,11 @@ const char* truth(bool is) {
 }  // namespace
 
 struct MockService::Inside {
-  /// An answer that is held back until its time.
+  /// An answer that is sent later.
   struct Waiting {
     std::int64_t due = 0;
     bool full = false;
   };
-  /// A connected client.
   struct Session {
     int number = 0;
     std::string partial;
@@ -133,7 +132,7 @@ struct MockService::Inside {
     return out;
   }
 
-  /// Stores the contents of a message.
+  /// Parses a message and stores its contents.
   void understand(const std::string& bytes, int connection) {
     const std::int64_t when = monotonicNs();
     const auto json = nlohmann::json::parse(bytes, nullptr, false);
@@ -146,7 +145,7 @@ struct MockService::Inside {
       }
       if (session.contains("configure")) ++heard.introduced;
     }
-    // A force in the format of another generation does not count as a force.
+    // A force in the format of another version does not count as a force.
     const char* name = speaks == Speaks::k35 ? "vector" : "values";
     if (json.is_object() && json.contains("inverse3") && speaks != Speaks::k30) {
       known = true;

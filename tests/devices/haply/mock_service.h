@@ -11,7 +11,7 @@
 
 namespace palpate::test {
 
-/// Generation of the messages.
+/// Version of the messages.
 enum class Speaks { k30, k31, k35 };
 
 /// Errors that the answers can have.
@@ -30,7 +30,7 @@ enum class Lie {
   kLong,        ///< 10 MB, the first object correct.
   kBinary,      ///< The correct bytes in a binary frame.
   kHalf,        ///< The first half of the bytes.
-  kEmptyLists,  ///< Its arms have been unplugged.
+  kEmptyLists,  ///< The arms have been unplugged.
   kNotJson,
 };
 
@@ -62,7 +62,7 @@ struct Told {
 /// Counts of received messages.
 struct Heard {
   long messages = 0;
-  long unknown = 0;  ///< Messages that are not published, or are of another generation.
+  long unknown = 0;  ///< Messages that are not published, or are of another version.
   long asked_for_all = 0;
   long introduced = 0;  ///< Messages with a session profile.
   int connections = 0;

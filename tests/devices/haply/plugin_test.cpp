@@ -93,12 +93,12 @@ bool eventually(const std::function<bool()>& is) {
   return false;
 }
 
-/// The plug-in, with the address of a service.
+/// The loaded plug-in, which connects to a given address.
 class Plugin {
  public:
   explicit Plugin(const std::string& url) {
     setenv("PALPATE_HAPLY_URL", url.c_str(), 1);
-    // The plug-in asks only the service.
+    // The plug-in must connect to the service directly and ignore this proxy, which does not exist.
     setenv("http_proxy", "127.0.0.1:1", 1);
     ends = 0;
     {
@@ -116,7 +116,7 @@ class Plugin {
   const palpate_plugin_factory* arms = nullptr;
 };
 
-/// An open arm; remembers the forces that it writes.
+/// An open arm, and the forces that the test wrote to it.
 class Hand {
  public:
   Hand(const Plugin& plugin, const char* serial)
@@ -152,7 +152,7 @@ class Hand {
   palpate_plugin_reading reading{};
 };
 
-/// Returns the last force that has come for an arm.
+/// Returns the last force that the service has received for an arm.
 Vec newest(const MockService& service, const std::string& id) {
   const auto told = service.told();
   const auto last =
@@ -166,7 +166,7 @@ bool exchanged(const MockService& service, long messages) {
   return eventually([&] { return service.heard().messages >= before + messages; });
 }
 
-/// Writes a force until the service has it. Returns whether that happened.
+/// Writes a force until the service has received it. Returns false if that fails.
 bool drives(const Hand& hand, const MockService& service, const std::string& id, const Vec& force) {
   return eventually([&] {
     hand.write(force);
@@ -190,7 +190,8 @@ void checkNear(const Vec& a, const Vec& b) {
 
 }  // namespace
 
-TEST_CASE("haply.so fulfils the plug-in contract", "[haply][plugin]") {
+TEST_CASE("haply.so has the entry point and facts and struct sizes of the plug-in interface",
+          "[haply][plugin]") {
   const palpate_plugin_entry& one = entry();
   CHECK(one.size == sizeof(palpate_plugin_entry));
   CHECK(one.major == PALPATE_PLUGIN_MAJOR);
@@ -236,8 +237,9 @@ TEST_CASE("haply.so fulfils the plug-in contract", "[haply][plugin]") {
                     [](unsigned char c) { return c == 0x5a; }));
 }
 
-TEST_CASE("both arms are listed with their serial numbers, in either generation",
-          "[haply][plugin]") {
+TEST_CASE(
+    "the Haply plug-in lists both arms with their serial numbers, with either service version",
+    "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   MockService service(speaks);
   const Plugin plugin(service.url());
@@ -248,14 +250,16 @@ TEST_CASE("both arms are listed with their serial numbers, in either generation"
   CHECK(std::string(found[1].serial) == "04BA");
   CHECK_THAT(std::string(found[0].model), Contains("Inverse3"));
   CHECK(std::string(found[2].serial).empty());
-  // Arms for which the array has no room are counted, not written.
+  // Arms for which the array has no room are counted but not written.
   found[1].serial[0] = '!';
   CHECK(plugin.arms->find(found.data(), 1) == 2);
   CHECK(found[1].serial[0] == '!');
 }
 
-TEST_CASE("each of two arms has its own readings and forces, in either generation",
-          "[haply][plugin]") {
+TEST_CASE(
+    "the Haply plug-in gives each of two arms its own readings and forces, with either service "
+    "version",
+    "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   CAPTURE(speaks == Speaks::k35);
   MockService service(speaks);
@@ -316,14 +320,15 @@ TEST_CASE("each of two arms has its own readings and forces, in either generatio
     if (expected.empty() || (told.id != ids[0] && told.id != ids[1])) ++mismatches;
   }
   CHECK(mismatches == 0);
-  // The plug-in connected once, introduced itself once, and sent only messages of the generation.
+  // The plug-in connected once, introduced itself once, and sent only messages of the service's
+  // version.
   const Heard heard = service.heard();
   CHECK(heard.connections == 1);
   CHECK(heard.unknown == 0);
   CHECK(heard.introduced == (speaks == Speaks::k35 ? 1 : 0));
 }
 
-TEST_CASE("an origin that the service puts in the middle of the workspace is kept",
+TEST_CASE("the Haply plug-in keeps an origin that the service has put at the workspace's middle",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   MockArm arm = service.arm(0);
@@ -331,7 +336,7 @@ TEST_CASE("an origin that the service puts in the middle of the workspace is kep
   arm.position = {0.01, 0.02, 0.03};
   service.set(0, arm);
   const Plugin plugin(service.url());
-  // Updates, which do not repeat the preset, have come before the arm is opened.
+  // The service has sent updates, which do not repeat the preset, before the arm is opened.
   Hand other(plugin, "04BA");
   REQUIRE(other.device != nullptr);
   REQUIRE(exchanged(service, 5));
@@ -341,7 +346,8 @@ TEST_CASE("an origin that the service puts in the middle of the workspace is kep
   checkNear(hand.position(), {0.01, 0.02, 0.03});
 }
 
-TEST_CASE("a service that does not list its arms is asked for them", "[haply][plugin]") {
+TEST_CASE("the Haply plug-in requests the list of arms if the service does not send it",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.shy(true);
   const Plugin plugin(service.url());
@@ -351,7 +357,7 @@ TEST_CASE("a service that does not list its arms is asked for them", "[haply][pl
   CHECK(service.heard().asked_for_all >= 1);
 }
 
-TEST_CASE("an arm without a reading gets no force", "[haply][plugin]") {
+TEST_CASE("a Haply arm gets no force until it has sent a position", "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.lie(Lie::kNoPosition);
   const Plugin plugin(service.url());
@@ -366,7 +372,8 @@ TEST_CASE("an arm without a reading gets no force", "[haply][plugin]") {
   CHECK(newest(service, "049D") == Vec{});
 }
 
-TEST_CASE("an unusable arm or service is refused in one line", "[haply][plugin]") {
+TEST_CASE("the Haply plug-in refuses an unusable arm or service with a one-line message",
+          "[haply][plugin]") {
   const auto refused = [](MockService& service, const char* serial) {
     const Plugin plugin(service.url());
     const Hand hand(plugin, serial);
@@ -443,7 +450,8 @@ TEST_CASE("an unusable arm or service is refused in one line", "[haply][plugin]"
   }
 }
 
-TEST_CASE("only a local service is used unless PALPATE_HAPLY_ANYWHERE is set", "[haply][plugin]") {
+TEST_CASE("the Haply plug-in uses only a local service unless PALPATE_HAPLY_ANYWHERE is set",
+          "[haply][plugin]") {
   for (const char* url :
        {"ws://192.168.1.7:10001", "ws://haply.example", "ws://127.0.0.1.example:1",
         "ws://localhost.example:1", "ws://[::2]:10001", "http://localhost:10001",
@@ -466,7 +474,7 @@ TEST_CASE("only a local service is used unless PALPATE_HAPLY_ANYWHERE is set", "
   unsetenv("PALPATE_HAPLY_ANYWHERE");
 }
 
-TEST_CASE("without a new message a read gives no reading, and the last one keeps its time",
+TEST_CASE("a read of a Haply arm without a new message returns nothing and keeps the last time",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -474,7 +482,7 @@ TEST_CASE("without a new message a read gives no reading, and the last one keeps
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   service.lie(Lie::kDrops);
-  // Messages on their way have arrived.
+  // Waits until the messages that were under way have arrived.
   REQUIRE(exchanged(service, 3));
   while (hand.read() == PALPATE_PLUGIN_OK) {
   }
@@ -489,7 +497,8 @@ TEST_CASE("without a new message a read gives no reading, and the last one keeps
   CHECK(hand.reading.taken == clock_ns);
 }
 
-TEST_CASE("stop() withholds forces until a zero has been written", "[haply][plugin]") {
+TEST_CASE("after stop() a Haply arm gets no force until a zero force has been written",
+          "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   MockService service(speaks);
   const Plugin plugin(service.url());
@@ -502,7 +511,7 @@ TEST_CASE("stop() withholds forces until a zero has been written", "[haply][plug
   REQUIRE(drives(other, service, "04BA", {0.0, 0.0, 1.0}));
   std::thread([&] { hand.device->stop(hand.device); }).join();
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
-  // Writes twenty forces while the clock stands.
+  // Writes twenty forces while the test's clock stands still.
   const std::size_t from = service.told().size();
   for (int i = 0; i < 20; ++i) {
     hand.write({1.0, 0.1 * i, 0.0});
@@ -513,7 +522,7 @@ TEST_CASE("stop() withholds forces until a zero has been written", "[haply][plug
   CHECK(newest(service, "04BA") == Vec{0.0, 0.0, 1.0});
   hand.write({});
   CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
-  // stop() comes after a written zero and before the next force.
+  // The test calls stop() after a written zero and before the next force.
   hand.write({});
   hand.device->stop(hand.device);
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
@@ -523,7 +532,7 @@ TEST_CASE("stop() withholds forces until a zero has been written", "[haply][plug
   CHECK(driven(service, "049D", again) == 0);
 }
 
-TEST_CASE("victim process: calls stop() and exits at once", "[.victim]") {
+TEST_CASE("helper process: calls stop() and exits at once", "[.victim]") {
   real_clock = true;
   const Plugin plugin(std::getenv("PALPATE_HAPLY_URL"));
   Hand hand(plugin, "049D");
@@ -537,7 +546,8 @@ TEST_CASE("victim process: calls stop() and exits at once", "[.victim]") {
   _exit(0);
 }
 
-TEST_CASE("a program that exits right after stop() leaves no force", "[haply][plugin]") {
+TEST_CASE("a program that exits right after stop() leaves no force on a Haply arm",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   setenv("PALPATE_HAPLY_URL", service.url().c_str(), 1);
   const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
@@ -550,14 +560,15 @@ TEST_CASE("a program that exits right after stop() leaves no force", "[haply][pl
   }
 }
 
-TEST_CASE("a force that is not written again ends after 40 ms", "[haply][plugin]") {
+TEST_CASE("a Haply arm's force ends after 40 ms if the program does not write it again",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   REQUIRE(drives(hand, service, "049D", {0.0, 0.0, 2.0}));
-  // The test reads all the time, in steps, so that a silence does not end the force.
+  // The test reads in small steps, so that the force does not end for lack of readings.
   const auto step = [&](std::int64_t ms) {
     clock_ns += ms * kMs;
     const std::int64_t at = clock_ns;
@@ -569,11 +580,11 @@ TEST_CASE("a force that is not written again ends after 40 ms", "[haply][plugin]
   CHECK(newest(service, "049D") == Vec{0.0, 0.0, 2.0});
   REQUIRE(step(1));
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
-  // The arm was never lost: the next force is sent.
+  // The arm was never reported as gone, so the next force is sent.
   CHECK(drives(hand, service, "049D", {0.0, 0.0, 1.0}));
 }
 
-TEST_CASE("an invalid force becomes zero, and a force above the arm's limit is scaled to it",
+TEST_CASE("the Haply plug-in replaces an invalid force by zero and scales a large one to the limit",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -583,7 +594,6 @@ TEST_CASE("an invalid force becomes zero, and a force above the arm's limit is s
   REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
-  // std::hypot takes only a NaN beside zeros for 0.
   for (const Vec& force : {Vec{nan, 0.0, 0.0}, Vec{0.0, nan, 0.0}, Vec{0.0, 0.0, nan},
                            Vec{0.0, inf, 0.0}, Vec{1.7e308, 1.7e308, 0.0}}) {
     CAPTURE(force[0]);
@@ -596,7 +606,7 @@ TEST_CASE("an invalid force becomes zero, and a force above the arm's limit is s
   checkNear(newest(service, "049D"), {0.0, 2.4, 3.2});
 }
 
-TEST_CASE("without valid messages no reading arrives, and the force ends after 30 ms",
+TEST_CASE("without valid messages a Haply arm gives no reading and its force ends after 30 ms",
           "[haply][plugin]") {
   const Lie lie =
       GENERATE(Lie::kDrops, Lie::kNaN, Lie::kHuge, Lie::kOverflows, Lie::kStrings, Lie::kNoPosition,
@@ -641,7 +651,7 @@ TEST_CASE("without valid messages no reading arrives, and the force ends after 3
   CHECK(service.heard().connections == 1);
 }
 
-TEST_CASE("after the service restarts forces are withheld until a zero is written",
+TEST_CASE("after Haply's service restarts no force is sent until a zero force is written",
           "[haply][plugin]") {
   const bool hangs_up = GENERATE(false, true);
   MockService service(Speaks::k35);
@@ -654,14 +664,14 @@ TEST_CASE("after the service restarts forces are withheld until a zero is writte
     service.hangUp();
   } else {
     service.end();
-    // The arm is gone at once, without any time on the clock.
+    // The arm is reported as gone before the test advances the clock.
     REQUIRE(eventually([&] { return hand.read() == PALPATE_PLUGIN_GONE; }));
     CHECK(hand.read() == PALPATE_PLUGIN_GONE);
     CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
     service.begin();
   }
   REQUIRE(eventually([&] { return service.heard().connections >= 2; }));
-  // A client that did not read in between gets GONE when the arm is back.
+  // If the client did not read meanwhile, its first read after the arm's return gives GONE.
   REQUIRE(eventually([&] { return hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_OK; }));
   CHECK((hand.read() == PALPATE_PLUGIN_GONE) == hangs_up);
   REQUIRE(hand.readNew());
@@ -677,7 +687,7 @@ TEST_CASE("after the service restarts forces are withheld until a zero is writte
   CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
 }
 
-TEST_CASE("closing an arm leaves it at zero force, and the other arm keeps its force",
+TEST_CASE("closing a Haply arm sets its force to zero and keeps the other arm's force",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -694,8 +704,8 @@ TEST_CASE("closing an arm leaves it at zero force, and the other arm keeps its f
     const auto told = service.told();
     return std::count_if(told.begin(), told.end(), [](const Told& t) { return t.id == "049D"; });
   };
-  // At most three messages of before the close are on their way. Then this arm gets none, and the
-  // other arm keeps its force.
+  // At most three messages from before the close are under way. After them this arm gets no
+  // message, and the other arm keeps its force.
   REQUIRE(exchanged(service, 4));
   CHECK(newest(service, "049D") == Vec{});
   const auto before = count();
@@ -712,7 +722,9 @@ TEST_CASE("closing an arm leaves it at zero force, and the other arm keeps its f
   CHECK(service.heard().connections == 2);
 }
 
-TEST_CASE("with late answers forces, stops and the final zero still arrive", "[haply][plugin]") {
+TEST_CASE(
+    "with answers that are 3 ms late the forces, stops and final zero still reach Haply's service",
+    "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.delay(3 * kMs);
   const Plugin plugin(service.url());
@@ -724,7 +736,7 @@ TEST_CASE("with late answers forces, stops and the final zero still arrive", "[h
   hand.device->stop(hand.device);
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
   CHECK(service.heard().connections == 1);
-  // Closed while an answer is due: the zero is sent anyway.
+  // The arm is closed while an answer is due. The zero is sent anyway.
   for (int i = 0; i < 10; ++i) {
     Hand other(plugin, "04BA");
     REQUIRE(other.device != nullptr);
@@ -733,13 +745,14 @@ TEST_CASE("with late answers forces, stops and the final zero still arrive", "[h
     other.close();
     CHECK(newest(service, "04BA") == Vec{});
   }
-  // The connection ends when that message was answered.
+  // The connection ends after that message was answered.
   hand.close();
   REQUIRE(eventually([&] { return service.heard().ended == 1; }));
   CHECK(service.heard().cut_off == 0);
 }
 
-TEST_CASE("prepare() waits until the arm is ready, and reports the reason", "[haply][plugin]") {
+TEST_CASE("prepare() waits until the Haply arm is ready and reports why it is not ready",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   MockArm arm = service.arm(0);
   arm.calibrated = false;
@@ -777,7 +790,7 @@ TEST_CASE("prepare() waits until the arm is ready, and reports the reason", "[ha
   REQUIRE(eventually([&] {
     return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
   }));
-  // The arm requires each of its conditions.
+  // The arm is ready only if each of these conditions holds.
   for (bool MockArm::*const missing : {&MockArm::calibrated, &MockArm::ready, &MockArm::powered}) {
     arm.*missing = false;
     service.set(0, arm);
@@ -790,11 +803,12 @@ TEST_CASE("prepare() waits until the arm is ready, and reports the reason", "[ha
       return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
     }));
   }
-  // Its metres are no longer the hand's.
+  // With a scale of 10, the arm's positions are no longer the hand's metres, so the arm is not
+  // ready.
   arm.scale = 10.0;
   service.set(0, arm);
   CHECK(eventually([&] { return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == 0; }));
-  // A program that ends does not wait for it.
+  // prepare() returns immediately if the program ends.
   arm.calibrated = false;
   service.set(0, arm);
   REQUIRE(exchanged(service, 3));
@@ -827,7 +841,8 @@ TEST_CASE("reading and writing a Haply arm neither allocates, locks nor throws",
   CHECK(counts.exceptions == 0);
 }
 
-TEST_CASE("readings and forces of a busy arm are never torn", "[haply][host]") {
+TEST_CASE("readings and forces of a busy Haply arm are never torn between two threads",
+          "[haply][host]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");
@@ -871,7 +886,8 @@ TEST_CASE("readings and forces of a busy arm are never torn", "[haply][host]") {
   CHECK(torn == 0);
 }
 
-TEST_CASE("measurement: latencies of forces and zeros by the machine's clock", "[.measure]") {
+TEST_CASE("measurement: prints the latencies of Haply forces and zeros by the machine's clock",
+          "[.measure]") {
   real_clock = true;
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());

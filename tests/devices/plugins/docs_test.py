@@ -43,7 +43,7 @@ def sdks(folder):
 
 
 class Page(unittest.TestCase):
-    def test_the_sample_needs_no_file_but_plugin_h(self):
+    def test_the_sample_plugin_compiles_with_plugin_h_alone(self):
         block = re.search(r"^```sh\n(gcc .*?)^```$", PAGE, flags=re.S | re.M)[1]
         with tempfile.TemporaryDirectory() as folder:
             for name in ("sample.c", "plugin.h"):
@@ -52,7 +52,7 @@ class Page(unittest.TestCase):
             subprocess.run(["bash", "-euc", block], cwd=folder, env={**env, "HOME": folder}, check=True)
             self.assertEqual(symbols(Path(folder, "sample.so")), ["palpate_plugin"])
 
-    def test_the_commands_of_the_page_build_plugins(self):
+    def test_the_commands_on_the_documentation_page_build_plugins(self):
         with tempfile.TemporaryDirectory() as folder:
             work = Path(folder, "work")
             shutil.copytree(SOURCE / "devices" / "plugins", work)
@@ -91,7 +91,7 @@ class Page(unittest.TestCase):
             self.assertNotEqual(done.returncode, 0)
             self.assertIn("nowhere has no", " ".join(done.stdout.split()))
 
-    def test_the_sample_needs_only_system_libraries(self):
+    def test_the_sample_plugin_links_only_system_libraries(self):
         self.assertEqual(symbols(SAMPLE), ["palpate_plugin"])
         self.assertLessEqual(set(needed(SAMPLE)), {"libc.so.6", "libm.so.6"})
 
@@ -103,7 +103,7 @@ class Page(unittest.TestCase):
             for constant in constants:
                 self.assertIn(constant, text, file)
 
-    def test_every_limit_is_a_row_of_the_known_arms(self):
+    def test_every_limit_in_a_plugin_equals_a_row_of_the_known_arms(self):
         rows = (SOURCE / "devices" / "hid" / "known_arms.json").read_text(encoding="utf-8")
         known = {tuple(float(n) for n in row) for row in re.findall(
             r'"force": ([\d.]+), "stiffness": ([\d.]+), "damping": ([\d.]+), '

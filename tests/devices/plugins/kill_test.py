@@ -131,7 +131,7 @@ class Kill(unittest.TestCase):
             self.assertTrue(until(lambda: not ours & processes(), 20), "its process stays")
             return 1e-9 * (arm.zero_at - arm.trouble_at)
 
-    def test_weak_motors_are_reported(self):
+    def test_motors_that_give_less_than_half_of_the_force_are_reported(self):
         with self.pressed("warm") as (arm, program, _):
             arm.trouble = 1
             time.sleep(0.5)
@@ -182,7 +182,7 @@ class Kill(unittest.TestCase):
             self.assertIn(b"its process was stopped: palpate lets it continue",
                           program.communicate(timeout=20)[1])
 
-    def test_a_program_dies_while_its_plugin_hangs(self):
+    def test_the_force_ends_in_time_if_a_program_is_killed_while_its_plugin_hangs(self):
         took = self.blow("SIGKILL", "stuck")
         print(f"SIGKILL while write hangs: no force after {1e3 * took:6.2f} ms", flush=True)
         self.assertLessEqual(took, LIMIT + SLICE)

@@ -57,7 +57,8 @@ bool whole(const Large& value) {
 
 }  // namespace
 
-TEST_CASE("a write between any two steps of a reader does not tear the value", "[plugin]") {
+TEST_CASE("a reader of a slot never gets a torn value if a write comes between two of its steps",
+          "[plugin]") {
   for (int step = 1; step <= 12; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
@@ -74,7 +75,8 @@ TEST_CASE("a write between any two steps of a reader does not tear the value", "
   }
 }
 
-TEST_CASE("a read between any two steps of a writer gets a whole value or no value", "[plugin]") {
+TEST_CASE("a read between two steps of a slot's writer gets a whole value or no value",
+          "[plugin]") {
   // The reader's first step is a load.
   for (int step = 1; step <= 13; ++step) {
     CAPTURE(step);
@@ -95,7 +97,7 @@ TEST_CASE("a read between any two steps of a writer gets a whole value or no val
   }
 }
 
-TEST_CASE("values are received whole, once, and in rising order", "[plugin]") {
+TEST_CASE("a slot's reader gets each value whole, at most once and in rising order", "[plugin]") {
   Newest<Large> slot;
   Large value{};
   CHECK_FALSE(slot.take(value));
@@ -123,12 +125,12 @@ TEST_CASE("values are received whole, once, and in rising order", "[plugin]") {
   CHECK(before == 300000U);
 }
 
-TEST_CASE("after a stop no force passes until a zero has been written", "[plugin]") {
+TEST_CASE("after a stop a force slot passes no force until a zero has been written", "[plugin]") {
   Orders orders;
   std::atomic<int> turn{0};
   std::atomic<bool> stopped{false};
   long wrong = 0;
-  // The SDK's thread. After a stop has returned, it must get zeros until the next turn.
+  // The SDK's thread. After stop() has returned, this thread must get zeros until the next turn.
   std::thread sdk([&] {
     for (int n = turn; n < 2000; n = turn) {
       const bool was_stopped = stopped;
@@ -151,7 +153,7 @@ TEST_CASE("after a stop no force passes until a zero has been written", "[plugin
   CHECK(wrong == 0);
 }
 
-TEST_CASE("stop() returns when zero has been sent, or if no thread sends", "[plugin]") {
+TEST_CASE("stop() returns when zero has been sent or when no thread sends forces", "[plugin]") {
   Orders orders;
   orders.stop(1'000'000);  // no thread sends
   CHECK(orders.write(forceOf(0.0), 0.0, 0) == PALPATE_PLUGIN_OK);
@@ -161,7 +163,7 @@ TEST_CASE("stop() returns when zero has been sent, or if no thread sends", "[plu
   std::thread sdk([&] {
     while (!ends) {
       const Order order = orders.now(0);
-      std::this_thread::yield();  // on its way
+      std::this_thread::yield();  // another thread is still sending the force
       motor = order.force[0];
       orders.sent(order);
     }
@@ -182,7 +184,7 @@ TEST_CASE("stop() returns when zero has been sent, or if no thread sends", "[plu
   orders.stop(kForEver);
 }
 
-TEST_CASE("a non-finite force fails and becomes zero", "[plugin]") {
+TEST_CASE("writing a non-finite force to a plug-in fails and sends zero", "[plugin]") {
   Orders orders;
   CHECK(orders.write(forceOf(1.0), 0.5, 7) == PALPATE_PLUGIN_OK);
   const Order order = orders.now(7);

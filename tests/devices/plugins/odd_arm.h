@@ -1,5 +1,5 @@
-/// A file that represents an arm, through which a test sees the motors of a plug-in in another
-/// process.
+/// A simulated arm in a shared file. Through this file, a test sees the motors of a plug-in in
+/// another process.
 #pragma once
 
 #include <atomic>
@@ -22,9 +22,9 @@ struct OddArm {
   std::atomic<double> most;              ///< The largest force so far [N].
   std::atomic<std::int64_t> wrote_at;    ///< [ns]
   std::atomic<std::int64_t> trouble_at;  ///< Time at which the trouble began [ns].
-  std::atomic<std::int64_t> zero_at;     ///< When the force first was zero after that [ns].
+  std::atomic<std::int64_t> zero_at;     ///< Time of the first zero force after the trouble [ns].
   std::atomic<std::uint32_t> reads, writes, stops, opens, closes;
-  std::atomic<std::uint32_t> trouble;  ///< Set by the test to start it.
+  std::atomic<std::uint32_t> trouble;  ///< Set by the test to start the trouble.
 
   void give(double x, double y, double z, std::int64_t now) noexcept {
     force[0] = x;

@@ -201,7 +201,7 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
   odd->kind = std::string(serial).substr(0, std::string(serial).find('#'));
   odd->arm = OddArm::at(file);
   ++odd->arm->opens;
-  // A real arm keeps its last force until a program takes it off.
+  // A real arm keeps its last force until a program sets the force to zero.
   odd->arm->give(0.0, 0.0, 0.0, host->now());
   // Waits, so that the next process opens the arm after the test has ended the previous process'
   // trouble.

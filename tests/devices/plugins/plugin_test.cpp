@@ -1,4 +1,4 @@
-/// Tests which data of plug-ins are accepted, and the result of each fault of a plug-in.
+/// Tests which data of plug-ins palpate accepts, and how it reacts to each fault of a plug-in.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -63,7 +63,7 @@ struct FakePort final : PluginPort {
   std::vector<PluginOrder> orders;
   bool there = true;
   double weight = 5.0;
-  bool takes = true;  ///< Orders are taken at once.
+  bool takes = true;  ///< Orders are taken immediately.
   std::uint32_t opened = 1;
 
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return told; }
@@ -120,7 +120,7 @@ bool refused(const palpate_plugin_facts& facts, const std::string& words) {
 
 }  // namespace
 
-TEST_CASE("a plug-in's facts become the arm's limits", "[plugin]") {
+TEST_CASE("the limits of a plug-in's arm are those in its facts", "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   const DeviceInfo info = infoFor(facts, "plugin:fake", true);
   CHECK(info.limits.peak == 5.0);
@@ -142,7 +142,8 @@ TEST_CASE("a plug-in's facts become the arm's limits", "[plugin]") {
   CHECK_FALSE(infoFor(facts, "plugin:fake", false).hand);
 }
 
-TEST_CASE("invalid facts are refused in one line that names them", "[plugin]") {
+TEST_CASE("invalid facts of a plug-in are refused with a one-line message that names them",
+          "[plugin]") {
   const auto with = [](double palpate_plugin_facts::*member, double value) {
     palpate_plugin_facts facts = goodFacts();
     facts.*member = value;
@@ -184,7 +185,7 @@ TEST_CASE("a plug-in arm's fingerprint depends on version, facts and carried wei
   CHECK(identityOf(facts, 2.0, "plugin:fake", "1", "S").fingerprint != arm.fingerprint);
 }
 
-TEST_CASE("a plug-in's reading becomes the hand's state", "[plugin]") {
+TEST_CASE("the state of the hand is taken from the plug-in's reading", "[plugin]") {
   Fake fake;
   CHECK_FALSE(fake.arm->read().ready);
   CHECK_FALSE(fake.arm->whyNotReady().empty());
@@ -217,7 +218,8 @@ TEST_CASE("a plug-in's reading becomes the hand's state", "[plugin]") {
   CHECK(fake.fresh(0.01).handle.orientation[0] == Approx(0.6));
 }
 
-TEST_CASE("the speed watch uses positions, not the velocity that a device reports", "[plugin]") {
+TEST_CASE("the speed limit judges the positions of a plug-in's arm and not its reported velocity",
+          "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   facts.has |= PALPATE_PLUGIN_VELOCITY;
   Fake fake(facts);
@@ -236,7 +238,7 @@ TEST_CASE("the speed watch uses positions, not the velocity that a device report
   fake.port->next.reading.velocity[1] = kNan;
   fake.port->next.reading.velocity[0] = 1.0;
   CHECK(fake.fresh().handle.velocity[0] == 4.9);
-  // The reported velocity is zero although the arm runs away. The positions show the motion.
+  // The reported velocity is zero although the arm moves away. Its positions show the motion.
   fake.port->next.reading.velocity[0] = fake.port->next.reading.velocity[1] = 0.0;
   Fault fault = Fault::kNone;
   bool braked = false;
@@ -249,7 +251,7 @@ TEST_CASE("the speed watch uses positions, not the velocity that a device report
   CHECK(fault == Fault::kOverSpeed);
 }
 
-TEST_CASE("a reading with a wrong time still becomes stale", "[plugin]") {
+TEST_CASE("a plug-in's reading with a wrong time still becomes stale", "[plugin]") {
   const std::int64_t last = std::numeric_limits<std::int64_t>::max();
   const std::int64_t first = std::numeric_limits<std::int64_t>::min();
   for (const std::int64_t taken : {last, first, std::int64_t{-5}, std::int64_t{0}}) {
@@ -265,7 +267,8 @@ TEST_CASE("a reading with a wrong time still becomes stale", "[plugin]") {
   }
 }
 
-TEST_CASE("a position that is repeated as new counts as still", "[plugin]") {
+TEST_CASE("a plug-in's position that repeats in new readings counts as standing still",
+          "[plugin]") {
   Fake fake;
   (void)fake.fresh(0.01);
   HandState hand;
@@ -274,7 +277,7 @@ TEST_CASE("a position that is repeated as new counts as still", "[plugin]") {
   CHECK(fake.fresh(0.011).still == 0.0);
 }
 
-TEST_CASE("an arm's reported state makes it not ready or a fault", "[plugin]") {
+TEST_CASE("the state that a plug-in reports makes the arm not ready or sets a fault", "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   facts.has |= PALPATE_PLUGIN_DEADMAN;
   Fake fake(facts);
@@ -328,7 +331,8 @@ TEST_CASE("a force that the plug-in does not take within 20 ms is a fault", "[pl
   CHECK(fake.port->orders.back().force.force[0] == 0.0);
 }
 
-TEST_CASE("a force that a plug-in's process withheld is reported once as late", "[plugin]") {
+TEST_CASE("a force that a plug-in's process withheld is reported exactly once as late",
+          "[plugin]") {
   Fake fake;
   CHECK(fake.fresh().fault == Fault::kNone);
   fake.port->next.withheld = 1;
@@ -336,7 +340,7 @@ TEST_CASE("a force that a plug-in's process withheld is reported once as late", 
   CHECK(fake.fresh().fault == Fault::kNone);  // the loop has latched the fault
 }
 
-TEST_CASE("a plug-in's gravity compensation grows over half a second and ends at once",
+TEST_CASE("a plug-in's gravity compensation grows over half a second and ends immediately",
           "[plugin]") {
   Fake fake;
   (void)fake.fresh();
@@ -359,7 +363,7 @@ TEST_CASE("a plug-in's gravity compensation grows over half a second and ends at
   CHECK(carried() == 0.0);
 }
 
-TEST_CASE("an untested plug-in arm compensates at most 1 N of its weight", "[plugin]") {
+TEST_CASE("an untested arm of a plug-in has at most 1 N of its weight compensated", "[plugin]") {
   Fake fake(goodFacts(), false);
   (void)fake.fresh();
   fake.arm->carry(true);
@@ -368,7 +372,8 @@ TEST_CASE("an untested plug-in arm compensates at most 1 N of its weight", "[plu
   CHECK(fake.port->orders.back().carry == Approx(0.2));  // share of 5 N
 }
 
-TEST_CASE("the given share of a plug-in's force is limited to 0 to 1", "[plugin]") {
+TEST_CASE("the share of the force that a plug-in reports as given is limited to 0 to 1",
+          "[plugin]") {
   Fake fake;
   for (const auto& [said, taken] : std::vector<std::pair<double, double>>{
            {1.0, 1.0}, {0.4, 0.4}, {2.0, 1.0}, {-1.0, 0.0}, {kNan, 0.0}}) {
@@ -378,7 +383,7 @@ TEST_CASE("the given share of a plug-in's force is limited to 0 to 1", "[plugin]
   }
 }
 
-TEST_CASE("mutated news of a plug-in gives a finite hand or a fault", "[plugin]") {
+TEST_CASE("mutated readings of a plug-in give a finite hand position or a fault", "[plugin]") {
   const long count = cases(20000);
   Random random(7);
   palpate_plugin_facts facts = goodFacts();
@@ -459,7 +464,7 @@ TEST_CASE("mutated messages of a plug-in's process never crash their reader", "[
   CHECK_FALSE(pluginMessageOf({}).has_value());
 }
 
-TEST_CASE("a seqlock's reader gets whole values in rising order", "[plugin]") {
+TEST_CASE("the reader of a seqlock gets whole values in rising order", "[plugin]") {
   struct Value {
     std::array<std::uint64_t, 16> all{};
   };

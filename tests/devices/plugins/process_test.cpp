@@ -123,7 +123,7 @@ TEST_CASE("unusable plug-in libraries and arms are refused with the reason", "[p
   CHECK(bench->closes == 1);
 }
 
-TEST_CASE("plug-ins load only from their folders, and only if others cannot write there",
+TEST_CASE("plug-ins load only from their folders and only if no other user can write there",
           "[plugin]") {
   const Bench bench;
   const std::filesystem::path folder =
@@ -154,7 +154,7 @@ TEST_CASE("plug-ins load only from their folders, and only if others cannot writ
   CHECK_FALSE(parsePluginName("hid:dhd").has_value());
 }
 
-TEST_CASE("an arm of a plug-in's process is read and driven", "[plugin]") {
+TEST_CASE("an arm in a plug-in's own process can be read and driven", "[plugin]") {
   Bench bench;
   bench->position[2] = 0.02;
   auto arm = openOdd("good");
@@ -186,7 +186,7 @@ TEST_CASE("an arm of a plug-in's process is read and driven", "[plugin]") {
   CHECK(bench->closes == 1);
 }
 
-TEST_CASE("the force ends if the program stops sending orders", "[plugin]") {
+TEST_CASE("a plug-in's force ends if the program stops sending forces", "[plugin]") {
   Bench bench;
   auto arm = openOdd("good");
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
@@ -204,14 +204,14 @@ TEST_CASE("the force ends if the program stops sending orders", "[plugin]") {
   }));
 }
 
-TEST_CASE("a guardian's zero message ends a plug-in's force", "[plugin]") {
+TEST_CASE("a zero message from the guardian ends a plug-in's force", "[plugin]") {
   Bench bench;
   auto arm = openOdd("good");
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
   const ZeroForce zero = arm->zeroForce();
   REQUIRE(zero.descriptor >= 0);
   std::atomic<bool> over{false};
-  // Orders continue, so that silence is not what ends the force.
+  // Orders continue, so the lack of orders cannot end the force.
   std::thread haptic([&] {
     while (!over) (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   });
@@ -224,7 +224,8 @@ TEST_CASE("a guardian's zero message ends a plug-in's force", "[plugin]") {
   haptic.join();
 }
 
-TEST_CASE("a stop during an order leaves neither force nor gravity compensation", "[plugin]") {
+TEST_CASE("a stop during a write leaves neither force nor gravity compensation on a plug-in's arm",
+          "[plugin]") {
   // During carry() this arm receives a stop, as if from another thread.
   static struct {
     double force, share, next;
@@ -278,7 +279,7 @@ TEST_CASE("a stop during an order leaves neither force nor gravity compensation"
     });
   };
   std::thread haptic([&] { server.loop(); });
-  // Share of the weight: five times the share that may come at once.
+  // Share of the weight: five times the share that one order may add.
   constexpr double kShare = 0.002;
   // First weight alone, then weight with a force. Both must be off after a stop that came during
   // the order.
@@ -302,8 +303,8 @@ TEST_CASE("a stop during an order leaves neither force nor gravity compensation"
   CHECK(arm.force == 0.0);
 }
 
-TEST_CASE("an order beyond peak or slew is not passed to a plug-in's arm", "[plugin]") {
-  // The plug-in's own code may have overwritten an order before it is passed on.
+TEST_CASE("a force above the peak or slew limit is not passed to a plug-in's arm", "[plugin]") {
+  // The plug-in's own code can overwrite an order before the order is passed on.
   static struct {
     std::vector<double> forces;
     double share;
@@ -334,8 +335,8 @@ TEST_CASE("an order beyond peak or slew is not passed to a plug-in's arm", "[plu
     double carry;
     bool given;
   };
-  // 5 ms of growth allow 0.1 N and 0.01 of the weight at once. In each further second, a slow
-  // machine allows 20 N and twice the weight more.
+  // The limits allow 5 ms of growth immediately: 0.1 N and 0.01 of the weight. In each further
+  // second, a slow machine adds 20 N and twice the weight.
   for (const Case& c : {Case{0.03, 0.0, true},
                         {-0.03, 0.01, true},
                         {0.03, 1.0, false},
@@ -380,7 +381,7 @@ TEST_CASE("an order beyond peak or slew is not passed to a plug-in's arm", "[plu
   }
 }
 
-TEST_CASE("a plug-in that hangs is distinguished from a stalled machine", "[plugin]") {
+TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", "[plugin]") {
   static struct {
     std::atomic<bool> hangs;
     std::atomic<bool> hung;
@@ -454,7 +455,7 @@ TEST_CASE("a plug-in that hangs is distinguished from a stalled machine", "[plug
     arm.hangs = false;
     PluginNews after = news();
     CHECK(after.withheld >= 1);
-    // The program reports this as a failed write, which keeps the force off, or as lateness.
+    // The program reports a failed write, which keeps the force off, or a late tick.
     CHECK(after.wrote == (c.blamed ? -1 : static_cast<int>(PALPATE_PLUGIN_OK)));
     order(0.0);
     CHECK(news().wrote == PALPATE_PLUGIN_OK);
@@ -496,7 +497,7 @@ TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]")
   CHECK(words.find("press its button") != std::string::npos);
 }
 
-TEST_CASE("an in-process plug-in needs an arm with a watchdog", "[plugin]") {
+TEST_CASE("a plug-in runs inside the program only if its arm has a watchdog", "[plugin]") {
   Bench bench;
   CHECK(refusal([] { (void)openPluginInside(kOdd, "good", {}); }).find("no watchdog") !=
         std::string::npos);
@@ -510,7 +511,7 @@ TEST_CASE("an in-process plug-in needs an arm with a watchdog", "[plugin]") {
   CHECK(bench->force[1] == 0.75);
 }
 
-TEST_CASE("a plug-in's process that exits is started again", "[plugin]") {
+TEST_CASE("palpate restarts a plug-in's process that has exited", "[plugin]") {
   Bench bench;
   std::atomic<int> said{0};
   ArmHost host;

@@ -15,7 +15,7 @@ namespace {
 const std::string kSample = PALPATE_PLUGINS "/sample.so";
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-/// Advances in steps of a millisecond. In each step reads, and writes the force again.
+/// Advances the time in steps of 1 ms. Each step reads, and writes the force again.
 void goOn(PluginHost& host, int ms, double x, double y, double z) {
   for (int i = 0; i < ms; ++i) {
     PluginHost::now() += kMillisecond;
@@ -32,7 +32,7 @@ double pushed(const PluginHost& host) {
 
 }  // namespace
 
-TEST_CASE("the sample has two arms, opens each once, and refuses other names", "[plugin]") {
+TEST_CASE("the sample plug-in has two arms, opens each once, and refuses other names", "[plugin]") {
   PluginHost host(kSample);
   CHECK(host.entry->size == sizeof(palpate_plugin_entry));
   CHECK(host.entry->major == PALPATE_PLUGIN_MAJOR);
@@ -61,7 +61,7 @@ TEST_CASE("the sample has two arms, opens each once, and refuses other names", "
   first->close(first);
 }
 
-TEST_CASE("the sample gives 1000 readings per second of the host's clock", "[plugin]") {
+TEST_CASE("the sample plug-in gives 1000 readings per second of the host's clock", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   CHECK(host.read() == PALPATE_PLUGIN_NOTHING);
@@ -74,7 +74,7 @@ TEST_CASE("the sample gives 1000 readings per second of the host's clock", "[plu
   PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   CHECK(host.reading.state == PALPATE_PLUGIN_READY);
-  // After an hour without reads, the plug-in answers at once and with the current time. The arm
+  // After an hour without reads, the plug-in answers immediately and with the current time. The arm
   // rested for most of that hour, and has not yet returned from its displacement.
   goOn(host, 1000, 0.6, 0.0, 0.0);
   PluginHost::now() += 3600 * 1000 * kMillisecond;
@@ -83,7 +83,7 @@ TEST_CASE("the sample gives 1000 readings per second of the host's clock", "[plu
   CHECK(std::abs(pushed(host)) > 1e-4);
 }
 
-TEST_CASE("the sample's velocity matches its positions, and its handle and buttons change",
+TEST_CASE("the sample plug-in's velocity matches its positions, and its handle and buttons change",
           "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
@@ -107,7 +107,7 @@ TEST_CASE("the sample's velocity matches its positions, and its handle and butto
   CHECK(host.reading.buttons == 2U);
 }
 
-TEST_CASE("the sample follows the force until it is stopped", "[plugin]") {
+TEST_CASE("the sample plug-in's arm moves with the force until the arm is stopped", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -121,7 +121,7 @@ TEST_CASE("the sample follows the force until it is stopped", "[plugin]") {
   CHECK(pushed(host) == Approx(0.02).margin(1e-4));
 }
 
-TEST_CASE("the sample's watchdog ends a force that is not renewed for 50 ms", "[plugin]") {
+TEST_CASE("the sample plug-in's watchdog ends a force that is not renewed for 50 ms", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -139,7 +139,7 @@ TEST_CASE("the sample's watchdog ends a force that is not renewed for 50 ms", "[
   CHECK(pushed(host) == Approx(0.0).margin(1e-4));
 }
 
-TEST_CASE("the sample's gravity compensation starts with the next write", "[plugin]") {
+TEST_CASE("the sample plug-in's gravity compensation starts with the next write", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -161,7 +161,8 @@ TEST_CASE("the sample's gravity compensation starts with the next write", "[plug
   CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));
 }
 
-TEST_CASE("the sample's hot motors give only their continuous force", "[plugin]") {
+TEST_CASE("the sample plug-in's motors give only their continuous force when they are hot",
+          "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -177,7 +178,8 @@ TEST_CASE("the sample's hot motors give only their continuous force", "[plugin]"
   CHECK(pushed(host) < 0.099);
 }
 
-TEST_CASE("the sample handles structs of older and newer hosts", "[plugin]") {
+TEST_CASE("the sample plug-in accepts smaller and larger structs of older and newer hosts",
+          "[plugin]") {
   PluginHost host(kSample);
   palpate_plugin_host old = PluginHost::whole();
   old.size = offsetof(palpate_plugin_host, now);
@@ -203,7 +205,7 @@ TEST_CASE("the sample handles structs of older and newer hosts", "[plugin]") {
   CHECK(newer.untouchedFrom(sizeof(palpate_plugin_reading)));
 }
 
-TEST_CASE("the sample's tick neither allocates nor locks", "[plugin][realtime]") {
+TEST_CASE("the sample plug-in neither allocates nor locks in a tick", "[plugin][realtime]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -222,7 +224,7 @@ TEST_CASE("the sample's tick neither allocates nor locks", "[plugin][realtime]")
   CHECK(well == 1000);
 }
 
-TEST_CASE("preparing the sample fails if the program ends", "[plugin]") {
+TEST_CASE("preparing the sample plug-in's arm fails if the program ends", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   PluginHost::ends() = true;

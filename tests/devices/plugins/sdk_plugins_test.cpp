@@ -26,7 +26,7 @@ constexpr int kTurns = 4;  // turns of its loop in which a library passes on an 
 
 using Vec = std::array<double, 3>;
 
-/// Access to a stub. Frame and units are converted here independently of the plug-in.
+/// Access to a stub. The conversion of frame and units shares no code with the plug-in.
 struct Sdk {
   const char* name;
   const char* serial;
@@ -130,7 +130,7 @@ class Bench {
   }
   void turn(int turns = kTurns) { sdk.gate().turn(turns); }
 
-  /// Returns the motors' force after kTurns turns of the SDK's thread.
+  /// Returns the motors' force after kTurns cycles of the SDK's thread.
   Vec given() {
     turn();
     return sdk.force_W();
@@ -186,7 +186,7 @@ TEST_CASE("an SDK's plug-in has the current version, full structs and one factor
   CHECK(bench.host.arm->extension(bench.host.arm, "palpate.other/1") == nullptr);
 }
 
-TEST_CASE("an SDK's plug-in lists the arm, and neither opens nor closes it", "[plugin]") {
+TEST_CASE("an SDK's plug-in lists an arm without opening or closing it", "[plugin]") {
   Bench bench(anySdk());
   bench.host.begin();
   palpate_plugin_found found{};
@@ -237,7 +237,8 @@ TEST_CASE("an SDK's plug-in reports the arm's limits and their source", "[plugin
   CHECK(std::string(facts.source).find("CHAI3D 3.3.0") != std::string::npos);
 }
 
-TEST_CASE("each SDK position is read once, in metres in W, with its time", "[plugin]") {
+TEST_CASE("an SDK's plug-in gives each position once, in metres in world space, with its time",
+          "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   const Vec p = {0.01, 0.02, -0.03};
@@ -253,7 +254,10 @@ TEST_CASE("each SDK position is read once, in metres in W, with its time", "[plu
   CHECK(bench.host.reading.position[0] == 7.0);
 }
 
-TEST_CASE("a force in W arrives in the SDK's axes, and a stop holds until a zero", "[plugin]") {
+TEST_CASE(
+    "an SDK's plug-in converts forces to the SDK's axes, and a stop lasts until a zero force is "
+    "sent",
+    "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   const Vec f = {1.0, -2.0, 0.5};
@@ -274,7 +278,7 @@ TEST_CASE("a force in W arrives in the SDK's axes, and a stop holds until a zero
   same(bench.given(), {0.0, 0.0, 0.0});
 }
 
-TEST_CASE("an SDK's thread ends a force that is not renewed for 50 ms", "[plugin]") {
+TEST_CASE("an SDK's plug-in ends a force that is not renewed for 50 ms", "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -286,7 +290,8 @@ TEST_CASE("an SDK's thread ends a force that is not renewed for 50 ms", "[plugin
   same(bench.given(), {1.0, 0.0, 0.0});
 }
 
-TEST_CASE("a lost SDK arm is reported as gone, and can be stopped and closed", "[plugin]") {
+TEST_CASE("an SDK's plug-in reports a lost arm as gone and can still stop and close it",
+          "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -300,7 +305,8 @@ TEST_CASE("a lost SDK arm is reported as gone, and can be stopped and closed", "
   CHECK(bench.sdk.open() == 0);
 }
 
-TEST_CASE("an SDK's NaN position is passed on, a NaN force becomes zero", "[plugin]") {
+TEST_CASE("an SDK's plug-in passes a NaN position on and replaces a NaN force by zero",
+          "[plugin]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Bench bench(anySdk());
   bench.ready();
@@ -321,7 +327,7 @@ TEST_CASE("an SDK's NaN position is passed on, a NaN force becomes zero", "[plug
   same(bench.given(), {0.0, 0.0, 0.0});
 }
 
-TEST_CASE("closing an SDK's arm leaves zero force", "[plugin]") {
+TEST_CASE("an SDK's plug-in sets the force to zero when it closes an arm", "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -333,7 +339,8 @@ TEST_CASE("closing an SDK's arm leaves zero force", "[plugin]") {
   CHECK(bench.sdk.open() == 0);
 }
 
-TEST_CASE("an SDK's plug-in handles structs of older and newer hosts", "[plugin]") {
+TEST_CASE("an SDK's plug-in accepts smaller and larger structs of older and newer hosts",
+          "[plugin]") {
   Bench bench(anySdk());
   palpate_plugin_host old = PluginHost::whole();
   old.size = offsetof(palpate_plugin_host, now);
@@ -364,7 +371,7 @@ TEST_CASE("an SDK's plug-in handles structs of older and newer hosts", "[plugin]
   CHECK(arm->facts(arm, facts.get()) == PALPATE_PLUGIN_OK);
   CHECK(facts.get()->force == bench.sdk.limits[0]);
   CHECK(facts.untouchedFrom(kFacts));
-  // A force struct that ends within its third number; that number counts as zero.
+  // A force struct that ends within its third number. This number counts as zero.
   palpate_plugin_force force = {offsetof(palpate_plugin_force, force) + 16, 0, {1.0, 2.0, 3.0}, {}};
   CHECK(arm->write(arm, &force) == PALPATE_PLUGIN_OK);
   same(bench.given(), {1.0, 2.0, 0.0});
@@ -374,7 +381,7 @@ TEST_CASE("an SDK's plug-in handles structs of older and newer hosts", "[plugin]
   CHECK(found.untouchedFrom(offsetof(palpate_plugin_found, model)));
 }
 
-TEST_CASE("an SDK plug-in's tick neither allocates nor locks", "[plugin][realtime]") {
+TEST_CASE("an SDK's plug-in neither allocates nor locks in a tick", "[plugin][realtime]") {
   Bench bench(anySdk());
   bench.ready();
   int well = 0;
@@ -391,7 +398,8 @@ TEST_CASE("an SDK plug-in's tick neither allocates nor locks", "[plugin][realtim
   CHECK(well >= 19);
 }
 
-TEST_CASE("preparing an SDK's arm that is never ready fails when the program ends", "[plugin]") {
+TEST_CASE("an SDK's plug-in stops preparing an arm that is never ready when the program ends",
+          "[plugin]") {
   Bench bench(anySdk());
   bench.sdk.never_ready();
   bench.open();
@@ -406,7 +414,8 @@ TEST_CASE("preparing an SDK's arm that is never ready fails when the program end
   REQUIRE(PluginHost::said().size() == 1U);
 }
 
-TEST_CASE("OpenHaptics: orientation, velocity and buttons are read in W", "[plugin]") {
+TEST_CASE("OpenHaptics: the plug-in reads orientation, velocity and buttons in world space",
+          "[plugin]") {
   Bench bench(kOpenHaptics);
   bench.ready();
   stub_hd::Arm& arm = stub_hd::arm();
@@ -427,7 +436,8 @@ TEST_CASE("OpenHaptics: orientation, velocity and buttons are read in W", "[plug
   CHECK(arm.outside == 0);
 }
 
-TEST_CASE("OpenHaptics: all queued errors are read and reported by their kind", "[plugin]") {
+TEST_CASE("OpenHaptics: the plug-in reads all queued errors and reports each by its kind",
+          "[plugin]") {
   Bench bench(kOpenHaptics);
   bench.ready();
   CHECK(bench.host.write(0.1, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -440,13 +450,13 @@ TEST_CASE("OpenHaptics: all queued errors are read and reported by their kind", 
   REQUIRE(bench.host.read() == PALPATE_PLUGIN_OK);
   CHECK(bench.host.reading.state == PALPATE_PLUGIN_READY);
   CHECK(bench.host.write(0.1, 0.0, 0.0) == PALPATE_PLUGIN_OK);
-  // The error that reports a lost device is found among other errors.
+  // The plug-in finds the error that reports a lost device among other errors.
   stub_hd::arm().fails = {HD_WARM_MOTORS, HD_DEVICE_FAULT, HD_WARM_MOTORS};
   CHECK(bench.gone());
   same(bench.sdk.force_W(), {0.0, 0.0, 0.0});
 }
 
-TEST_CASE("OpenHaptics: preparing waits until the stylus is in its inkwell", "[plugin]") {
+TEST_CASE("OpenHaptics: prepare() waits until the stylus is in its inkwell", "[plugin]") {
   Bench bench(kOpenHaptics);
   stub_hd::arm().calibration = HD_CALIBRATION_NEEDS_MANUAL_INPUT;
   stub_hd::arm().style = HD_CALIBRATION_INKWELL;
@@ -474,13 +484,14 @@ TEST_CASE("OpenHaptics: an unknown model gets the API's nominal limits", "[plugi
   CHECK(std::string(facts.source).find("NOMINAL") != std::string::npos);
 }
 
-TEST_CASE("OpenHaptics: other arms are opened by their configured name", "[plugin]") {
+TEST_CASE("OpenHaptics: an arm other than the default is opened by its configured name",
+          "[plugin]") {
   Bench bench(kOpenHaptics);
   REQUIRE(bench.host.open("Left"));
   CHECK(stub_hd::arm().open == 1);
 }
 
-TEST_CASE("DHD: a reading that the SDK marks as old is not a new reading", "[plugin]") {
+TEST_CASE("DHD: a reading that the SDK marks as old is not returned as a new reading", "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
   bench.turn();
@@ -495,7 +506,7 @@ TEST_CASE("DHD: a reading that the SDK marks as old is not a new reading", "[plu
   CHECK(bench.host.reading.taken == PluginHost::now());
 }
 
-TEST_CASE("DHD: handle, velocity, gripper and buttons are read in W, torques stay zero",
+TEST_CASE("DHD: handle, velocity, gripper and buttons are read in world space, torques stay zero",
           "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
@@ -545,7 +556,8 @@ TEST_CASE("DHD: a model with unknown limits is refused", "[plugin]") {
   CHECK(stub_dhd::arm().open == 0);
 }
 
-TEST_CASE("DHD: opening sets the watchdog, leaves expert mode and reports the time", "[plugin]") {
+TEST_CASE("DHD: opening an arm sets its watchdog, leaves expert mode and reports the time",
+          "[plugin]") {
   Bench bench(kDhd);
   bench.open();
   CHECK(stub_dhd::arm().watchdog == 240);
@@ -553,7 +565,8 @@ TEST_CASE("DHD: opening sets the watchdog, leaves expert mode and reports the ti
   CHECK(bench.host.facts().watchdog == Approx(0.03));
 }
 
-TEST_CASE("DHD: lost power, an open switch and a lost home are reported", "[plugin]") {
+TEST_CASE("DHD: lost power, an open switch and a lost home are reported as the arm's state",
+          "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
   stub_dhd::arm().power = false;
@@ -588,8 +601,9 @@ TEST_CASE("DHD: gravity compensation changes with the next write and ends with a
   CHECK_FALSE(arm.carries);
 }
 
-TEST_CASE("DHD: one failed call makes the arm gone, without force or gravity compensation",
-          "[plugin]") {
+TEST_CASE(
+    "DHD: after one failed call the arm is gone and gets neither force nor gravity compensation",
+    "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
   const auto* weight = static_cast<const palpate_plugin_weight*>(
@@ -605,7 +619,8 @@ TEST_CASE("DHD: one failed call makes the arm gone, without force or gravity com
   CHECK_FALSE(stub_dhd::arm().carries);
 }
 
-TEST_CASE("several arms are listed in an array of the host's struct size", "[plugin]") {
+TEST_CASE("an SDK's plug-in lists several arms in an array of the host's larger structs",
+          "[plugin]") {
   struct Newer {
     palpate_plugin_found found;
     char more[24];
@@ -628,7 +643,7 @@ TEST_CASE("several arms are listed in an array of the host's struct size", "[plu
   }
 }
 
-TEST_CASE("nifalcon: firmware is loaded again until it is accepted", "[plugin]") {
+TEST_CASE("nifalcon: the firmware is loaded again until the arm accepts it", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().bad_loads = 3;
   bench.open();
@@ -636,7 +651,7 @@ TEST_CASE("nifalcon: firmware is loaded again until it is accepted", "[plugin]")
   CHECK(stub_nifalcon::arm().loads == 4);
 }
 
-TEST_CASE("nifalcon: firmware that is never accepted is reported", "[plugin]") {
+TEST_CASE("nifalcon: an arm that never accepts its firmware is reported", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().bad_loads = 1000;
   bench.open();
@@ -653,7 +668,8 @@ TEST_CASE("nifalcon: an arm is ready only if all three motors are homed", "[plug
   CHECK(bench.host.reading.state == 0U);
 }
 
-TEST_CASE("nifalcon: a cycle without data gives no reading and keeps the arm", "[plugin]") {
+TEST_CASE("nifalcon: a cycle without data gives no new reading and the arm stays open",
+          "[plugin]") {
   Bench bench(kNifalcon);
   bench.ready();
   bench.turn();
@@ -667,7 +683,7 @@ TEST_CASE("nifalcon: a cycle without data gives no reading and keeps the arm", "
   CHECK(bench.host.read() == PALPATE_PLUGIN_OK);
 }
 
-TEST_CASE("nifalcon: a stop holds even if the kinematics fails", "[plugin]") {
+TEST_CASE("nifalcon: a stop keeps the force at zero even if the kinematics fails", "[plugin]") {
   Bench bench(kNifalcon);
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -684,7 +700,7 @@ TEST_CASE("nifalcon: an arm that cannot be opened is reported", "[plugin]") {
   CHECK(bench.host.errorIsALine("nifalcon"));
 }
 
-TEST_CASE("nifalcon: an exception is reported, and in a tick the arm is gone", "[plugin]") {
+TEST_CASE("nifalcon: an exception is reported, and one in a tick makes the arm gone", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().throws = true;
   CHECK_FALSE(bench.host.open(""));
@@ -702,7 +718,8 @@ TEST_CASE("nifalcon: an exception is reported, and in a tick the arm is gone", "
   CHECK(bench.gone());
 }
 
-TEST_CASE("nifalcon: an unknown number is refused with the count of arms", "[plugin]") {
+TEST_CASE("nifalcon: an arm number that does not exist is refused with the count of arms",
+          "[plugin]") {
   Bench bench(kNifalcon);
   CHECK_FALSE(bench.host.open("1"));
   CHECK(bench.host.error.find("1 are plugged in") != std::string::npos);

@@ -17,7 +17,7 @@ for tool in qemu-system-x86_64 busybox cpio dpkg-deb; do
 done
 [ "$(uname -m)" = x86_64 ] || skip "the machine is no x86_64"
 
-# Debian's small kernel for clouds has uhid; the full kernel has USB's virtual host controller.
+# Debian's small kernel for clouds has uhid. Only the full kernel has USB's virtual host controller.
 meta=linux-image-cloud-amd64
 [ "$wire" = usb ] && meta=linux-image-amd64
 mkdir -p "$work"

@@ -76,7 +76,7 @@ class BarePort final : public ReportPort {
   int file_;
 };
 
-/// A second connection to the arm, which reads the arm's own counters and sends commands.
+/// A second connection to the arm. It reads the arm's own counters and sends commands.
 class Aside {
  public:
   Aside(const HidProfile& profile, const std::string& path)
@@ -271,10 +271,10 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
   check(quantile(periods, 0.99) <= 1050.0,
         "a new position every period: p50 " + text(quantile(periods, 0.5)) + " us, p99 " +
             text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
-  // On a crowded host the machine stands still for 3 to 5 ms, several times a minute. Then all due
-  // ticks come at once, and only the newest force is sent. If the loop had started to wait for a
-  // late tick in time, the machine caused the delay of this tick and of all ticks that were due
-  // before it came. The machine may also stand still while a tick computes.
+  // On a crowded host the virtual machine pauses for 3 to 5 ms, several times a minute. Then all
+  // due ticks come at once, and only the newest force is sent. If the loop began its wait for a
+  // late tick in time, the machine caused the delay of that tick and of all ticks due before. The
+  // machine can also pause while a tick computes.
   check(late - excused <= ticks / 1000,
         "no tick late but where the machine slept on, or one of a thousand: " +
             text(late - excused) + ", and the machine's " + text(excused));
@@ -477,8 +477,8 @@ struct Felt {
     farthest = std::max(farthest, (stood - at).norm());
     largest = std::max(largest, limited.sent.norm());
   }
-  // If an encoder step more pushes a slipping hand deeper, its load grows, and so does its
-  // friction.
+  // If an encoder step more pushes a slipping hand deeper, the load on the hand grows, and so does
+  // the friction.
   const double allowed = std::hypot(1.0, kFriction) * spec.coupling.stiffness * kStep;
   check(largest > 1.0, "the ball is felt: " + text(largest) + " N");
   check(worst <= allowed, "the forces are those of virtual time within " + text(allowed) +

@@ -23,7 +23,7 @@ HEAD = Path("/usr/share/mricron/templates/ch2bet.nii.gz")
 
 class BesideItk(images_test.Case):
     def agrees(self, path, *, within=1e-5):
-        """Every place at which ITK was sampled has the same value here. within: relative to the range of values."""
+        """Checks palpate's value at every place that ITK sampled. within: relative to the range of values."""
         done = process.run([str(ORACLE), "read", str(path)], capture_output=True, text=True,
                               timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""), path)

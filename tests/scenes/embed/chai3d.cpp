@@ -18,7 +18,7 @@ palpate::DeviceInfo infoOf(chai3d::cGenericHapticDevice& device) {
   return info;
 }
 
-// Its updateHaptics(), once around.
+// One cycle of CHAI3D's updateHaptics() loop.
 void updateHaptics(chai3d::cGenericHapticDevice& device, palpate::Servo& servo, double dt) {
   chai3d::cVector3d position;
   palpate::HandState hand;

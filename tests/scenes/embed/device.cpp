@@ -6,7 +6,7 @@
 
 #include "ball.h"
 
-// Stands in for a driver: an arm that comes down to 38 mm above the ball's centre, at 10 mm/s.
+// Replaces a driver: simulates an arm that moves down to 38 mm above the ball's centre at 10 mm/s.
 struct Driver {
   bool counts(int out[3], double& age) {
     age = 0.0;
@@ -33,7 +33,7 @@ class MyArm final : public palpate::Device {
 
   const palpate::DeviceInfo& info() const noexcept override { return info_; }
 
-  // Neither allocates nor waits: it gives the newest counts that there are, and says how old.
+  // Returns the newest counts and their age. Neither allocates nor waits.
   palpate::HandState read() noexcept override {
     palpate::HandState hand;
     int counts[3] = {0, 0, 0};

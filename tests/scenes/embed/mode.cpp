@@ -11,8 +11,8 @@ struct Band {
   double strength = 0.0;  // [N]
 };
 
-// Called in the tick, once a balance. A point at the proxy's own place is a drag: the proxy stays
-// behind while the spring pulls less than the point is strong.
+// The tick calls this function once per balance. A point at the proxy's own place is a drag: it
+// holds the proxy while the spring's force is at most the point's strength.
 bool placeHoney(void* state, const ModeInput& input, PrimitiveSet& set) noexcept {
   const Band& band = *static_cast<const Band*>(state);
   const auto index = static_cast<std::size_t>(input.reads[0]);

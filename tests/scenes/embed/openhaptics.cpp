@@ -17,7 +17,7 @@ palpate::DeviceInfo infoOfArm() {
   return info;
 }
 
-// To be given to hdScheduleAsynchronous, with the Servo.
+// The callback for hdScheduleAsynchronous. `data` is the Servo.
 HDCallbackCode HDCALLBACK onServo(void* data) {
   auto& servo = *static_cast<palpate::Servo*>(data);
   hdBeginFrame(hdGetCurrentDevice());

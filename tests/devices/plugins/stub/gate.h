@@ -6,7 +6,7 @@
 
 class Gate {
  public:
-  /// The loop calls this at the start of each turn.
+  /// The loop calls this function at the start of each cycle.
   void arrive() {
     std::unique_lock lock(mutex_);
     ++waiting_;
@@ -24,7 +24,7 @@ class Gate {
     changed_.wait(lock, [this] { return waiting_ > 0; });
   }
 
-  /// Runs `count` whole turns.
+  /// Runs `count` whole cycles of the loop.
   void turn(int count = 1) {
     std::unique_lock lock(mutex_);
     for (int i = 0; i < count; ++i) {
