@@ -245,7 +245,7 @@ std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   return streams;
 }
 
-/// Returns the time of the loop and the call alone [ns].
+/// Returns the time per tick of a step that does nothing: the cost of the loop and the call [ns].
 double timeNothing(const Options& options) {
   const SurfaceMotion motion = sphereMotion("level set", 3.5, 1.5);
   const Stepper nothing = [](const Vec3& hand) {

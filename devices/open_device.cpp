@@ -39,7 +39,7 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
     std::vector<std::string> all;
     for (std::size_t i = 0; i < kTroubles; ++i) all.emplace_back(wordFor(static_cast<Trouble>(i)));
     throw DeviceError("--device",
-                      fmt::format("\"{}\" is not a trouble that palpate can simulate", of.name),
+                      fmt::format("\"{}\" is not a failure that palpate can simulate", of.name),
                       fmt::format("give one of {}", fmt::join(all, ", ")));
   }
   if (needsClock(*trouble) && !options.realtime) {

@@ -215,7 +215,7 @@ class HidDevice final : public Arm {
   bool upright_ = false;
   double carried_share_ = 0.0;  ///< Share of the weight that is carried so far.
   std::uint32_t written_seen_ = 0;
-  /// Time since which written_ has not changed while forces wait [ns].
+  /// Time of the writer's last progress [ns]: written_ changed, or a first force began to wait.
   std::int64_t written_at_ = 0;
 
   Mailbox<Outgoing> out_;

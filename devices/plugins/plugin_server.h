@@ -22,7 +22,7 @@ class GrowthCheck {
   void forget() noexcept { *this = GrowthCheck(slew_); }
 
  private:
-  static constexpr double kLate = 0.005;  ///< [s], as WatchLimits::late
+  static constexpr double kLate = 0.005;  ///< default of WatchLimits::late [s]
 
   double slew_;
   double size_ = 0.0;

@@ -39,7 +39,7 @@ FaultyDevice::FaultyDevice(std::unique_ptr<Device> device, Trouble trouble, doub
                            double begin, double end)
     : device_(std::move(device)), trouble_(trouble), rate_(rate), begin_(begin), end_(end) {
   if (device_->zeroForce().descriptor >= 0) {
-    throw DeviceError(device_->info().name, "a trouble cannot be applied to a real arm",
+    throw DeviceError(device_->info().name, "a simulated failure cannot be applied to a real arm",
                       "use a simulated arm");
   }
 }

@@ -38,8 +38,8 @@ double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, d
   const double sign = std::copysign(1.0, h);
   const double apart = sign * x;
 
-  // With N = (M - mean I) / p, the adjugate of N - apart I, divided by its trace (6 to 9), is the
-  // projector on the eigenvector of `apart`.
+  // `apart` is the eigenvalue of N = (M - mean I) / p with the largest magnitude. The projector on
+  // its eigenvector is adj(N - `apart` I), divided by the trace of this matrix (6 to 9).
   const double ax = xx - apart;
   const double ay = yy - apart;
   const double az = zz - apart;

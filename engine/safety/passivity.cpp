@@ -193,7 +193,7 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
     forget();
     return acts ? 0.0 : 1.0;
   }
-  constexpr double kShortest = 1e-9;  // [s]: ticks that are closer together are ignored
+  constexpr double kShortest = 1e-9;  // [s]: a shorter time step counts as zero
   const bool timed = dt > kShortest && std::isfinite(dt);
   const bool recovers = recovers_;
   if (recovers) {

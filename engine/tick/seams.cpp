@@ -25,7 +25,7 @@ struct Surface {
   double level;
   const Pose* pose;  ///< Null if the volume stands still.
   Vec3 seen;         ///< The point x in the resting frame [m].
-  double scale;      ///< Factor from its unit to the unit of the surface that is filled.
+  double scale;      ///< Factor to the unit of the surface whose samples are replaced.
 
   [[nodiscard]] const ScalarField& field() const noexcept {
     return *felt->graph().scalar_fields[static_cast<std::size_t>(skin->field)];

@@ -131,8 +131,8 @@ BrickVerdict BrickCodec::decode(const BrickId& id, std::size_t bytes, const Bric
   const bool whole = decompress(bytes, slot);
   if (whole && isOthers(id, slot)) {
     const bool volume = tailOf(slot).identity != identity_;
-    return {BrickStatus::kOthers,
-            volume ? "it is a brick of another volume" : "it is a brick of another place"};
+    return {BrickStatus::kOthers, volume ? "it is a brick of another volume"
+                                         : "it is the brick of another level or position"};
   }
   if (cut) {
     return {BrickStatus::kCut, "it has " + std::to_string(bytes) + " bytes instead of the " +

@@ -17,7 +17,7 @@ std::string lineOf(const Json& mode) {
   return line + ": " + mode["description"].get<std::string>();
 }
 
-/// Returns `name`, or `name` with the first free number from 2. The result is then taken.
+/// Returns `name`, or `name` with the first free number from 2, and adds it to `taken`.
 std::string takeFreeName(std::set<std::string>& taken, const std::string& name, char separator) {
   std::string tried = name;
   for (int n = 2; !taken.insert(tried).second; ++n) {

@@ -238,7 +238,7 @@ JsonObject<SceneSpec> playRows() {
            [play](SceneSpec& spec, double speed) { play(spec).speed = speed; })
       .may("paused",
            jsonFlag().says(
-               "If true, play is paused until the user presses a key. The default is false."),
+               "If true, play starts paused; the space bar resumes it. The default is false."),
            [play](SceneSpec& spec, bool paused) { play(spec).paused = paused; })
       .may("from",
            jsonNumber().says(

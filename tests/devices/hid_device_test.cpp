@@ -765,7 +765,8 @@ TEST_CASE("pacing delays a force at most as long as the energy tank assumes", "[
   }
 }
 
-TEST_CASE("an unplugged arm is a fault and a replugged arm has its counters reset", "[hid]") {
+TEST_CASE("unplugging an arm causes a fault and its counts start anew when it is plugged in again",
+          "[hid]") {
   FakeArm arm;
   std::atomic<int> looked{0};
   const auto find = [&]() -> std::unique_ptr<ReportPort> {

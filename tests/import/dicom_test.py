@@ -506,7 +506,7 @@ class Values(Case):
             self.imported(volume.write(self.dir / f"{bits} {representation}"))
             self.same(volume)
 
-    def test_each_slice_has_its_own_slope(self):
+    def test_each_slice_is_scaled_by_its_own_rescale_slope(self):
         volume = Volume(modality="PT")
         folder = self.dir / "pet"
         folder.mkdir()

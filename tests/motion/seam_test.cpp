@@ -145,7 +145,7 @@ TEST_CASE("a hand slides over a turned seam where the volumes overlap", "[motion
   }
 }
 
-TEST_CASE("at a seam of splines the overshoot of the spline at the edge holds the hand back",
+TEST_CASE("at a seam of spline volumes the overshoot holds the hand back by at most its depth",
           "[motion][seam]") {
   // Between the voxels a spline overshoots at an edge of the data. So each block has a bump, up to
   // 0.11 voxel high, on its top. The far slope of the bump meets the top of the other block at 45

@@ -148,7 +148,7 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
   }
 }
 
-TEST_CASE("the proxy follows a stream on a spline within the stream's budget of readings",
+TEST_CASE("the proxy follows a streamline of a spline flow within the budget of readings",
           "[motion]") {
   for (const char* interpolation : {"quadratic", "cubic"}) {
     // The exact course is that of the trilinear field. So this test checks only cost and force.

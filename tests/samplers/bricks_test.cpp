@@ -839,7 +839,7 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
   }
   // Both bricks have the same size, so their size does not distinguish them.
   put(place, bytesIn(folder / "b" / brickObject({0, {1, 0, 0}}, manifest.format())));
-  read(BrickStatus::kOthers, "it is a brick of another place");
+  read(BrickStatus::kOthers, "it is the brick of another level or position");
   put(place, bytesIn(folder / "other" / name));
   read(BrickStatus::kOthers, "it is a brick of another volume");
   fs::remove(place);

@@ -373,8 +373,8 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   };
   CHECK_FALSE(watcher.look());
 
-  // A mode that is switched off has no effect after at most two checks. Messages that were printed
-  // before are not repeated.
+  // In the new scene the strength of a mode that is switched off is almost zero. The watcher does
+  // not repeat earlier messages.
   watcher.turn({{0, 0.0F}, {1, 1.0F}}, 1);
   auto built = look();
   INFO(said.all());

@@ -337,7 +337,7 @@ class IgtlTest(unittest.TestCase):
             self.assertGreater(force[0], 0.5, which)
         self.assertEqual(run.end()["igtl"]["images"], 6)
 
-    def test_a_client_s_cut_acts_immediately_before_a_run_and_during_images(self):
+    def test_a_client_s_cut_does_not_wait_for_the_run_or_for_images(self):
         # A client's cut does not wait for the run to begin.
         run = self.start()
         early = self.connect(run)

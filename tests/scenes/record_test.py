@@ -347,8 +347,8 @@ class Recorded(Case):
             run("feel", self.scene, "--device", f"replay:{self.dir / 'a.rec'}", "--record",
                 self.dir / "b.rec", status=1)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
-        for words, says in (("simulated:nam", '"nam" is not a trouble that palpate can simulate'),
-                            ("simulated:nan@x", '"nan@x" is not a trouble'),
+        for words, says in (("simulated:nam", '"nam" is not a failure that palpate can simulate'),
+                            ("simulated:nan@x", '"nan@x" is not a failure'),
                             ("simulated:hung", "add --realtime")):
             done = subprocess.run([PALPATE, "feel", self.scene, "--device", words],
                                   capture_output=True, text=True, check=False)

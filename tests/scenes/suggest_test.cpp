@@ -332,7 +332,7 @@ TEST_CASE("a constant scalar is rejected by name, a constant vector gets a follo
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
   CHECK_THROWS_WITH(suggestScene("data.vdb", {same}),
                     Contains("same (nearly all values are equal)"));
-  // A constant vector has a direction. It acts if a .vdb without a scene has no other usable grid.
+  // A constant vector field has a direction. If no other grid is usable, the guess follows it.
   const Json scene = suggested({same, still});
   CHECK(only(scene, "follow")["of"] == "vel");
   CHECK_THAT(scene["description"].get<std::string>(),

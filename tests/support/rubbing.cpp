@@ -214,7 +214,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
 Rattling rattle(const std::string& file, double level, double scale, double speed, int slices) {
   const std::shared_ptr<const ScalarField> field = scanField(file, scale);
   const SurfaceMotion motion = onScan(field, level);
-  constexpr int kParts = 16;  // parts of a tick
+  constexpr int kParts = 16;  // time steps of the reference per tick
   constexpr std::size_t kBeside = 20;
   StepParams exact;
   exact.tolerance_voxels = 1e-4;

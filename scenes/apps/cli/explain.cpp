@@ -102,7 +102,7 @@ void printSteps(const OrderedJson& steps) {
         text(step["balance"]), sentence(yields),
         end == "free"      ? "moved to"
         : end == "voxel"   ? "stopped at the limit of the reading,"
-        : end == "trusted" ? "turned back halfway, to"
+        : end == "trusted" ? "shortened, because the previous step turned back, to"
         : end == "surface" ? "met a surface at"
                            : "reached other parts of the scene at",
         text(step["went"]));

@@ -56,7 +56,8 @@ std::optional<Vec3> atEnter(Arm& arm) {
     if (!hand.ready || hand.fault != Fault::kNone || old || !hand.position.allFinite()) {
       const Fault fault = old ? Fault::kStale : hand.fault;
       complain("devices: the arm is not ready: " +
-               (fault == Fault::kNone ? arm.whyNotReady() : wordsFor(fault)) +
+               (fault == Fault::kNone ? arm.whyNotReady()
+                                      : wordsFor(fault) + std::string(": ") + remedyFor(fault)) +
                ": then press Enter again");
       continue;
     }

@@ -118,7 +118,7 @@ class ViewWindow {
   vtkSmartPointer<vtkPolyData> stream_;  ///< Streamlines through the proxy.
   std::optional<std::size_t> sliced_;    ///< Index in Shapes::volumes().
   std::pair<double, double> grey_;
-  Vec3 sliced_at_ = Vec3::Zero();  ///< Point of the slices and streamlines [m].
+  Vec3 sliced_at_ = Vec3::Zero();  ///< Proxy when these were last drawn [m].
   vtkSmartPointer<vtkTextActor> newtons_;
   vtkSmartPointer<vtkTextActor> help_;
   KeptImage backdrop_;
