@@ -59,7 +59,7 @@ def kind(node, schema):
     if isinstance(node.get("additionalProperties"), dict):
         return f"{kind(node['additionalProperties'], schema)[0]} for each `NAME`", ""
     outside = ["not 0"] if "not" in node else []
-    pattern = [f"`{node['pattern']}`"] if "pattern" in node else []
+    pattern = ["`" + node["pattern"].replace("|", r"\|") + "`"] if "pattern" in node else []
     return node.get("type", "any"), ", ".join([*filter(None, [limits(node, "minimum", "maximum")]), *outside, *pattern])
 
 

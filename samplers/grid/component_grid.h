@@ -31,21 +31,6 @@ typename ComponentGrid<Vectors>::Ptr componentGrid(const Vectors& grid, int c) {
   return ComponentGrid<Vectors>::create(tree);
 }
 
-/// Replaces one component of the values in leaves by those of a grid of the same topology.
-template <class Vectors>
-void setComponent(Vectors& grid, int c, const ComponentGrid<Vectors>& component) {
-  using Leaf = typename Vectors::TreeType::LeafNodeType;
-  openvdb::tree::LeafManager<typename Vectors::TreeType> leaves(grid.tree());
-  leaves.foreach ([&](Leaf& leaf, std::size_t) {
-    const auto* values = component.constTree().probeConstLeaf(leaf.origin());
-    for (openvdb::Index i = 0; i < Leaf::SIZE; ++i) {
-      typename Vectors::ValueType vector = leaf.getValue(i);
-      vector[c] = values->getValue(i);
-      leaf.setValueOnly(i, vector);
-    }
-  });
-}
-
 // Defined in prepare_vec3s.cpp and prepare_vec3d.cpp.
 extern template openvdb::FloatGrid::Ptr componentGrid(const openvdb::Vec3SGrid&, int);
 extern template openvdb::DoubleGrid::Ptr componentGrid(const openvdb::Vec3DGrid&, int);

@@ -11,6 +11,7 @@
 #include <tbb/parallel_reduce.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/grid/component_grid.h"
 #include "palpate/samplers/grid/prepare_values.h"
 
 namespace palpate {
@@ -111,6 +112,17 @@ DataEnds endsOf(const openvdb::GridBase& grid, const openvdb::CoordBBox& active)
   return ends;
 }
 
+/// Returns the distance by which smoothing has enlarged the box of active voxels [voxels].
+Vec3 growthOf(const detail::ActiveBoxes& active) {
+  Vec3 growth = Vec3::Zero();
+  if (active.now.empty()) return growth;
+  for (int a = 0; a < 3; ++a) {
+    growth[a] = std::max({0, active.as_read.min()[a] - active.now.min()[a],
+                          active.now.max()[a] - active.as_read.max()[a]});
+  }
+  return growth;
+}
+
 /// Returns "reason: remedy" if the grid is not usable, else an empty string.
 std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool affine,
                       const std::vector<Volume::Grid::Part>& parts) {
@@ -199,14 +211,15 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
   info.half = base->saveFloatAsHalf();
   Volume::Grid::Part part;
   const bool affine = affineMap(*base, part.linear, part.origin);
-  openvdb::CoordBBox active;
+  detail::ActiveBoxes active;
 
   std::vector<Volume::Grid::Part> parts;
   const auto take = [&](const auto& grid) {
     if (!grid) return;
     using GridT = typename std::decay_t<decltype(grid)>::element_type;
     active = detail::prepareValues(*grid, options, affine, info);
-    part.ends = endsOf(*grid, active);
+    part.ends = endsOf(*grid, active.now);
+    part.grown = growthOf(active);
     if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
       if (info.grid_class == GridClass::kStaggered) {
         using Scalars = ScalarGrid<typename GridT::ValueType::ValueType>;
@@ -231,14 +244,14 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
   info.active_voxels = base->activeVoxelCount();
   info.memory = base->memUsage();
   if (parts.empty()) {
-    active = base->evalActiveVoxelBoundingBox();
+    active.as_read = base->evalActiveVoxelBoundingBox();
     describeOther(*base, info);
-    takeStatistics(*base, info, active);
+    takeStatistics(*base, info, active.as_read);
   }
   if (parts.size() == 3) info.memory = memoryOfAll(parts);
   if (affine) {
     info.voxel = part.linear.colwise().norm().transpose();
-    if (info.active_voxels > 0) info.bounds = boundsOf(active, part);
+    if (info.active_voxels > 0) info.bounds = boundsOf(active.as_read, part);
   }
   if (const auto source = base->getMetadata<openvdb::StringMetadata>("source")) {
     info.source = source->value();

@@ -2,7 +2,6 @@
 
 namespace palpate::detail {
 
-template openvdb::CoordBBox prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool,
-                                          GridInfo&);
+template ActiveBoxes prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool, GridInfo&);
 
 }  // namespace palpate::detail

@@ -2,6 +2,6 @@
 
 namespace palpate::detail {
 
-template openvdb::CoordBBox prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
+template ActiveBoxes prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
 
 }  // namespace palpate::detail

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
 #include <functional>
 #include <limits>
 #include <new>
@@ -18,6 +19,7 @@
 #include <tbb/parallel_reduce.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/grid/no_data_error.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/smooth.h"
 #include "palpate/samplers/grid/volume.h"
@@ -208,10 +210,49 @@ void turnVectors(GridT& grid) {
   return from != nullptr && from->value() == "mesh";
 }
 
-/// Checks, fills, smooths and transforms a grid's values. Returns the box of active voxels.
+/// Boxes of the active voxels of a grid.
+struct ActiveBoxes {
+  openvdb::CoordBBox as_read;  ///< Box before smoothing.
+  openvdb::CoordBBox now;
+};
+
+/// Returns the standard deviations along i, j and k [voxels]. Throws VolumeError if one of them is
+/// too large or not a number.
+[[nodiscard]] inline Vec3 deviationsOf(const openvdb::GridBase& grid, const SmoothWidth& width,
+                                       const std::string& name) {
+  const openvdb::Vec3d edges = grid.voxelSize();
+  Vec3 voxels = Vec3::Constant(width.sigma);
+  if (width.in_file_units) voxels = voxels.cwiseQuotient(Vec3(edges.x(), edges.y(), edges.z()));
+  const double most = voxels.maxCoeff();
+  if (!(voxels.minCoeff() >= 0.0 && most <= kMostSmooth)) {
+    std::array<char, 32> written{};
+    std::snprintf(written.data(), written.size(), "%.3g", most);
+    throw VolumeError(
+        "grid \"" + name + "\"", "\"smooth\" is " + std::string(written.data()) + " voxels",
+        "give a width from 0 to " + std::to_string(static_cast<int>(kMostSmooth)) + " voxels");
+  }
+  return voxels;
+}
+
+/// Smooths a grid, and writes how far it moved the values.
 template <class GridT>
-openvdb::CoordBBox prepareValues(GridT& grid, const LoadOptions& options, bool affine,
-                                 GridInfo& info) {
+void smoothValues(GridT& grid, const SmoothWidth& width, GridInfo& info) {
+  const Vec3 deviations = deviationsOf(grid, width, info.name);
+  try {
+    info.smoothing = smooth(grid, deviations, isFromMesh(grid));
+  } catch (const openvdb::Exception& e) {
+    throw VolumeError("grid \"" + info.name + "\"",
+                      "it cannot be smoothed (" + std::string(e.what()) + ")", "remove \"smooth\"");
+  }
+  if (grid.activeVoxelCount() == 0) {
+    throw NoDataError("grid \"" + info.name + "\"", "smoothing removes its whole surface",
+                      "give a smaller \"smooth\"");
+  }
+}
+
+/// Checks, fills, smooths and transforms the values of a grid of a supported type.
+template <class GridT>
+ActiveBoxes prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInfo& info) {
   Range range = rangeOf(grid, options.progress);
   const auto fill = [&] {
     if (range.unusable == 0 || options.non_finite == NonFinite::kRefuse) return;
@@ -220,16 +261,13 @@ openvdb::CoordBBox prepareValues(GridT& grid, const LoadOptions& options, bool a
     range = rangeOf(grid);
   };
   fill();
-  if (options.smooth > 0 && range.unusable == 0) {
-    try {
-      info.smoothing = smooth(grid, options.smooth);
-    } catch (const openvdb::Exception& e) {
-      throw VolumeError("grid \"" + info.name + "\"",
-                        "it cannot be smoothed (" + std::string(e.what()) + ")",
-                        "remove \"smooth\"");
-    }
+  ActiveBoxes boxes;
+  boxes.as_read = grid.evalActiveVoxelBoundingBox();
+  const bool smooths =
+      options.smooth.sigma != 0.0 && affine && range.unusable == 0 && !boxes.as_read.empty();
+  if (smooths) {
+    smoothValues(grid, options.smooth, info);
     range = rangeOf(grid);
-    fill();
   }
   if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
     info.vector = true;
@@ -247,17 +285,16 @@ openvdb::CoordBBox prepareValues(GridT& grid, const LoadOptions& options, bool a
     info.highest = range.highest;
     info.mean = range.sum / range.count;
   }
-  return grid.evalActiveVoxelBoundingBox();
+  boxes.now = smooths ? grid.evalActiveVoxelBoundingBox() : boxes.as_read;
+  return boxes;
 }
 
-// Instances: prepare_float.cpp, prepare_double.cpp, prepare_vec3s.cpp, prepare_vec3d.cpp.
-extern template openvdb::CoordBBox prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool,
-                                                 GridInfo&);
-extern template openvdb::CoordBBox prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool,
-                                                 GridInfo&);
-extern template openvdb::CoordBBox prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool,
-                                                 GridInfo&);
-extern template openvdb::CoordBBox prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool,
-                                                 GridInfo&);
+// The instances are in prepare_float.cpp, prepare_double.cpp, prepare_vec3s.cpp and
+// prepare_vec3d.cpp.
+extern template ActiveBoxes prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
+extern template ActiveBoxes prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool,
+                                          GridInfo&);
+extern template ActiveBoxes prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
+extern template ActiveBoxes prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
 
 }  // namespace palpate::detail

@@ -1,9 +1,7 @@
 #include "palpate/samplers/grid/spline.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <mutex>
 #include <type_traits>
 #include <vector>
@@ -13,7 +11,7 @@
 
 #include "palpate/samplers/grid/band_cell.h"
 #include "palpate/samplers/grid/cells_at.h"
-#include "palpate/samplers/parallel.h"
+#include "palpate/samplers/grid/filter_lines.h"
 
 namespace palpate {
 namespace {
@@ -25,18 +23,6 @@ constexpr int kSplineReach = 16;
 
 double poleOf(int degree) {
   return degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
-}
-
-/// Converts a number to the grid's type. Beyond its range, returns its largest number.
-template <class Value, class Sum>
-Value stored(const Sum& sum) {
-  if constexpr (std::is_arithmetic_v<Value>) {
-    constexpr double kLargest = std::numeric_limits<Value>::max();
-    return static_cast<Value>(std::clamp(static_cast<double>(sum), -kLargest, kLargest));
-  } else {
-    using Component = typename Value::ValueType;
-    return Value(stored<Component>(sum[0]), stored<Component>(sum[1]), stored<Component>(sum[2]));
-  }
 }
 
 /// Adds leaves where the filter changes values: around the existing leaves, in place of small
@@ -82,95 +68,33 @@ void addLeavesAround(TreeT& tree) {
   }
 }
 
-/// Returns the leaves in ordered runs along one axis. A gap wider than kSplineReach ends a run.
-template <class TreeT>
-std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, int axis) {
-  using Leaf = typename TreeT::LeafNodeType;
-  std::vector<Leaf*> leaves;
-  tree.getNodes(leaves);
-  const auto key = [axis](const Leaf* leaf) {
-    const Coord& o = leaf->origin();
-    return std::array<int, 3>{o[(axis + 1) % 3], o[(axis + 2) % 3], o[axis]};
-  };
-  std::sort(leaves.begin(), leaves.end(),
-            [&](const Leaf* a, const Leaf* b) { return key(a) < key(b); });
-  std::vector<std::vector<Leaf*>> runs;
-  std::array<int, 3> last{};
-  for (Leaf* leaf : leaves) {
-    const std::array<int, 3> here = key(leaf);
-    const bool goes_on = !runs.empty() && here[0] == last[0] && here[1] == last[1] &&
-                         here[2] - last[2] <= static_cast<int>(Leaf::DIM) + kSplineReach;
-    if (!goes_on) runs.emplace_back();
-    runs.back().push_back(leaf);
-    last = here;
-  }
-  return runs;
-}
-
-/// Converts samples to coefficients along one axis, in place: forward and back with one pole.
-/// Outside of a run's leaves, values are those of the tiles.
+/// Converts samples to coefficients along one axis, in place. Filters in both directions, with the
+/// same pole. Outside of the leaves of a run, the values are those of the tile there.
 template <class TreeT>
 void filterAlong(TreeT& tree, int axis, double pole) {
   using Leaf = typename TreeT::LeafNodeType;
-  using Value = typename TreeT::ValueType;
-  using Sum = std::conditional_t<std::is_arithmetic_v<Value>, double, openvdb::Vec3d>;
+  using Sum = detail::SumOf<TreeT>;
   constexpr std::size_t kSize = Leaf::DIM;
-  constexpr std::array<std::size_t, 3> kStride{kSize * kSize, kSize, 1};
-  const auto along = static_cast<std::size_t>(axis);
-  const std::size_t stride = kStride[along];
-  const std::size_t across = kStride[(along + 1) % 3];
-  const std::size_t lines = kStride[(along + 2) % 3];
-  const std::vector<std::vector<Leaf*>> runs = runsAlong(tree, axis);
-  inParallel(runs.size(), [&](std::size_t r) {
-    const std::vector<Leaf*>& leaves = runs[r];
-    openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
-    const int first = leaves.front()->origin()[axis];
-    const auto length = static_cast<std::size_t>(leaves.back()->origin()[axis] - first) + kSize;
-    const auto value_at = [&](int position) {
-      Coord at = leaves.front()->origin();
-      at[axis] = position;
-      return Sum(accessor.getValue(at));
-    };
-    // The tiles before the run, after it and in its gaps. A gap is at most a few leaves long.
-    const Sum before = value_at(first - 1) * (1.0 / (1.0 - pole));
-    const Sum after = value_at(first + static_cast<int>(length)) * (1.0 / (1.0 - pole));
-    std::vector<Leaf*> at(length / kSize, nullptr);
-    for (Leaf* leaf : leaves) {
-      at[static_cast<std::size_t>(leaf->origin()[axis] - first) / kSize] = leaf;
+  detail::filterLines(tree, axis, kSplineReach, 1, [pole](detail::Lines<TreeT>& c) {
+    const std::size_t end = c.size() - kSize;
+    // The tiles before and after the run.
+    const Sum before = c.front()[0] * (1.0 / (1.0 - pole));
+    const Sum after = c.back()[0] * (1.0 / (1.0 - pole));
+    std::array<Sum, kSize> last;
+    last.fill(before);
+    for (std::size_t k = kSize; k < end; ++k) {
+      for (std::size_t v = 0; v < kSize; ++v) last[v] = c[k][v] = c[k][v] + pole * last[v];
     }
-    std::vector<std::array<Sum, kSize>> c(length);
-    for (std::size_t u = 0; u < kSize; ++u) {
-      for (std::size_t i = 0; i < at.size(); ++i) {
-        const Value* data = at[i] == nullptr ? nullptr : at[i]->buffer().data() + u * across;
-        const Sum tile = data == nullptr ? value_at(first + static_cast<int>(i * kSize)) : Sum(0.0);
-        for (std::size_t k = 0; k < kSize; ++k) {
-          for (std::size_t v = 0; v < kSize; ++v) {
-            c[i * kSize + k][v] = data == nullptr ? tile : Sum(data[k * stride + v * lines]);
-          }
-        }
-      }
-      std::array<Sum, kSize> last;
-      last.fill(before);
-      for (std::array<Sum, kSize>& row : c) {
-        for (std::size_t v = 0; v < kSize; ++v) last[v] = row[v] = row[v] + pole * last[v];
-      }
-      // The state of a backward pass that begins infinitely far away, in the constant values beyond
-      // the run.
-      for (Sum& value : last) {
-        value = -pole / (1.0 - pole) * after - pole * pole / (1.0 - pole * pole) * (value - after);
-      }
-      for (std::size_t k = length; k-- > 0;) {
-        for (std::size_t v = 0; v < kSize; ++v) last[v] = c[k][v] = pole * (last[v] - c[k][v]);
-      }
-      const double gain = (1.0 - pole) * (1.0 - 1.0 / pole);
-      for (std::size_t i = 0; i < at.size(); ++i) {
-        if (at[i] == nullptr) continue;
-        Value* data = at[i]->buffer().data() + u * across;
-        for (std::size_t k = 0; k < kSize; ++k) {
-          for (std::size_t v = 0; v < kSize; ++v) {
-            data[k * stride + v * lines] = stored<Value>(gain * c[i * kSize + k][v]);
-          }
-        }
+    // The state that the backward pass would have at the end of the run if it had begun infinitely
+    // far away, in the constant values beyond the run.
+    for (Sum& value : last) {
+      value = -pole / (1.0 - pole) * after - pole * pole / (1.0 - pole * pole) * (value - after);
+    }
+    const double gain = (1.0 - pole) * (1.0 - 1.0 / pole);
+    for (std::size_t k = end; k-- > kSize;) {
+      for (std::size_t v = 0; v < kSize; ++v) {
+        last[v] = pole * (last[v] - c[k][v]);
+        c[k][v] = gain * last[v];
       }
     }
   });

@@ -49,8 +49,11 @@ FreeMap freeMapOf(const GridData& data) {
 }  // namespace
 
 FieldFrame frameOf(const Volume& volume, const Placement& placement, const Sampling& sampling) {
-  // A cell with an active corner can extend this far beyond the active voxels' centres.
-  const Vec3 margin = volume.grid().parts.front().linear.cwiseAbs().rowwise().sum();
+  // The margin is the distance by which a cell with an active corner can extend beyond the centres
+  // of the voxels that were active before smoothing.
+  Vec3 voxels = Vec3::Zero();
+  for (const Volume::Grid::Part& part : volume.grid().parts) voxels = voxels.cwiseMax(part.grown);
+  const Vec3 margin = volume.grid().parts.front().linear.cwiseAbs() * (voxels + Vec3::Ones());
   const Box& file = volume.info().bounds;
   FieldFrame frame;
   frame.voxel = volume.info().voxel.minCoeff() * placement.scale;

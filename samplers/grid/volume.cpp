@@ -507,7 +507,8 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
 
 std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
                                     const std::function<void(double)>& progress) {
-  using What = std::tuple<std::string, NonFinite, int>;
+  // Each file is opened once. Equal requests are loaded once.
+  using What = std::tuple<std::string, NonFinite, double, bool>;
   struct File {
     std::map<What, std::size_t> known;
     std::vector<std::size_t> wanted;
@@ -517,7 +518,8 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
   for (std::size_t i = 0; i < requests.size(); ++i) {
     const VolumeRequest& request = requests[i];
     File& file = by_path[request.file];
-    const What what{request.grid, request.non_finite, request.smooth};
+    const What what{request.grid, request.non_finite, request.smooth.sigma,
+                    request.smooth.in_file_units};
     first[i] = file.known.emplace(what, i).first->second;
     if (first[i] == i) file.wanted.push_back(i);
   }

@@ -14,13 +14,26 @@
 
 namespace palpate {
 
+/// Standard deviation of the Gaussian that smooths a grid.
+struct SmoothWidth {
+  double sigma = 0.0;          ///< [voxels, or file]; 0: no smoothing. At most kMostSmooth voxels.
+  bool in_file_units = false;  ///< True if `sigma` has the file's unit of length.
+
+  /// True if the widths are equal.
+  [[nodiscard]] bool operator==(const SmoothWidth&) const = default;
+};
+
+/// Largest standard deviation of a smoothing [voxels].
+inline constexpr double kMostSmooth = 32.0;
+
 /// Meaning of a grid's values, as the metadata of the grid state.
 enum class GridClass : std::uint8_t { kUnknown, kLevelSet, kFog, kStaggered };
 
 /// Result of smoothing a grid when it was loaded.
 struct Smoothing {
-  /// Width of the box filters, voxels to each side; 0 if the grid was not smoothed.
-  int width = 0;
+  /// Standard deviation of the Gaussian, along the axis where it is largest [voxels]; 0 if the grid
+  /// was not smoothed.
+  double sigma = 0.0;
   double rms_change = 0.0;      ///< Root mean square of the changes of active values.
   double largest_change = 0.0;  ///< Largest change of an active value.
   /// Wavelength at which a wave keeps half of its height [voxels]. Shorter waves lose more.
@@ -37,7 +50,10 @@ struct GridInfo {
   bool half = false;    ///< True if the file stores 16 bits per number. They are read as 32 bits.
   Vec3 voxel = Vec3::Zero();        ///< Edges of a voxel [file].
   std::uint64_t active_voxels = 0;  ///< Number of active voxels, including those in tiles.
-  Box bounds;  ///< Box of the centres of active voxels [file]; empty if no voxel is active.
+  /// Box of the centres of active voxels [file]; empty if no voxel is active. If the grid was
+  /// smoothed, these are the voxels that were active before, so smoothing does not change the place
+  /// of a volume.
+  Box bounds;
   std::uint64_t memory = 0;  ///< Memory of the grid [bytes].
   double lowest = 0.0;       ///< Lowest active value; for a vector, the smallest magnitude.
   double highest = 0.0;      ///< Highest active value; for a vector, the largest magnitude.
@@ -92,10 +108,12 @@ enum class NonFinite : std::uint8_t {
 struct LoadOptions {
   /// Treatment of values that are NaN, infinite or above 1e100.
   NonFinite non_finite = NonFinite::kRefuse;
-  /// Width of OpenVDB's Gaussian filter, which is four box filters [voxels to each side]; 0: not
-  /// smoothed. Level sets use LevelSetFilter, other grids Filter. Only active voxels change. Needs
-  /// twice the grid's memory in addition.
-  int smooth = 0;
+  /// Width of a Gaussian that smooths the grid. Every voxel counts, active or not, and so does the
+  /// background. A voxel that changes and differs from the background then becomes active, except
+  /// in a grid that was made from a mesh. The band of a level set is built again. Smoothing needs
+  /// memory for one copy of the grid, and for the voxels within three standard deviations of it.
+  /// Exception: the faces of tiles of 4096^3 voxels that are not next to a leaf stay sharp.
+  SmoothWidth smooth;
   /// Receives the progress of reading, from 0 to 1. If it throws an Error, the load ends.
   std::function<void(double done)> progress;
 };
@@ -128,7 +146,7 @@ struct VolumeRequest {
   std::filesystem::path file;  ///< A .vdb file.
   std::string grid;            ///< Name of the grid; empty for the only grid of the file.
   NonFinite non_finite = NonFinite::kRefuse;  ///< Value for LoadOptions::non_finite.
-  int smooth = 0;                             ///< Value for LoadOptions::smooth [voxels].
+  SmoothWidth smooth;                         ///< Value for LoadOptions::smooth.
 
   /// True if the requests are equal.
   [[nodiscard]] bool operator==(const VolumeRequest&) const = default;

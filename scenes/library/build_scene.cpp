@@ -96,7 +96,7 @@ void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& buil
   const auto refuse = [&](bool wrong, const char* key, const char* why, const char* remedy) {
     if (wrong) throw SceneError(path + "/" + key, why, remedy);
   };
-  refuse(volume.smooth > 0, "smooth", "a volume in bricks cannot be smoothed at load",
+  refuse(volume.smooth.sigma != 0.0, "smooth", "a volume in bricks cannot be smoothed at load",
          "smooth the volume before you write the bricks");
   refuse(volume.sampling.interpolation != Interpolation::kTrilinear, "interpolation",
          "a volume in bricks has trilinear interpolation only", "remove \"interpolation\"");
@@ -133,15 +133,13 @@ std::vector<std::string> remarks(const GridInfo& info) {
   if (info.was_local) {
     out.emplace_back("the vectors were in index space and now are in world space");
   }
-  if (info.smoothing.width > 0) {
+  if (info.smoothing.sigma > 0.0) {
     const Smoothing& s = info.smoothing;
-    // A wave of length l keeps exp(-2 (pi deviation / l)^2) of its height.
-    const double deviation = s.half_height_voxels / (M_PI * std::sqrt(2.0 / std::log(2.0)));
     out.push_back(
-        fmt::format("smoothed with a Gaussian with a standard deviation of {:.3g} voxels: values "
-                    "changed by {:.3g} rms, {:.3g} at most; waves shorter than {:.1f} voxels keep "
-                    "less than half their height",
-                    deviation, s.rms_change, s.largest_change, s.half_height_voxels));
+        fmt::format("smoothed with a Gaussian of {:.3g} voxels: values changed by {:.3g} rms, "
+                    "{:.3g} at most; waves "
+                    "shorter than {:.1f} voxels keep less than half their height",
+                    s.sigma, s.rms_change, s.largest_change, s.half_height_voxels));
   }
   return out;
 }
@@ -207,7 +205,7 @@ class VolumeLoader {
                        "the name is a pattern for many files, but their times are missing",
                        "add \"frames\": {\"rate\": 25}, or name one file");
     }
-    if (volume.sampling.axial && volume.smooth > 0) {
+    if (volume.sampling.axial && volume.smooth.sigma != 0.0) {
       throw SceneError(pathIn(spec_, fmt::format("/volumes/{}/smooth", name)),
                        "the filter would cancel axial vectors", "remove \"smooth\"");
     }

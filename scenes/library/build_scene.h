@@ -92,10 +92,10 @@ struct VolumeSpec {
   std::string grid;  ///< Name of the grid; empty: the only grid of the file.
   /// Treatment of values that are not finite; see LoadOptions.
   NonFinite non_finite = NonFinite::kRefuse;
-  int smooth = 0;   ///< Width of the smoothing filter [voxels]; see LoadOptions.
-  PlaceSpec place;  ///< Place and motion of the volume.
-  /// Places of the instances; if not empty, they replace `place`. kLike and keyframes are not
-  /// allowed. Volumes that are placed like this volume have the same instances.
+  SmoothWidth smooth;  ///< Width of a Gaussian that smooths the grid; see LoadOptions.
+  PlaceSpec place;     ///< Place and motion of the volume.
+  /// If not empty, replaces `place` by several places. These must not have kLike or keyframes.
+  /// Volumes with kLike of this volume have the same instances.
   std::vector<PlaceSpec> instances;
   Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
   std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.

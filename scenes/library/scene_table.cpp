@@ -1,10 +1,18 @@
 #include "palpate/scenes/library/scene_table.h"
 
 #include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
 #include <utility>
 #include <variant>
 
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
 #include "palpate/engine/tick/step.h"
+#include "palpate/scenes/library/smooth_text.h"
+#include "palpate/scenes/library/spec_lookup.h"
 
 namespace palpate {
 namespace {
@@ -256,15 +264,43 @@ JsonObject<SceneSpec> playRows() {
            [play](SceneSpec& spec, bool repeat) { play(spec).repeat = repeat; });
 }
 
-JsonType<VolumeSpec> volumeType() {
-  return JsonObject<VolumeSpec>()
+/// A volume, and what its key "smooth" says beyond VolumeSpec::smooth.
+struct ReadVolume : VolumeSpec {
+  double smooth_unit = 0.0;   ///< Metres per unit of `smooth.sigma`, if it has one of these units.
+  bool whole_smooth = false;  ///< True if "smooth" is written as a whole number.
+};
+
+/// A width as a scene states it.
+struct ReadWidth {
+  SmoothWidth width;
+  double unit = 0.0;
+  bool whole = false;
+};
+
+JsonType<ReadWidth> smoothType() {
+  const JsonType<double> number = jsonNotNegativeUpTo(kMostSmooth, "voxels");
+  const JsonType<std::string> text =
+      jsonMatching(kSmoothPattern, "it is not a width",
+                   "give voxels, such as 1.5, or a length, such as \"1 mm\"");
+  return {{{"oneOf", JsonSchema::array({number.schema, text.schema})}},
+          [number = number.read, text = text.read](const JsonNode& node) -> ReadWidth {
+            if (!node.json().is_string()) {
+              return {{number(node), false}, 0.0, node.json().is_number_integer()};
+            }
+            const SmoothText read = readSmoothText(text(node)).value_or(SmoothText{});
+            return {{read.size, true}, read.metres, false};
+          }};
+}
+
+JsonType<ReadVolume> volumeType() {
+  return JsonObject<ReadVolume>()
       .remark("description")
       .need("file",
             jsonName().says(
                 "A .vdb file, or a folder of bricks (made by `palpate brick`), which are "
                 "loaded as the hand moves. For frames in several files, the name has %04d in "
                 "the place of the frame's number."),
-            [](VolumeSpec& to, const std::string& name) { to.file = name; })
+            [](ReadVolume& to, const std::string& name) { to.file = name; })
       .may("grid", jsonName(), &VolumeSpec::grid)
       .may("interpolation",
            jsonWordOf({Interpolation::kTrilinear, Interpolation::kNearest,
@@ -282,9 +318,15 @@ JsonType<VolumeSpec> volumeType() {
                    "the grid; \"fill\" replaces the values by the background, which has no data."),
            &VolumeSpec::non_finite)
       .may("smooth",
-           jsonWhole(0, 16).says("OpenVDB's Gaussian filter at load. The number is the reach of "
-                                 "its four box filters to each side [voxels]. The default is 0."),
-           &VolumeSpec::smooth)
+           smoothType().says(
+               "Standard deviation of a Gaussian at load: a number of voxels, or a length such as "
+               "\"1.5 mm\" in m, cm, mm, um or the file's unit (\"file\"). The background counts. "
+               "The default is 0."),
+           [](ReadVolume& to, const ReadWidth& read) {
+             to.smooth = read.width;
+             to.smooth_unit = read.unit;
+             to.whole_smooth = read.whole;
+           })
       .may("frames", framesType(),
            [](VolumeSpec& to, FramesSpec value) { to.frames = std::move(value); })
       .may("window",
@@ -305,6 +347,48 @@ JsonType<VolumeSpec> volumeType() {
       .either("instances", "place", "the volume also has \"place\"",
               "remove \"place\" or \"instances\"")
       .type();
+}
+
+/// Returns the metres per unit of a volume's file. Throws SceneError if the scene does not state
+/// them.
+double metresPerUnit(const std::map<std::string, ReadVolume>& volumes, const std::string& name,
+                     const std::string& path) {
+  const ReadVolume* volume = &volumes.at(name);
+  // A longer chain than there are volumes is a circle.
+  for (std::size_t n = 0; n < volumes.size() && volume->instances.empty(); ++n) {
+    const PlaceSpec& place = volume->place;
+    if (place.kind == PlaceSpec::Kind::kUnit) return place.size;
+    if (place.kind == PlaceSpec::Kind::kMap) return place.scale;
+    const auto leader = volumes.find(place.like);
+    if (place.kind != PlaceSpec::Kind::kLike || leader == volumes.end()) break;
+    volume = &leader->second;
+  }
+  throw SceneError(path, "a length in metres needs a \"place\" by unit or scale",
+                   "give such a place, or the width in voxels or in the file's unit, such as "
+                   "\"1.5 file\"");
+}
+
+/// Puts the volumes into a scene, and adds a note for a width that had another meaning in older
+/// versions.
+void putVolumes(SceneSpec& spec, const std::map<std::string, ReadVolume>& volumes) {
+  constexpr double kMostReach = 16.0;  // the largest width of the older versions
+  for (const auto& [name, read] : volumes) {
+    const std::string path = pathIn(spec, "/volumes/" + name + "/smooth");
+    VolumeSpec volume = read;
+    double& sigma = volume.smooth.sigma;
+    if (read.smooth_unit > 0.0 && sigma > 0.0) {
+      sigma *= read.smooth_unit / metresPerUnit(volumes, name, path);
+    }
+    if (read.whole_smooth && sigma >= 1.0 && sigma <= kMostReach) {
+      spec.notes.push_back(
+          fmt::format("{}: {} is the standard deviation of a Gaussian in voxels; palpate 0.3 and "
+                      "older smoothed "
+                      "like {:.2f}: write {:.2f} for this, or {:.1f} to keep {} without this note",
+                      path, sigma, std::sqrt(4.0 * sigma * (sigma + 1.0) / 3.0),
+                      std::sqrt(4.0 * sigma * (sigma + 1.0) / 3.0), sigma, sigma));
+    }
+    spec.volumes[name] = std::move(volume);
+  }
 }
 
 JsonType<DerivedSpec> fieldType() {
@@ -499,7 +583,7 @@ const Table& table() {
         .need("volumes",
               jsonMap(volumeType().defined("volume", t.definitions), 1, "the scene has no volume",
                       "write {\"name\": {\"file\": ...}}"),
-              &SceneSpec::volumes)
+              putVolumes)
         .may("fields",
              jsonMap(fieldType().defined("field", t.definitions), 0, "it is not an object",
                      "write { ... }"),

@@ -266,8 +266,10 @@ class Images(Case):
         rng = random.Random(3)
         values = image_values(16, 16, 16, lambda i, j, k: rng.uniform(0, 1))
         source = self.write("a.vti", vti(16, 16, 16, [("s", 1, values)]))
-        self.assertGreater(grid_report(self.imported(source, "--smooth", 1), "s")["smoothing_rms"],
-                           0.1)
+        rms = grid_report(self.imported(source, "--smooth", 1), "s")["smoothing_rms"]
+        self.assertGreater(rms, 0.1)
+        in_voxels = grid_report(self.imported(source, "--smooth", "1.0vx"), "s")["smoothing_rms"]
+        self.assertEqual(in_voxels, rms)
 
     def test_the_written_file_records_its_source_and_resampling_error(self):
         source = self.write("a.vtk", rectilinear([0, 1, 2], [0, 1, 2], [0, 1, 3]))
@@ -853,6 +855,8 @@ class Refusals(Case):
         self.refused(source, self.dir / "o.txt", says="does not end in .vdb")
         self.refused(source, self.dir / "nowhere" / "o.vdb", says="cannot be written")
         self.refused(source, out, "--smooth", -1, says="--smooth")
+        self.refused(source, out, "--smooth", "-1vx", says="--smooth")
+        self.refused(source, out, "--smooth", "1 mm", says="usage: Could not convert: --smooth = 1 mm")
         self.refused(source, out, "--voxel", "nan", says="--voxel")
         self.refused(source, out, "--iso", "nan", says="--iso")
         self.refused(source, out, "--time", 3, says="--time")

@@ -61,7 +61,7 @@ TEST_CASE("the importer's Gaussian equals VTK's to 2e-4, including at edges and 
       CAPTURE(components, width);
       Piece image = noise(components, spacing);
       const auto expected = byVtk(image, width);
-      const Smoothed smoothed = smoothImage(image, image.arrays[0], width, "x");
+      const Smoothed smoothed = smoothImage(image, image.arrays[0], {width, true}, "x");
       const Values& values = image.arrays[0].values;
       double worst = 0.0;
       for (std::size_t i = 0; i < values.tuples(); ++i) {
@@ -81,9 +81,9 @@ TEST_CASE("smoothing keeps a constant image and reports the rms change computed 
   Piece image = noise(1, Vec3::Ones());
   Piece flat = noise(1, Vec3::Ones());
   for (std::size_t i = 0; i < 4301; ++i) flat.arrays[0].values.as<float>()[i] = 3.0F;
-  CHECK(smoothImage(flat, flat.arrays[0], 2.0, "x").rms_change < 1e-6);
+  CHECK(smoothImage(flat, flat.arrays[0], {2.0, true}, "x").rms_change < 1e-6);
   const Values before = image.arrays[0].values;
-  const Smoothed smoothed = smoothImage(image, image.arrays[0], 1.0, "x");
+  const Smoothed smoothed = smoothImage(image, image.arrays[0], {1.0, true}, "x");
   double squares = 0.0;
   for (std::size_t i = 0; i < before.tuples(); ++i) {
     squares += std::pow(image.arrays[0].values.at(i, 0) - before.at(i, 0), 2);
@@ -92,12 +92,22 @@ TEST_CASE("smoothing keeps a constant image and reports the rms change computed 
         Approx(std::sqrt(squares / static_cast<double>(before.tuples()))).epsilon(1e-9));
 }
 
-TEST_CASE("smoothing refuses an image with holes, and a very wide Gaussian makes an image constant",
+TEST_CASE("a width in voxels is this number of voxels along each axis", "[smooth]") {
+  Piece stretched = noise(1, Vec3(1.0, 0.7, 2.5));
+  Piece cubic = noise(1, Vec3::Ones());
+  (void)smoothImage(stretched, stretched.arrays[0], {1.5, false}, "x");
+  (void)smoothImage(cubic, cubic.arrays[0], {1.5, true}, "x");
+  for (std::size_t i = 0; i < 4301; ++i) {
+    REQUIRE(stretched.arrays[0].values.at(i, 0) == cubic.arrays[0].values.at(i, 0));
+  }
+}
+
+TEST_CASE("an image with holes is refused, and a very wide Gaussian flattens an image",
           "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
-  CHECK(smoothImage(image, image.arrays[0], 1e6, "x").range < 1e-2);
+  CHECK(smoothImage(image, image.arrays[0], {1e6, true}, "x").range < 1e-2);
   image.arrays[0].values.as<float>()[5] = std::nanf("");
-  CHECK_THROWS_AS(smoothImage(image, image.arrays[0], 1.0, "x"), VolumeError);
+  CHECK_THROWS_AS(smoothImage(image, image.arrays[0], {1.0, true}, "x"), VolumeError);
 }
 
 }  // namespace palpate::smooth_test

@@ -240,12 +240,12 @@ Outcome feel(const fs::path& file, std::size_t turn) {
       digest.add(static_cast<double>(info.active_voxels));
       std::shared_ptr<const Volume> volume;
       LoadOptions options;
-      if (turn != kAll && turn % 4 == 0) options = {NonFinite::kFill, 1, nullptr};
+      if (turn != kAll && turn % 4 == 0) options = {NonFinite::kFill, {1.0}, nullptr};
       try {
         volume = loadVolume(file, info.name, options);
       } catch (const VolumeError& e) {
         checkLine(e.what());
-        if (info.refusal.empty() && options.smooth == 0) {
+        if (info.refusal.empty() && options.smooth.sigma == 0.0) {
           throw Broken{std::string("described, then: ") + e.what()};
         }
         why = e.what();

@@ -587,7 +587,7 @@ class NearParts(Touch):
         # A volume in many places that no mode reads, beside parts that are reported.
         del volumes["b[0]"]
         volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
-        volumes["b"]["smooth"] = 1
+        volumes["b"]["smooth"] = 1.5
         done = run("explain", self.scene(skin, volumes=volumes), *way)
         self.assertEqual([m["name"] for m in json.loads(done.stdout)["modes"]],
                          ["skin[0]", "skin[1]", "skin[2]"])

@@ -50,7 +50,22 @@ def press(ticks=2000):
     return path
 
 
-def test_the_values_of_an_array_lie_at_positions_from_its_origin_and_spacing():
+def test_smooth_is_a_deviation_in_voxels_or_in_the_array_s_own_unit():
+    values = np.zeros((21, 21, 21))
+    values[10, 10, 10] = 1
+    def along(smooth, **more):
+        field = palpate.volume(values, smooth=smooth, **more).field()
+        return field.sample([(10, 10, 10), (12, 10, 10)])["value"]
+    peak, beside = along(1.5)
+    assert beside / peak == pytest.approx(np.exp(-0.5 * (2 / 1.5) ** 2))
+    assert list(along("1.5 file")) == [peak, beside]
+    assert along(1)[0] == along(1.0)[0]
+    stretched = palpate.volume(values, spacing=(0.5, 1, 1), smooth="1.5 file").field()
+    a, b = stretched.sample([(5, 10, 10), (7, 10, 10)])["value"]
+    assert b / a == pytest.approx(np.exp(-0.5 * (2 / 1.5) ** 2))
+
+
+def test_an_array_s_values_are_at_its_origin_and_spacing():
     values = np.arange(4 * 5 * 6, dtype="f8").reshape(4, 5, 6)
     for given in (values, np.asfortranarray(values), values[::-1][::-1], values.astype(">f8")):
         field = palpate.volume(given, spacing=(1, 2, 3), origin=(10, 20, 30)).field()
@@ -420,7 +435,8 @@ def test_a_balance_from_python_equals_that_of_palpate_solve():
     (lambda: palpate.volume(np.ones((3, 3, 3)), origin=(0, 0, np.nan)), palpate.Error, "origin"),
     (lambda: palpate.volume(np.ones((3, 3, 3, 3)), background=1), palpate.VolumeError, "values"),
     (lambda: palpate.Volume.load("/no/such\nvolume.vdb"), palpate.VolumeError, "/no/such\\nvolume.vdb"),
-    (lambda: palpate.volume(np.ones((3, 3, 3)), smooth=17), palpate.Error, "smooth"),
+    (lambda: palpate.volume(np.ones((3, 3, 3)), smooth=33), palpate.Error, "smooth"),
+    (lambda: palpate.volume(np.ones((3, 3, 3)), smooth="1 mm"), palpate.Error, "smooth"),
     (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).explain((0, 0, 0), (0, 0, np.nan)), palpate.Error, "push"),
     (lambda: ball(9).field("linear"), palpate.Error, "interpolation"),
     (lambda: ball(9).field().sample(np.zeros((3, 2))), palpate.Error, "points"),

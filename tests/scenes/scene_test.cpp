@@ -1,3 +1,4 @@
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <ctime>
@@ -156,7 +157,10 @@ TEST_CASE("the schema and the reader of scenes accept and refuse the same files"
       {"/volumes/head/interpolation", "quintic", "cubic"},
       {"/volumes/head/axial", 1, "/volumes/head/axial: 1 is not true or false"},
       {"/volumes/head/non_finite", "ignore", "use one of refuse, fill"},
-      {"/volumes/head/smooth", 1.5, "not a whole number from 0 to 16"},
+      {"/volumes/head/smooth", 32.5, "/volumes/head/smooth"},
+      {"/volumes/head/smooth", -1, "/volumes/head/smooth"},
+      {"/volumes/head/smooth", "1.5 inch", "/volumes/head/smooth: it is not a width"},
+      {"/volumes/head/smooth", true, "/volumes/head/smooth"},
       {"/volumes/head/instances", Json::parse(R"([{"scale": 1}])"),
        "the volume also has \"place\""},
       {"/volumes/many/instances", Json::array(), "it is not a list of places"},
@@ -571,13 +575,96 @@ TEST_CASE("smoothing of a volume is applied and stated in the scene's notes", "[
   writeTestVolumes(folder.path());
   Json scene = fullScene();
   CHECK(buildScene(parseScene(scene.dump(), "s.json", folder.path())).notes.empty());
-  scene["volumes"]["head"]["smooth"] = 2;
+  scene["volumes"]["head"]["smooth"] = 1.5;
   scene["volumes"]["head"]["non_finite"] = "fill";
-  const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()));
+  const SceneSpec spec = parseScene(scene.dump(), "s.json", folder.path());
+  CHECK(spec.notes.empty());
+  const BuiltScene built = buildScene(spec);
   REQUIRE(built.notes.size() == 1);
-  CHECK_THAT(built.notes.front(), Contains("s.json: /volumes/head: smoothed with a Gaussian with a "
-                                           "standard deviation of 2.83 voxels"));
-  CHECK(built.volumes.at("head")->info().smoothing.width == 2);
+  CHECK_THAT(built.notes.front(),
+             Contains("s.json: /volumes/head: smoothed with a Gaussian of 1.5 voxels"));
+  CHECK(built.volumes.at("head")->info().smoothing.sigma == 1.5);
+  // The volume stays where it is without smoothing.
+  CHECK(built.placements.at("head").scale == Approx(0.1 / 4.0));
+}
+
+TEST_CASE("a whole number of voxels to smooth is noted, because older versions smoothed more",
+          "[scene]") {
+  const auto notes = [](const char* smooth) {
+    Json scene = fullScene();
+    scene["volumes"]["head"]["smooth"] = Json::parse(smooth);
+    const SceneSpec spec = parseScene(scene.dump(), "s.json", ".");
+    CHECK(spec.volumes.at("head").smooth == SmoothWidth{Json::parse(smooth), false});
+    return spec.notes;
+  };
+  REQUIRE(notes("2").size() == 1);
+  CHECK_THAT(notes("2").front(), Contains("s.json: /volumes/head/smooth: 2 is") &&
+                                     Contains("write 2.83 for this, or 2.0"));
+  CHECK_THAT(notes("1").front(), Contains("write 1.63"));
+  CHECK(notes("0").empty());
+  CHECK(notes("2.0").empty());
+  CHECK(notes("17").empty());  // older versions rejected this width
+}
+
+TEST_CASE("a length to smooth over becomes the file's unit by the volume's place", "[scene]") {
+  const auto width = [](const char* volume, const char* text) {
+    Json scene = fullScene();
+    REQUIRE(schemaAccepts(scene));
+    scene["volumes"][volume]["smooth"] = text;
+    CHECK(schemaAccepts(scene));
+    const SceneSpec spec = parseScene(scene.dump(), "s.json", ".");
+    CHECK(spec.notes.empty());
+    CHECK(spec.volumes.at(volume).smooth.in_file_units);
+    return spec.volumes.at(volume).smooth.sigma;
+  };
+  CHECK(width("head", "1.5 file") == 1.5);
+  CHECK(width("true", "1.5 mm") == Approx(1.5));
+  CHECK(width("true", "0.2cm") == Approx(2.0));
+  CHECK(width("turned", "5 mm") == Approx(0.5));
+  CHECK(width("turned", "20000 um") == Approx(2.0));
+  CHECK(width("turned", "0.02 m") == Approx(2.0));
+  // The place of another volume counts, a size that depends on the bounds does not.
+  Json scene = fullScene();
+  scene["volumes"]["head"]["place"] = {{"unit", "cm"}};
+  scene["volumes"]["flow"]["smooth"] = "5 mm";
+  CHECK(parseScene(scene.dump(), "s.json", ".").volumes.at("flow").smooth.sigma == Approx(0.5));
+  for (const char* volume : {"head", "flow", "many"}) {
+    scene = fullScene();
+    scene["volumes"][volume]["smooth"] = "1 mm";
+    CHECK_THAT(parseError(scene.dump()),
+               Contains(std::string("/volumes/") + volume + "/smooth: a length in metres needs"));
+  }
+  scene = fullScene();
+  scene["volumes"]["head"]["place"] = {{"like", "flow"}};
+  scene["volumes"]["head"]["smooth"] = "1 mm";
+  CHECK_THAT(parseError(scene.dump()), Contains("/volumes/head/smooth"));
+}
+
+TEST_CASE("two masks of one shape are felt alike, with and without active surroundings",
+          "[scene]") {
+  const TemporaryFolder folder;
+  std::array<double, 2> radius{};
+  for (std::size_t kind = 0; kind < 2; ++kind) {
+    const auto grid = openvdb::FloatGrid::create(0.0F);
+    grid->setName("mask");
+    for (auto c = openvdb::CoordBBox(openvdb::Coord(-16), openvdb::Coord(16)).begin(); c; ++c) {
+      const bool in = (*c).asVec3d().length() < 7.2;
+      if (in || kind == 0) grid->tree().setValueOn(*c, in ? 1.0F : 0.0F);
+    }
+    writeVdb(folder / "mask.vdb", {grid});
+    Json scene = Json::parse(R"({"palpate": 1,
+        "volumes": {"v": {"file": "mask.vdb", "place": {"scale": 0.001}, "smooth": 1.0}},
+        "modes": [{"mode": "isosurface", "of": "v", "value": 0.5, "solid": "above", "strength": 3}]})");
+    const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()));
+    const auto field = std::get<0>(built.fields.at("v"));
+    FieldCache cache;
+    field->reset(cache);
+    double x = 0.012;
+    while (x > 0.0 && field->sample({x, 0, 0}, cache).value < 0.5) x -= 1e-6;
+    radius[kind] = x / 0.001;
+  }
+  CHECK(radius[1] == Approx(radius[0]).margin(0.02));
+  CHECK(radius[0] > 6.7);
 }
 
 TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[scene]") {

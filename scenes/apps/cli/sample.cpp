@@ -97,7 +97,7 @@ int sample(const SampleOptions& options) {
                 "use trilinear, nearest, quadratic or cubic");
   }
   const auto volume =
-      loadVolume(options.file, options.grid, {NonFinite::kRefuse, 0, showProgress("loading")});
+      loadVolume(options.file, options.grid, {NonFinite::kRefuse, {}, showProgress("loading")});
   const FieldPtr field = makeVdbField(volume, Placement{}, {*interpolation});
   if (field.index() == 0 && !options.derive.empty()) {
     throw Error("--derive", "grid \"" + volume->info().name + "\" is scalar",

@@ -43,9 +43,9 @@ std::string emptyBecause(const Imported& imported) {
 
 std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const std::string& in,
                                const Telling& telling, std::vector<std::string>& notes) {
-  if (options.smooth > 0.0) {
+  if (options.smooth.sigma > 0.0) {
     throw Error("--smooth", "this option works on images, but " + in + " is a mesh",
-                "smooth the values in the scene, with \"smooth\": N");
+                "smooth the values in the scene, with \"smooth\": 1.5");
   }
   if (options.tolerance) {
     throw Error("--tolerance", "this option works on images, but " + in + " is a mesh",
@@ -143,7 +143,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   imported.unit = array.unit;
   imported.axial = array.axial;
   double tolerance = options.tolerance.value_or(0.0);
-  if (options.smooth > 0.0) {
+  if (options.smooth.sigma > 0.0) {
     telling.stage("smoothing " + array.name);
     const Smoothed smoothed =
         smoothImage(piece, array, options.smooth, in, telling.progress, shared);
@@ -247,7 +247,8 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
       number("resampling_edge_rms", imported.resampling->edge_rms);
     }
   }
-  if (options.smooth > 0.0) number("smooth", options.smooth);
+  if (options.smooth.sigma > 0.0)
+    number(options.smooth.in_file_units ? "smooth" : "smooth_voxels", options.smooth.sigma);
   if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);

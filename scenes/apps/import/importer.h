@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "palpate/samplers/grid/volume.h"
 #include "palpate/samplers/process_group.h"
 #include "palpate/scenes/apps/import/grids.h"
 #include "palpate/scenes/apps/import/level_set.h"
@@ -21,8 +22,7 @@ struct Options {
   std::filesystem::path out;
   /// Edge of cubic voxels, in the file's unit; 0: the image's voxels, or a suggestion for a mesh.
   double voxel = 0.0;
-  /// Standard deviation of the smoothing filter, in the file's unit; 0: no smoothing.
-  double smooth = 0.0;
+  SmoothWidth smooth;  ///< Standard deviation of the smoothing filter; 0: no smoothing.
   /// Tolerance about the background, in the values' unit, >= 0; unset: default.
   std::optional<double> tolerance;
   std::optional<double> iso;    ///< If set, makes a level set of the isosurface of this value.

@@ -204,7 +204,7 @@ void check(const Options& options) {
                   fmt::format("give a number from 0 to {:g}", most));
     }
   };
-  width("--smooth", options.smooth, 1e6);
+  width("--smooth", options.smooth.sigma, 1e6);
   width("--voxel", options.voxel, 1e9);
   width("--tolerance", options.tolerance.value_or(0.0), 1e30);
   if (options.iso && !std::isfinite(*options.iso)) {
@@ -213,7 +213,30 @@ void check(const Options& options) {
   }
 }
 
-/// OpenVDB's exceptions mean that the file has invalid transforms or positions.
+/// Returns the width that --smooth states: a number in the file's unit, or one of voxels, such as
+/// 1.5vx.
+SmoothWidth smoothWidthOf(const std::string& text) {
+  SmoothWidth width;
+  width.in_file_units = !text.ends_with("vx");
+  const char* end = text.data() + text.size() - (width.in_file_units ? 0 : 2);
+  const auto parsed = std::from_chars(text.data(), end, width.sigma);
+  if (parsed.ec != std::errc() || parsed.ptr != end) {
+    throw CLI::ConversionError("--smooth", std::vector<std::string>{text});
+  }
+  return width;
+}
+
+/// Adds the option --smooth.
+void addSmooth(CLI::App& app, SmoothWidth& width) {
+  app.add_option_function<std::string>(
+         "--smooth", [&](const std::string& text) { width = smoothWidthOf(text); },
+         "Smooth images with a Gaussian of this standard deviation, in the file's unit (usually "
+         "mm), or in voxels: 1.5vx")
+      ->type_name("WIDTH");
+}
+
+/// Imports, and converts OpenVDB's exceptions to VolumeError: they mean that the file has invalid
+/// transforms or positions.
 int import(const Options& options, Teller& teller, ProcessGroup& group) {
   try {
     return importAll(options, teller, group);
@@ -293,9 +316,7 @@ int main(int argc, char** argv) {
       "voxels; a mesh gets half the edge of its median cell, and at most 16 voxels per point");
   app.add_option("--iso", options.iso,
                  "Make a level set of the surface where a scalar has this value");
-  app.add_option(
-      "--smooth", options.smooth,
-      "Smooth images with a Gaussian of this standard deviation, in the file's unit (usually mm)");
+  importer::addSmooth(app, options.smooth);
   app.add_option("--tolerance", options.tolerance,
                  "Image values within this distance of the background become background; default: "
                  "0, or 0.1 % of the range with --smooth");

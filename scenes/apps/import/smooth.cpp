@@ -15,27 +15,13 @@
 #include <tbb/parallel_for.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/grid/gaussian.h"
 #include "palpate/scenes/apps/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {
 
-/// Returns how many of an axis's `count` points the filter reads on each side.
-std::size_t reachOf(double deviation, std::size_t count) {
-  const auto last = static_cast<double>(count - 1);
-  return static_cast<std::size_t>(std::min(3.0 * deviation, last));
-}
-
-std::vector<double> weightsOf(double deviation, std::size_t count) {
-  const std::size_t reach = reachOf(deviation, count);
-  std::vector<double> weights;
-  for (std::size_t n = 0; n <= reach; ++n) {
-    const double x = static_cast<double>(n) / std::max(deviation, 1e-12);
-    weights.push_back(std::exp(-0.5 * x * x));
-  }
-  return weights;
-}
-
+/// A line of points along one axis of an image.
 struct Line {
   float* first = nullptr;
   std::size_t count = 0;
@@ -67,16 +53,17 @@ void smoothLine(const Line& line, const std::vector<double>& weights, std::vecto
 }
 
 /// Returns the standard deviations along i, j and k [points].
-Vec3 deviationsOf(const Affine& file_from_index, double width) {
+Vec3 deviationsOf(const Affine& file_from_index, const SmoothWidth& width) {
+  if (!width.in_file_units) return Vec3::Constant(width.sigma);
   const Vec3 spacing = file_from_index.linear.colwise().norm().transpose();
-  return {width / spacing[0], width / spacing[1], width / spacing[2]};
+  return {width.sigma / spacing[0], width.sigma / spacing[1], width.sigma / spacing[2]};
 }
 
 void smoothAlong(std::size_t axis, const Piece& image, const Values& values, double deviation,
                  SharedProgress& progress) {
   std::size_t size[3];
   for (std::size_t a = 0; a < 3; ++a) size[a] = static_cast<std::size_t>(image.size[a]);
-  const std::vector<double> weights = weightsOf(deviation, size[axis]);
+  const std::vector<double> weights = gaussianWeights(deviation, size[axis] - 1);
   size[2] = static_cast<std::size_t>(image.slices().count);
   if (weights.size() == 1) return;
   const auto components = static_cast<std::size_t>(values.components());
@@ -151,20 +138,22 @@ Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
 
 }  // namespace
 
-std::size_t smoothingReach(const Affine& file_from_index, int slices, double width) {
-  if (!(width > 0.0)) return 0;
-  return reachOf(deviationsOf(file_from_index, width)[2], static_cast<std::size_t>(slices));
+std::size_t smoothingReach(const Affine& file_from_index, int slices, const SmoothWidth& width) {
+  if (!(width.sigma > 0.0)) return 0;
+  return gaussianReach(deviationsOf(file_from_index, width)[2],
+                       static_cast<std::size_t>(slices - 1));
 }
 
-Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
-                     const Progress& progress) {
+Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
+                     const std::string& file, const Progress& progress) {
   SingleProcess alone;
   return smoothImage(image, array, width, file, progress, Shared(alone));
 }
 
-Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
-                     const Progress& progress, const Shared& shared) {
-  // Converts to floats in place, because an array may need most of the available memory.
+Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
+                     const std::string& file, const Progress& progress, const Shared& shared) {
+  // Converts to floats in place of the original. An array may need most of the available memory, so
+  // only one copy is made.
   array.values = floatsOf(array.values);
   const Values original = array.values;
   const auto* before = original.as<float>();

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "palpate/samplers/grid/volume.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/shared.h"
 
@@ -18,14 +19,16 @@ struct Smoothed {
 ///
 /// In a process group, the slices of a rank are correct only if smoothingReach() more slices on
 /// each side are in memory. The returned changes are those of all ranks together.
-/// @param width  Standard deviation, in the file's unit.
-[[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, double width,
+/// @param width  Standard deviation. In the file's unit, it is the same length along each axis.
+[[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
                                    const std::string& file, const Progress& progress = nullptr);
-[[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, double width,
+[[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
                                    const std::string& file, const Progress& progress,
                                    const Shared& shared);
 
-/// Returns the number of slices that the filter reads on each side, in an image of `slices` slices.
-[[nodiscard]] std::size_t smoothingReach(const Affine& file_from_index, int slices, double width);
+/// Returns the number of slices that the filter reads on each side, for an image with this
+/// transform and this number of slices.
+[[nodiscard]] std::size_t smoothingReach(const Affine& file_from_index, int slices,
+                                         const SmoothWidth& width);
 
 }  // namespace palpate::importer

@@ -4,6 +4,9 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <variant>
+
+#include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/grid/array_volume.h"
@@ -11,6 +14,7 @@
 #include "palpate/scenes/bindings/python/field.h"
 #include "palpate/scenes/bindings/python/python_module.h"
 #include "palpate/scenes/bindings/python/unlocked.h"
+#include "palpate/scenes/library/smooth_text.h"
 
 namespace palpate::python {
 
@@ -18,14 +22,31 @@ using namespace pybind11::literals;
 
 namespace {
 
-LoadOptions optionsOf(bool fill, int smooth) {
-  constexpr int kWidest = 16;  // the same limit as in a scene file
-  if (smooth < 0 || smooth > kWidest) {
-    throw Error("smooth", "it is " + std::to_string(smooth) + " voxels", "give 0 to 16 voxels");
+/// A width in voxels, or a text such as "1.5 file".
+using Width = std::variant<double, std::string>;
+
+SmoothWidth widthOf(const Width& smooth) {
+  if (const double* voxels = std::get_if<double>(&smooth)) {
+    if (!(*voxels >= 0.0 && *voxels <= kMostSmooth)) {
+      throw Error("smooth", fmt::format("it is {:g} voxels", *voxels),
+                  fmt::format("give 0 to {:g} voxels", kMostSmooth));
+    }
+    return {*voxels, false};
   }
+  const auto& text = std::get<std::string>(smooth);
+  const std::optional<SmoothText> read = readSmoothText(text);
+  if (!read || read->metres > 0.0) {
+    throw Error("smooth", "\"" + text + "\" is not a width",
+                "give voxels, such as 1.5, or a length in the volume's own unit, such as \"1.5 "
+                "file\"");
+  }
+  return {read->size, true};
+}
+
+LoadOptions optionsOf(bool fill, const Width& smooth) {
   LoadOptions options;
   options.non_finite = fill ? NonFinite::kFill : NonFinite::kRefuse;
-  options.smooth = smooth;
+  options.smooth = widthOf(smooth);
   return options;
 }
 
@@ -64,7 +85,7 @@ py::array numbersOf(const py::object& given, const std::string& name) {
 std::shared_ptr<const Volume> volumeOf(const py::object& given, const py::object& spacing,
                                        const Doubles& origin, const std::string& name,
                                        bool level_set, std::optional<double> background, bool fill,
-                                       int smooth) {
+                                       const Width& smooth) {
   const py::array values = numbersOf(given, name);
   const bool vector = values.ndim() == 4 && values.shape(3) == 3;
   if (values.ndim() != 3 && !vector) {
@@ -126,16 +147,18 @@ void bindVolume(py::module_& m) {
   py::class_<Volume, std::shared_ptr<Volume>>(m, "Volume", "One grid in memory. It never changes.")
       .def_static(
           "load",
-          [](const std::filesystem::path& file, const std::string& grid, bool fill, int smooth) {
+          [](const std::filesystem::path& file, const std::string& grid, bool fill,
+             const Width& smooth) {
             return std::const_pointer_cast<Volume>(
                 aside([file, grid, options = optionsOf(fill, smooth)] {
                   return loadVolume(file, grid, options);
                 }));
           },
-          "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = 0,
+          "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = Width(0.0),
           "Reads a grid of a .vdb file. If the file has one grid, its name may be left out. With "
-          "`fill`, values that are not numbers become the background. `smooth` is the reach of the "
-          "four box filters of OpenVDB's Gaussian filter to each side [voxels], 0 to 16.")
+          "`fill`, values that are not numbers become the background. `smooth` is the standard "
+          "deviation of a Gaussian: 0 to 32 voxels, or a text such as \"1.5 file\" in the file's "
+          "unit.")
       .def(
           "field",
           [](const std::shared_ptr<Volume>& volume, const std::string& interpolation, bool axial) {
@@ -154,18 +177,19 @@ void bindArrayVolume(py::module_& m) {
       "volume",
       [](const py::object& values, const py::object& spacing, const Doubles& origin,
          const std::string& name, bool level_set, std::optional<double> background, bool fill,
-         int smooth) {
+         const Width& smooth) {
         return std::const_pointer_cast<Volume>(
             volumeOf(values, spacing, origin, name, level_set, background, fill, smooth));
       },
       "array"_a, "spacing"_a = 1.0, "origin"_a = std::array<double, 3>{0.0, 0.0, 0.0},
       "name"_a = "values", py::kw_only(), "level_set"_a = false, "background"_a = py::none(),
-      "fill"_a = false, "smooth"_a = 0,
+      "fill"_a = false, "smooth"_a = Width(0.0),
       "Makes a volume from an array of shape (nx, ny, nz), or (nx, ny, nz, 3) for vectors. "
       "array[i, j, k] is the value at origin + spacing (i, j, k). `spacing` is one number, three "
       "numbers, or a 3 x 3 matrix with the steps as columns. Values equal to `background` count as "
       "no data; the default is the median of the faces, or zero for vectors. `level_set` marks "
-      "signed distances, negative inside. If the values at an edge differ from the background, a "
+      "signed distances, negative inside. `smooth` is that of Volume.load. If the values at an "
+      "edge differ from the background, a "
       "quadratic or cubic field is wrong within eight voxels of that edge: add a margin, or use "
       "trilinear.");
 }
