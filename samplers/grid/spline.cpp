@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <vector>
 
+#include <openvdb/tools/Morphology.h>
 #include <openvdb/tree/ValueAccessor.h>
 #include <tbb/task_arena.h>
 
@@ -119,10 +120,49 @@ void completeSurface(const GridT& values, typename GridT::TreeType& coefficients
   }
 }
 
+/// Continues the values of active voxels into the inactive voxels around them, so that a spline
+/// does not meet the background at the edge of the data. Each of a few layers continues the last
+/// two values along each axis, or the last one where there is only one. The voxels stay inactive.
+template <class TreeT>
+void continueOutward(TreeT& tree) {
+  using Sum =
+      std::conditional_t<std::is_arithmetic_v<typename TreeT::ValueType>, double, openvdb::Vec3d>;
+  constexpr int kLayers = 6;  // the cubic's filter leaves |pole|^6 = 4e-4 of the step beyond them
+  using Mask = openvdb::MaskTree;
+  Mask known(tree, false, true, openvdb::TopologyCopy());
+  for (int layer = 0; layer < kLayers; ++layer) {
+    Mask next = known;
+    openvdb::tools::dilateActiveValues(next, 1, openvdb::tools::NN_FACE,
+                                       openvdb::tools::PRESERVE_TILES);
+    next.topologyDifference(known);
+    const openvdb::tree::ValueAccessor<const Mask, false> is_known(known);
+    openvdb::tree::ValueAccessor<TreeT, false> values(tree);
+    for (auto voxel = next.cbeginValueOn(); voxel; ++voxel) {
+      const Coord at = voxel.getCoord();
+      Sum sum(0.0);
+      int count = 0;
+      for (int face = 0; face < 6; ++face) {
+        Coord beside = at;
+        Coord beyond = at;
+        beside[face / 2] += face % 2 == 0 ? 1 : -1;
+        beyond[face / 2] += face % 2 == 0 ? 2 : -2;
+        if (!is_known.isValueOn(beside)) continue;
+        const Sum last(values.getValue(beside));
+        sum += is_known.isValueOn(beyond) ? 2.0 * last - Sum(values.getValue(beyond)) : last;
+        ++count;
+      }
+      values.setValueOnly(at, detail::stored<typename TreeT::ValueType>(sum * (1.0 / count)));
+    }
+    known.topologyUnion(next);
+  }
+}
+
+/// @param active_only  True if inactive voxels have no data (DataEnds).
 template <class GridT>
-typename GridT::Ptr coefficientsOf(const GridT& grid, int degree) {
+typename GridT::Ptr coefficientsOf(const GridT& grid, int degree, bool active_only) {
   typename GridT::Ptr coefficients = grid.deepCopy();
   auto& tree = coefficients->tree();
+  if (active_only && grid.getGridClass() != openvdb::GRID_LEVEL_SET) continueOutward(tree);
   addLeavesAround(tree);
   if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
     if (grid.getGridClass() == openvdb::GRID_LEVEL_SET) completeSurface(grid, tree);
@@ -145,7 +185,7 @@ const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree
       parts.push_back(std::visit(
           [&](const auto& data) -> GridData {
             using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
-            return typename GridT::ConstPtr(coefficientsOf(*data, degree));
+            return typename GridT::ConstPtr(coefficientsOf(*data, degree, part.ends.active_only));
           },
           part.data));
     }

@@ -19,6 +19,7 @@
 #include "palpate/samplers/grid/prepare.h"
 #include "palpate/samplers/grid/volume_grid.h"
 #include "palpate/samplers/retries.h"
+#include "palpate/samplers/time/first_frame.h"
 
 namespace palpate {
 namespace {
@@ -120,20 +121,6 @@ std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t bu
                           megabytes(static_cast<double>(least * bytes + 10'000)) + " or more");
   }
   return static_cast<std::size_t>(slots);
-}
-
-/// Returns the first frame with data and its number. Throws frame 0's error if all lack data.
-std::pair<std::size_t, Loaded> firstWithData(const std::vector<VolumeRequest>& frames,
-                                             const Placement& placement, const Sampling& sampling) {
-  std::exception_ptr none;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    try {
-      return {i, loadFrame(frames[i], placement, sampling, nullptr)};
-    } catch (const NoDataError&) {
-      if (!none) none = std::current_exception();
-    }
-  }
-  std::rethrow_exception(none);
 }
 
 const FieldFrame& frameOf(const FieldPtr& field) {
@@ -365,7 +352,9 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
   std::vector<Loaded> kept;
   std::uint64_t held = 0;
   std::uint64_t largest = 0;
-  auto [begin, begun] = firstWithData(frames_, placement, sampling);
+  auto [begin, begun] = firstWithData(frames_, [&](const VolumeRequest& frame) {
+    return loadFrame(frame, placement, sampling, nullptr);
+  });
   first_ = begun.volume;
   frame_ = frameOf(begun.field);
   for (std::size_t i = 0; i < frames_.size(); ++i) {

@@ -11,7 +11,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/bricks.h"
-#include "palpate/samplers/grid/no_data_error.h"
+#include "palpate/samplers/time/first_frame.h"
 #include "palpate/scenes/library/build_parts.h"
 #include "palpate/scenes/library/compute_fields.h"
 #include "palpate/scenes/library/frames.h"
@@ -163,7 +163,8 @@ class VolumeLoader {
     const std::vector<LoadResult> loaded = cache_.load(requests_, progress);
     for (std::size_t i = 0; i < names_.size(); ++i) {
       try {
-        put(names_[i], loaded[i].error ? insteadOf(names_[i], loaded[i].error) : loaded[i].volume);
+        put(names_[i],
+            loaded[i].error ? firstFrameOf(names_[i], loaded[i].error) : loaded[i].volume);
       } catch (const VolumeError& e) {
         throw SceneError::within(pathIn(spec_, "/volumes/" + names_[i]), e);
       }
@@ -211,20 +212,18 @@ class VolumeLoader {
     }
   }
 
-  /// Returns the first frame with data. Rethrows other errors, and `error` if no frame has data.
-  [[nodiscard]] std::shared_ptr<const Volume> insteadOf(const std::string& name,
-                                                        const std::exception_ptr& error) {
+  /// Returns the first frame with data of a sequence. Rethrows the error of any other volume.
+  [[nodiscard]] std::shared_ptr<const Volume> firstFrameOf(const std::string& name,
+                                                           const std::exception_ptr& error) {
     const VolumeSpec& volume = spec_.volumes.at(name);
-    try {
-      std::rethrow_exception(error);
-    } catch (const NoDataError&) {
-      if (!isSequence(volume) || displacing_.count(name) != 0) throw;
-    }
-    for (const VolumeRequest& frame : framesOf(volume)) {
-      const std::vector<LoadResult> loaded = cache_.load({frame}, nullptr);
-      if (!loaded.front().error) return loaded.front().volume;
-    }
-    std::rethrow_exception(error);
+    if (!isSequence(volume) || displacing_.count(name) != 0) std::rethrow_exception(error);
+    return firstWithData(framesOf(volume),
+                         [&](const VolumeRequest& frame) {
+                           const LoadResult loaded = cache_.load({frame}, nullptr).front();
+                           if (loaded.error) std::rethrow_exception(loaded.error);
+                           return loaded.volume;
+                         })
+        .second;
   }
 
   void request(const std::string& name, VolumeRequest frame) {

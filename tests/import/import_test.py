@@ -301,8 +301,8 @@ class Images(Case):
         report = self.imported(self.write("a.vti", text.replace("<CellData></CellData>", ghosts)))
         self.assertEqual(grid_report(report, "s")["holes"], 1)
 
-    def test_reports_the_rounding_of_large_integers(self):
-        data = struct.pack("<8i", *(2 ** 24 + 2 * i + 1 for i in range(8)))
+    def test_reports_rounding_of_integers(self):
+        data = struct.pack("<8i", *(2 ** 24 + 2 ** 24 * i + 1 for i in range(8)))
         report = self.imported(self.write("a.raw", data), "--raw",
                                json.dumps({"size": [2, 2, 2], "type": "int32"}))
         self.assertTrue(any("rounded" in note for note in report["notes"]))

@@ -445,7 +445,13 @@ class Netcdf(Case):
         source = self.grid(more={"b": (netcdf.FLOAT, {"missing_value": (netcdf.DOUBLE, [-9999.9])}, values)})
         self.assertEqual(self.imported(source)["grid"]["b"]["holes"], 1)
 
-    def test_a_value_that_marks_missing_data_is_found_without_an_attribute(self):
+    def test_large_whole_numbers_have_an_offset(self):
+        values = [2 ** 30 + i for i in range(36)]
+        report = self.imported(self.grid(more={"b": (netcdf.INT, {}, values)}))
+        b = report["grid"]["b"]
+        self.assertEqual((b["value_offset"], b["lowest"], b["highest"]), (2 ** 30, 0, 35))
+
+    def test_a_sentinel_without_an_attribute_is_missing_data(self):
         """No value is interpolated from it: the file's uneven levels are resampled."""
         for sentinel, kind in ((-9999.0, netcdf.FLOAT), (1e20, netcdf.FLOAT), (-1e34, netcdf.DOUBLE)):
             t = over(LEVELS, lambda x, y, p: heat(x, y, p) + 0.1 * x)
@@ -453,7 +459,7 @@ class Netcdf(Case):
             field = ("lev", "lat", "lon")
             report = self.imported(self.weather(more={"s": (kind, field, {}, t)}))
             s = report["grid"]["s"]
-            self.assertIn("s: 2 values of", report["note"])
+            self.assertIn(f"s: the value {sentinel:.6g} counts as missing data", report["note"])
             self.assertGreater(s["holes"], 0)
             self.assertGreater(s["lowest"], 200)
             self.assertLess(s["highest"], 400)
@@ -575,6 +581,33 @@ class Foam(Case):
     def test_imports_time_0_of_an_openfoam_case_if_it_is_the_only_time(self):
         self.assertEqual(set(self.imported(self.case(times=("0",)))["grid"]), {"U", "p"})
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
+
+    def test_derivatives_at_the_boundary_are_those_of_the_flow(self):
+        """A line vortex along x in the middle of the box: outside of its core the curl is 0."""
+        core = 0.12
+
+        def vortex(x, y, z, t):
+            y, z = y - 0.5, z - 0.5
+            squared = y * y + z * z
+            turn = (1.0 - math.exp(-squared / core ** 2)) / max(squared, 1e-12)
+            return 1.0, -turn * z, turn * y
+
+        case = foam.box(self.dir / "case", (6, 20, 20), 0.05,
+                        {"U": ("vector", "[0 1 -1 0 0 0 0]", vortex)})
+        self.imported(case)
+        points = "x,y,z\n0.15,0.6,0.5\n0.15,0.97,0.5\n0.15,0.995,0.5\n0.15,0.5,0.01\n0.3,0.99,0.5\n"
+        done = self.call("sample", self.out, "--grid", "U", "--points", "-", "--derive", "curl", text=points)
+        curls = [float(row["curl_x"]) for row in csv.DictReader(io.StringIO(done.stdout))]
+        for curl in curls[1:]:
+            self.assertLess(abs(curl), 0.01 * curls[0], curls)
+
+    def test_a_field_of_degree_1_is_exact_at_the_boundary(self):
+        self.imported(self.case(), "--voxel", 0.05)
+        faces = [(0, 0.25, 0.2), (0.6, 0.1, 0.3), (0.3, 0, 0.1), (0.3, 0.5, 0.4), (0, 0, 0), (0.6, 0.5, 0.4)]
+        self.holds("U", faces, lambda x, y, z: (1.5 + y, 0.5 * x, z), 1e-3)
+        # A scalar has no value beyond those of the cells.
+        self.holds("p", [(0.3, 0.5, 0.2), (0.3, 0, 0.2)], lambda x, y, z: x + 2 * y + 0.5, 1e-3)
+        self.holds("p", [(0.6, 0.5, 0.4)], lambda x, y, z: 0.55 + 2 * 0.45 + 0.5, 1e-3)
 
     @suite.smoke
     def test_refuses_an_openfoam_case_and_names_its_missing_files(self):
@@ -744,19 +777,128 @@ class Sentinels(Case):
                 values[count // 2] = values[count // 3] = sentinel
                 report = self.imported(self.mesh(values, section), "--voxel", 0.5)
                 s = report["grid"]["s"]
-                self.assertIn(f"s: 2 values of {sentinel:.7g}", report["note"])
+                self.assertIn(f"s: the value {sentinel:.6g} counts as missing data", report["note"])
                 self.assertGreater(s["holes"], 0)
                 self.assertGreaterEqual(s["lowest"], 20.0)
                 self.assertLess(s["highest"], 28.0)
 
     def test_results_and_labels_are_not_taken_for_marks_of_missing_data(self):
         count = 9 ** 3
-        labels = [float(i % 5) for i in range(count)]
-        labels[:2] = [-9999.0, -9999.0]
+        labels = [(-999.0, 7.0)[i % 2] for i in range(count)]
         peak = [20.0 + 0.01 * (i * 37 % count) for i in range(count)]
         peak[5] = 500.0  # at one point
-        for values in (labels, peak):
+        jump = [1e11 * (1 + i % 3) if i % 2 else 0.01 * i for i in range(count)]
+        for values in (labels, peak, jump):
             self.assertEqual(self.imported(self.mesh(values, "POINT_DATA"))["grid"]["s"]["holes"], 0)
+
+
+class Minc(Case):
+    """MINC 1: images in classic netCDF."""
+
+    SIZES = {"xspace": 5, "yspace": 4, "zspace": 3}
+    COSINES = {"xspace": (0.8, 0.6, 0.0), "yspace": (-0.6, 0.8, 0.0), "zspace": (0.0, 0.0, 1.0)}
+    STEPS = {"xspace": -2.0, "yspace": 1.5, "zspace": 3.0}
+    STARTS = {"xspace": 7.0, "yspace": -8.0, "zspace": 9.0}
+
+    def write(self, order=("zspace", "yspace", "xspace"), kind=netcdf.SHORT, image=None, scale=1,
+              values=None, more=None, sizes=None):
+        """Writes an image. `scale`: number of dimensions of image-min and image-max."""
+        sizes = sizes or self.SIZES
+        variables = {}
+        for name in order:
+            if name in self.STEPS:
+                variables[name] = (netcdf.INT, (), {
+                    "step": (netcdf.DOUBLE, [self.STEPS[name]]), "units": "mm",
+                    "start": (netcdf.DOUBLE, [self.STARTS[name]]), "spacing": "regular__",
+                    "direction_cosines": (netcdf.DOUBLE, self.COSINES[name])}, [0])
+        along = order[:scale]
+        count = math.prod(sizes[d] for d in along)
+        variables["image-min"] = (netcdf.DOUBLE, along, {}, [-float(n) for n in range(count)])
+        variables["image-max"] = (netcdf.DOUBLE, along, {}, [10.0 + 2 * n for n in range(count)])
+        values = values or [i * 37 % 1001 for i in range(math.prod(sizes[d] for d in order))]
+        variables["image"] = (kind, order, image or {
+            "signtype": "signed__", "valid_range": (netcdf.DOUBLE, [0.0, 1000.0])}, values)
+        variables.update(more or {})
+        return netcdf.write(self.dir / "a.mnc", {d: sizes[d] for d in order}, variables)
+
+    def place(self, order, index):
+        """Returns the place of an index along the dimensions of the file."""
+        return tuple(sum(self.COSINES[d][a] * (self.STARTS[d] + self.STEPS[d] * n)
+                         for d, n in zip(order, index)) for a in range(3))
+
+    def agrees(self, order, value):
+        """The grid has value(n, slice, row) of the n-th number at its place."""
+        sizes = [self.SIZES[d] for d in order]
+        indices = [(k, j, i) for k in range(sizes[0]) for j in range(sizes[1]) for i in range(sizes[2])]
+        rows = self.sample("image", [self.place(order, index) for index in indices])
+        for n, (index, row) in enumerate(zip(indices, rows)):
+            self.assertAlmostEqual(float(row["value"]), value(n, index[0], index[0] * sizes[1] + index[1]),
+                                   delta=1e-4, msg=(order, index))
+
+    @suite.smoke
+    def test_places_and_scales_each_slice(self):
+        for order in (("zspace", "yspace", "xspace"), ("xspace", "zspace", "yspace"),
+                      ("yspace", "xspace", "zspace")):
+            for scale in 0, 1, 2:
+                report = self.imported(self.write(order, scale=scale))
+                self.assertEqual(report["grid"]["image"]["holes"], 0)
+                self.agrees(order, lambda n, k, j, s=scale: (lambda at: -at + (n * 37 % 1001) / 1000 * (
+                    10 + 3 * at))((0, k, j)[s]))
+        self.assertIn(b"RAS", self.out.read_bytes())
+
+    def test_reads_the_types_and_the_sign(self):
+        order = ("zspace", "yspace", "xspace")
+        self.imported(self.write(kind=netcdf.BYTE, scale=0, image={"signtype": "unsigned"},
+                                 values=[(i * 5 + 100) % 256 - 256 * ((i * 5 + 100) % 256 > 127)
+                                         for i in range(60)]))
+        self.agrees(order, lambda n, k, j: (n * 5 + 100) % 256 / 255 * 10)
+        self.imported(self.write(kind=netcdf.SHORT, scale=0, image={"signtype": "signed__"},
+                                 values=[i * 1000 - 30000 for i in range(60)]))
+        self.agrees(order, lambda n, k, j: (n * 1000 - 30000 + 32768) / 65535 * 10)
+        self.imported(self.write(kind=netcdf.FLOAT, values=[0.5 * i for i in range(60)]))
+        self.agrees(order, lambda n, k, j: 0.5 * n)
+
+    def test_numbers_outside_of_the_valid_range_have_no_data(self):
+        values = [i * 37 % 1001 for i in range(60)]
+        values[7], values[30] = -1, 1001
+        self.assertEqual(self.imported(self.write(values=values))["grid"]["image"]["holes"], 2)
+
+    def test_refuses_images_of_other_dimensions(self):
+        more = dict(self.SIZES, time=2)
+        self.refused(self.write(("time", "zspace", "yspace", "xspace"), sizes=more), "has 4 dimensions")
+        path = self.write()
+        data = path.read_bytes().replace(b"regular__", b"irregular")
+        path.write_bytes(data)
+        self.refused(path, "the distances along")
+
+    def test_damaged_files_never_crash_the_importer(self):
+        source = self.write()
+        self.survives(source, source.read_bytes(), 24, "MINC")
+
+
+class WholeNumbers(Case):
+    """Whole numbers beyond a float keep their differences on meshes too."""
+
+    def test_points_and_cells_of_a_mesh_have_an_offset(self):
+        xs = [0, 1, 2.5, 4, 6, 7, 9, 10, 12]
+        lines = "".join(f"{a}_COORDINATES {len(xs)} double\n{' '.join(map(str, xs))}\n" for a in "XYZ")
+        for base in 2 ** 53, 2 ** 60:
+            values = [base + i % 9 for i in range(9 ** 3)]
+            path = self.dir / "a.vtk"
+            path.write_text(f"# vtk DataFile Version 3.0\na\nASCII\nDATASET RECTILINEAR_GRID\n"
+                            f"DIMENSIONS 9 9 9\n{lines}POINT_DATA 729\nSCALARS s vtktypeint64 1\n"
+                            f"LOOKUP_TABLE default\n{' '.join(map(str, values))}\n"
+                            f"CELL_DATA 512\nSCALARS c vtktypeint64 1\nLOOKUP_TABLE default\n"
+                            f"{' '.join(str(base + 4 * (i % 8)) for i in range(512))}\n")
+            report = self.imported(path, "--voxel", 0.5)
+            for name in "s", "c":
+                self.assertEqual(report["grid"][name]["value_offset"], base)
+                self.assertEqual(report["note"].count(f"{name}: whole numbers beyond a float"), 1)
+            points = [(x, 4, 7) for x in xs]
+            for n, row in enumerate(self.sample("s", points)):
+                self.assertAlmostEqual(float(row["value"]), n, delta=1e-4)
+            for n, row in enumerate(self.sample("c", points[1:-1])):
+                self.assertAlmostEqual(float(row["value"]), 4 * n + 2, delta=1e-4)
 
 
 class Others(Case):

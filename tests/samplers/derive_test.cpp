@@ -278,7 +278,36 @@ TEST_CASE("a voxel with zero velocity counts as data, except outside of a mesh",
   CHECK(curl(mesh.vector({3, 3, 4}).jacobian).z() == Approx(2.0));
 }
 
-TEST_CASE("an impossible derivation is refused with a one-line message", "[samplers][derive]") {
+TEST_CASE("at the edge of a mesh a spline's derivatives are those of the data",
+          "[samplers][derive]") {
+  openvdb::initialize();
+  const auto grid = openvdb::Vec3SGrid::create();
+  grid->insertMeta("imported_from", openvdb::StringMetadata("mesh"));
+  const Mat3 J = (Mat3() << 1.0, -2.0, 0.5, 3.0, 0.25, -1.0, 2.0, 1.5, -4.0).finished();
+  const auto flow = [&](const Vec3& p) { return Vec3(Vec3(50.0, -60.0, 70.0) + J * p); };
+  // A box with a notch: its edges lie at the box of the active voxels, and within it.
+  const auto isIn = [](const Coord& c) { return c.x() < 10 || c.y() < 10; };
+  for (auto voxel = openvdb::CoordBBox(Coord(0), Coord(20)).begin(); voxel; ++voxel) {
+    if (!isIn(*voxel)) continue;
+    const Vec3 v = flow(Vec3((*voxel).x(), (*voxel).y(), (*voxel).z()));
+    grid->tree().setValue(*voxel, openvdb::Vec3f(openvdb::Vec3d(v.x(), v.y(), v.z())));
+  }
+  const auto volume = makeVolume(*grid);
+  const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
+  const auto field = std::get<1>(makeVdbField(volume, {}, {interpolation}));
+  FieldCache cache;
+  field->reset(cache);
+  for (const Vec3& p : {Vec3(0.1, 10.0, 10.0), Vec3(4.0, 19.9, 4.0), Vec3(9.0, 15.0, 10.0),
+                        Vec3(8.7, 15.2, 0.3), Vec3(15.0, 8.9, 19.8), Vec3(9.5, 9.5, 10.0)}) {
+    const VectorSample s = field->sample(p, cache);
+    CAPTURE(p, s.jacobian);
+    CHECK(s.inside);
+    CHECK((s.value - flow(p)).norm() < 0.1);
+    CHECK((s.jacobian - J).norm() < 0.1);
+  }
+}
+
+TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(1.0);
   const auto vectors =
       load({makeGrid<openvdb::Vec3SGrid>(

@@ -910,9 +910,10 @@ TEST_CASE("the printed share of a material is its share of the whole volume", "[
        fraction("water", water), fraction("air", [&](const Vec3d& p) { return 1.0 - steel(p); })});
   // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %; the blur adds to it.
   const std::string line = guess.made.at(0);
-  const std::size_t at = line.find("It is ");
+  const std::string before = "The material fills ";
+  const std::size_t at = line.find(before);
   REQUIRE(at != std::string::npos);
-  CHECK(std::stod(line.substr(at + 6)) == Approx(6.0).margin(0.6));
+  CHECK(std::stod(line.substr(at + before.size())) == Approx(6.0).margin(0.6));
 }
 
 TEST_CASE("the guess leaves out vector components with different transforms", "[guess]") {

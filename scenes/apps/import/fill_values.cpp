@@ -15,6 +15,8 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
 
+#include "palpate/scenes/apps/import/whole_numbers.h"
+
 namespace palpate::importer {
 namespace {
 
@@ -52,13 +54,15 @@ struct Ends {
   }
 };
 
-Ends endsOf(const Values& values, const Shared& shared) {
+/// Returns the outermost values of component c.
+Ends endsOf(const Values& values, std::size_t c, const Shared& shared) {
+  const auto width = static_cast<std::size_t>(values.components());
   const Ends own = visit(values, [&](const auto* data) {
     return tbb::parallel_reduce(
-        tbb::blocked_range<std::size_t>(0, values.size(), 4096), Ends(),
+        tbb::blocked_range<std::size_t>(0, values.tuples(), 4096), Ends(),
         [=](const tbb::blocked_range<std::size_t>& part, Ends ends) {
           for (std::size_t i = part.begin(); i < part.end(); ++i) {
-            ends.add(static_cast<double>(data[i]));
+            ends.add(static_cast<double>(data[i * width + c]));
           }
           return ends;
         },
@@ -105,27 +109,31 @@ Fills fillsOf(const Ends& ends) {
   return {};
 }
 
-Values onlyWithin(const Values& values, const Fills& fills) {
+/// Replaces values outside of the ranges of their components by NaN, and subtracts an offset from
+/// the others. Returns the array in a floating-point type.
+Values onlyWithin(const Values& values, const std::vector<Fills>& fills, double offset) {
   const bool is_float = values.type() == Type::kFloat32 || values.type() == Type::kFloat64;
   // Doubles represent all numbers of four bytes.
   const Type type = values.bytesEach() < 4 ? Type::kFloat32 : Type::kFloat64;
   Values out = is_float ? values : Values(type, values.components(), values.tuples());
   if (!is_float) {
     out.setLost(values.lost());
-    constexpr double kFloat = 16777216.0;  // 2^24: greatest number without rounding
-    if (std::max(std::abs(fills.lowest), std::abs(fills.highest)) > kFloat) {
-      out.setLost("whole numbers above 16,777,216 are rounded");
-    }
+    for (const Fills& one : fills)
+      out.setLost(wholeLoss(one.lowest - offset, one.highest - offset));
   }
   const auto copy = [&](const auto* from, auto* to) {
     using To = std::remove_pointer_t<decltype(to)>;
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, values.size(), 4096),
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, values.tuples(), 4096),
                       [&](const tbb::blocked_range<std::size_t>& part) {
+                        std::size_t n = part.begin() * fills.size();
                         for (std::size_t i = part.begin(); i < part.end(); ++i) {
-                          const auto value = static_cast<double>(from[i]);
-                          const bool is_data = value >= fills.lowest && value <= fills.highest;
-                          to[i] = is_data ? static_cast<To>(value)
-                                          : std::numeric_limits<To>::quiet_NaN();
+                          for (const Fills& one : fills) {
+                            const auto value = static_cast<double>(from[n]);
+                            const bool is_data = value >= one.lowest && value <= one.highest;
+                            to[n] = is_data ? static_cast<To>(minus(from[n], offset))
+                                            : std::numeric_limits<To>::quiet_NaN();
+                            ++n;
+                          }
                         }
                       });
   };
@@ -156,19 +164,34 @@ bool isFillNumber(double value) {
   return (value < 0.0 && digits >= 9.99) || (size >= 1e10 && (is_power || digits >= 9.99));
 }
 
-void hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared) {
-  const Ends ends = endsOf(array.values, shared);
-  const Fills fills = fillsOf(ends);
-  if (fills.low + fills.high == 0) return;
-  const auto tell = [&](double value) {
-    notes.push_back(
-        fmt::format("{}: the value {:.6g} counts as missing data: all other values are between "
-                    "{:.6g} and {:.6g}",
-                    array.name, value, fills.lowest, fills.highest));
-  };
-  for (std::size_t i = 0; i < fills.low; ++i) tell(ends.low.values[i]);
-  for (std::size_t i = 0; i < fills.high; ++i) tell(ends.high.values[i]);
-  array.values = onlyWithin(array.values, fills);
+bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared) {
+  const Values& values = array.values;
+  std::vector<Fills> fills;
+  bool found = false;
+  for (std::size_t c = 0; c < static_cast<std::size_t>(values.components()); ++c) {
+    const Ends ends = endsOf(values, c, shared);
+    Fills one = fillsOf(ends);
+    if (one.low + one.high == 0) {
+      one.lowest = ends.low.values.front();
+      one.highest = ends.high.values.front();
+    }
+    const auto tell = [&](double value) {
+      found = true;
+      std::string note = fmt::format(
+          "{}: the value {:.6g} counts as missing data: all other values are between "
+          "{:.6g} and {:.6g}",
+          array.name, value, one.lowest, one.highest);
+      if (std::find(notes.begin(), notes.end(), note) == notes.end()) notes.push_back(note);
+    };
+    for (std::size_t i = 0; i < one.low; ++i) tell(ends.low.values[i]);
+    for (std::size_t i = 0; i < one.high; ++i) tell(ends.high.values[i]);
+    fills.push_back(one);
+  }
+  if (!found) return false;
+  const double offset = wholeOffset(array, fills.front().lowest, fills.front().highest);
+  array.values = onlyWithin(values, fills, offset);
+  array.value_offset += offset;
+  return true;
 }
 
 }  // namespace palpate::importer

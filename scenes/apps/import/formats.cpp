@@ -83,11 +83,9 @@ bool isNifti(const std::string& b) {
 bool isDicom(const std::string& b) {
   return beginsAsDicom(b);
 }
-/// Recognizes MINC by the names of its axes: MINC 1 is in netCDF, MINC 2 in HDF5.
-bool isMinc(const std::string& b) {
-  const bool classic = has(b, 0, "CDF") && b.find("zspace") != std::string::npos &&
-                       b.find("xspace") != std::string::npos;
-  return classic || (has(b, 0, "\x89HDF") && b.find("minc-2.0") != std::string::npos);
+/// Recognizes MINC 2, which is in HDF5. MINC 1 is in netCDF (openNetcdf).
+bool isMinc2(const std::string& b) {
+  return has(b, 0, "\x89HDF") && b.find("minc-2.0") != std::string::npos;
 }
 /// Recognizes MGH, FreeSurfer's format: version, four sizes and a type, as big-endian integers.
 bool isMgh(const std::string& b) {
@@ -122,7 +120,7 @@ const std::array kFormats = {
     Format{"DICOM", isDicom, openDicom, nullptr, "--series"},
     Format{"NRRD", isNrrd, openNrrd},
     Format{"MetaImage", isMetaImage, openMetaImage, nullptr, "--as"},
-    Format{"MINC", isMinc, nullptr, "convert it to NIfTI, for example with mnc2nii"},
+    Format{"MINC 2", isMinc2, nullptr, "convert it to NIfTI, for example with mnc2nii"},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
     Format{"VTK (XML)", isVtkXml, openVtkXml},
     Format{"netCDF or HDF5", isNetcdf, openNetcdf},

@@ -372,7 +372,9 @@ std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& f
     for (Array& array : piece.arrays) {
       for (const Array& own : grid.arrays) {
         if (own.values.data() == array.values.data()) array.values = own.values;
-        if (own.name == array.name || own.name == array.given) array.unit = own.unit;
+        if (own.name != array.name && own.name != array.given) continue;
+        array.unit = own.unit;
+        array.whole = own.whole;
       }
     }
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <exception>
 #include <malloc.h>
@@ -25,6 +26,7 @@
 #include "palpate/scenes/apps/import/fill_values.h"
 #include "palpate/scenes/apps/import/pieces.h"
 #include "palpate/scenes/apps/import/smooth.h"
+#include "palpate/scenes/apps/import/whole_numbers.h"
 #include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/metadata.h"
 #include "palpate/scenes/guess/suggest.h"
@@ -41,8 +43,20 @@ std::string emptyBecause(const Imported& imported) {
   return "all voxels have the same value";
 }
 
-std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const std::string& in,
-                               const Telling& telling, std::vector<std::string>& notes) {
+/// Finds missing data, subtracts an offset from large whole numbers, and adds notes about the
+/// losses that remain.
+void prepareValues(Array& array, EarlierSteps& earlier, std::vector<std::string>& notes,
+                   const Shared& shared) {
+  hideFillValues(array, notes, shared);
+  subtractOffset(array, earlier.value_offsets[array.name], shared);
+  if (const Loss loss = shared.worst(floatLoss(array.values)); !loss.empty()) {
+    notes.push_back(fmt::format("{}: {}", array.name, loss));
+  }
+}
+
+std::vector<Imported> fromMesh(const Options& options, Piece& piece, const std::string& in,
+                               const Telling& telling, std::vector<std::string>& notes,
+                               const Shared& shared, EarlierSteps& earlier) {
   if (options.smooth.sigma > 0.0) {
     throw Error("--smooth", "this option works on images, but " + in + " is a mesh",
                 "smooth the values in the scene, with \"smooth\": 1.5");
@@ -52,6 +66,7 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
                 "omit this option");
   }
   telling.stage("resampling");
+  for (Array& array : piece.arrays) prepareValues(array, earlier, notes, shared);
   double voxel = options.iso ? 0.0 : options.voxel;
   if (voxel <= 0.0) {
     const SuggestedVoxel suggested = piece.mesh->suggestVoxel();
@@ -76,6 +91,7 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
     imported.voxel = voxel;
     imported.unit = piece.arrays[a].unit;
     imported.axial = piece.arrays[a].axial;
+    imported.value_offset = piece.arrays[a].value_offset;
     out.push_back(std::move(imported));
   }
   return out;
@@ -123,12 +139,9 @@ Values constantLike(const Values& values, double constant) {
 
 Imported fromImage(const Options& options, const Piece& whole, Array array, const std::string& in,
                    const Telling& telling, std::vector<std::string>& notes, const Shared& shared,
-                   Backgrounds& backgrounds) {
+                   EarlierSteps& earlier) {
   telling.stage(array.name);
-  hideFillValues(array, notes, shared);
-  if (const Loss loss = shared.worst(floatLoss(array.values)); !loss.empty()) {
-    notes.push_back(fmt::format("{}: {}", array.name, loss));
-  }
+  prepareValues(array, earlier, notes, shared);
   Imported imported;
   Piece piece = withoutArrays(whole);
   if (!piece.depths.empty()) imported.resampling = evenSlices(piece, array);
@@ -142,6 +155,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   }
   imported.unit = array.unit;
   imported.axial = array.axial;
+  imported.value_offset = array.value_offset;
   double tolerance = options.tolerance.value_or(0.0);
   if (options.smooth.sigma > 0.0) {
     telling.stage("smoothing " + array.name);
@@ -160,7 +174,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   imported.made = make(tolerance);
   if (imported.made.active == 0 && keepsConstant(options, array)) {
     if (imported.made.holes == imported.made.voxels) {
-      const double background = backgrounds[array.name];
+      const double background = earlier.backgrounds[array.name];
       array.values = constantLike(array.values, background);
       piece.hidden = Values();
       notes.push_back(
@@ -174,7 +188,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
     imported.made = make(kKeepAll);
     imported.made.tolerance = 0.0;
   } else if (array.values.components() == 1) {
-    backgrounds[array.name] = imported.made.background;
+    earlier.backgrounds[array.name] = imported.made.background;
   }
   if (on_cubes) {
     imported.resampling = sumOf(errorOf(piece, array, imported.made),
@@ -213,8 +227,10 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   telling.stage("level set");
   Imported& imported = step.grids.front();
   Gridded& made = imported.made;
-  imported.level_set = levelSetOf(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid),
-                                  *options.iso, options.voxel, in, telling.progress);
+  imported.level_set =
+      levelSetOf(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid),
+                 *options.iso - imported.value_offset, options.voxel, in, telling.progress);
+  imported.value_offset = 0.0;
   imported.unit = length_unit;
   made.grid = imported.level_set->grid;
   made.background = static_cast<double>(imported.level_set->grid->background());
@@ -250,6 +266,15 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   if (options.smooth.sigma > 0.0)
     number(options.smooth.in_file_units ? "smooth" : "smooth_voxels", options.smooth.sigma);
   if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);
+  if (imported.value_offset != 0.0) {
+    constexpr double kEnd = 9223372036854775808.0;  // 2^63
+    if (imported.value_offset >= -kEnd && imported.value_offset < kEnd) {
+      grid.insertMeta("value_offset",
+                      openvdb::Int64Metadata(static_cast<std::int64_t>(imported.value_offset)));
+    } else {
+      number("value_offset", imported.value_offset);
+    }
+  }
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
   // With these entries, `palpate scene` guesses the same scene as this import.
@@ -304,7 +329,7 @@ std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
 }
 
 Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
-                ProcessGroup& group, Backgrounds& backgrounds) {
+                ProcessGroup& group, EarlierSteps& earlier) {
   SingleProcess alone;
   const Shared shared(isInParts(options, group) ? group : alone);
   const std::string in = options.request.file.string();
@@ -322,7 +347,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
 
   for (Piece& piece : pieces) {
     if (!piece.isImage()) {
-      for (Imported& imported : fromMesh(options, piece, in, telling, out.notes)) {
+      for (Imported& imported : fromMesh(options, piece, in, telling, out.notes, shared, earlier)) {
         out.grids.push_back(std::move(imported));
       }
       continue;
@@ -330,7 +355,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
     for (Array& array : piece.arrays) {
       // Frees each array before the next one is converted: only one array is in memory twice.
       Imported imported = fromImage(options, piece, std::exchange(array, {}), in, telling,
-                                    out.notes, shared, backgrounds);
+                                    out.notes, shared, earlier);
       const std::string name = imported.made.grid->getName();
       if (imported.made.active == 0) {
         out.notes.push_back(fmt::format("{}: skipped: {}", name, emptyBecause(imported)));
@@ -342,7 +367,14 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
   if (options.iso && !out.grids.empty()) {
     takeSurface(options, content.length_unit, in, telling, out);
   }
-  for (const Imported& imported : out.grids) setMetadata(options, content, out, imported);
+  for (const Imported& imported : out.grids) {
+    setMetadata(options, content, out, imported);
+    if (imported.value_offset == 0.0) continue;
+    out.notes.push_back(
+        fmt::format("{}: whole numbers beyond a float: the grid holds value - {:.0f} "
+                    "(value_offset), and so do the values of a scene",
+                    imported.made.grid->getName(), imported.value_offset));
+  }
   return out;
 }
 

@@ -36,6 +36,8 @@ struct Imported {
   Gridded made;
   std::string unit;    ///< Unit of the values; empty: unknown.
   bool axial = false;  ///< The sign of the vectors has no meaning.
+  /// Whole number that was subtracted from the values (Array::value_offset).
+  double value_offset = 0.0;
   std::optional<ResamplingError> resampling;
   double voxel = 0.0;      ///< Edge after resampling; 0: not resampled.
   double smoothing = 0.0;  ///< RMS of the changes.
@@ -63,9 +65,13 @@ struct Telling {
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                               ProcessGroup& group);
 
-/// Background of each scalar array at its last step with data. A step without data gets this value,
-/// so that the sequence has all its frames.
-using Backgrounds = std::map<std::string, double>;
+/// What a step of a series takes from earlier steps, by the name of a scalar array.
+struct EarlierSteps {
+  /// Background at the last step that had data. A step without data gets this value, so that the
+  /// sequence has all its frames.
+  std::map<std::string, double> backgrounds;
+  std::map<std::string, std::optional<double>> value_offsets;  ///< Array::value_offset.
+};
 
 [[nodiscard]] bool hasContrast(const Step& step);
 
@@ -73,8 +79,7 @@ using Backgrounds = std::map<std::string, double>;
 /// --time all makes a sequence. If no grid is left, the notes state the reason. Throws Error. Each
 /// rank gets its part of an image's grid (Imported::share), and other grids as a whole.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
-                              const Telling& telling, ProcessGroup& group,
-                              Backgrounds& backgrounds);
+                              const Telling& telling, ProcessGroup& group, EarlierSteps& earlier);
 
 /// Writes the grids with Blosc compression, frees them, and reads them back as a scene does. Throws
 /// Error, which names `in`, if a grid is then rejected; the file remains.

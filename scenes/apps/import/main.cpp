@@ -118,10 +118,10 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
   std::string scene;
   fs::path first;  // the first step with contrast, else the first step
   bool has_contrast = false;
-  Backgrounds backgrounds;
+  EarlierSteps earlier;
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
-    Step step = importStep(options, *reader, number, telling, group, backgrounds);
+    Step step = importStep(options, *reader, number, telling, group, earlier);
     fs::path out = options.out;
     if (options.time == "all") {
       const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
@@ -301,11 +301,11 @@ int main(int argc, char** argv) {
   app.name("palpate import");
   importer::Options options;
   importer::Request& request = options.request;
-  app.add_option("IN", request.file,
-                 "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy, XML, HDF5 or .pvd), "
-                 "Exodus II, "
-                 "CGNS, an OpenFOAM case, netCDF (CF or WRF), PLOT3D with --solution, or raw "
-                 "values with --raw")
+  app.add_option(
+         "IN", request.file,
+         "NIfTI, MetaImage, NRRD, MINC 1, a DICOM file or folder, VTK (legacy, XML, HDF5 or .pvd), "
+         "Exodus II, CGNS, an OpenFOAM case, netCDF (CF or WRF), PLOT3D with --solution, or raw "
+         "values with --raw")
       ->required();
   app.add_option("OUT", options.out, "The .vdb to write, or the folder with --bricks")->required();
   app.add_option("--field", request.fields,

@@ -93,7 +93,8 @@ Values joined(const std::array<Array*, 3>& parts) {
     const Values from = floatsOf(std::exchange(parts[c]->values, Values()));
     const float* read = from.as<float>();
     float* write = out.as<float>() + c;
-    for (std::size_t i = 0; i < count; ++i) write[3 * i] = read[i];
+    const auto offset = static_cast<float>(parts[c]->value_offset);
+    for (std::size_t i = 0; i < count; ++i) write[3 * i] = read[i] + offset;
   }
   return out;
 }
@@ -157,6 +158,7 @@ void joinComponents(std::vector<Piece>& pieces, const std::vector<std::string>& 
       notes.push_back(fmt::format("{}, {} and {}: joined into the vector {}", parts[0]->name,
                                   parts[1]->name, parts[2]->name, name));
       parts[0]->values = joined(parts);
+      parts[0]->value_offset = 0.0;
       parts[0]->name = name;
       parts[0]->given = found.name;
     }

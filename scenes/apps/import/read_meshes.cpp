@@ -258,6 +258,7 @@ std::unique_ptr<Reader> openNetcdf(const Request& request) {
   if (reader->CanReadFile(request.file.c_str()) != 0) {
     return std::make_unique<ExodusReader>(request);
   }
+  if (auto minc = openMinc(request)) return minc;
   return openCf(request);
 }
 

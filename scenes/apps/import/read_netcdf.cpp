@@ -17,10 +17,11 @@
 #include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/fill_values.h"
 #include "palpate/scenes/apps/import/geography.h"
 #include "palpate/scenes/apps/import/netcdf_file.h"
 #include "palpate/scenes/apps/import/reader.h"
-#include "palpate/scenes/apps/import/sentinels.h"
+#include "palpate/scenes/apps/import/shared.h"
 #include "palpate/scenes/apps/import/wrf_grid.h"
 
 namespace palpate::importer {
@@ -84,7 +85,12 @@ class Unpacking {
            type_ == NC_SHORT || type_ == NC_USHORT;
   }
 
-  /// Returns NaN for numbers that mark missing data.
+  /// Returns true if the values are the stored whole numbers.
+  [[nodiscard]] bool keepsWholeNumbers() const {
+    return !isPacked() && type_ != NC_FLOAT && type_ != NC_DOUBLE;
+  }
+
+  /// Returns the value of a stored number; NaN if the number marks missing data.
   [[nodiscard]] double operator()(double stored) const {
     const bool none = std::find(missing_.begin(), missing_.end(), stored) != missing_.end();
     const double value = stored < 0.0 ? stored + turn_ : stored;
@@ -208,7 +214,7 @@ class NetcdfReader final : public Reader {
         Array array;
         array.name = nameOf(*field);
         array.unit = file_.text(field->variable, "units");
-        array.values = valuesOf(*field, step, content.notes);
+        readValues(*field, step, array, content.notes);
         grid.arrays.push_back(std::move(array));
         grid.standard.push_back(file_.text(field->variable, "standard_name"));
         if (request_.progress) request_.progress(++done / static_cast<double>(fields_.size()));
@@ -392,9 +398,10 @@ class NetcdfReader final : public Reader {
     return axis;
   }
 
-  /// Reads one step with x fastest: unpacked, NaN for missing values, averaged to the centres.
-  [[nodiscard]] Values valuesOf(const Field& field, std::size_t step,
-                                std::vector<std::string>& notes) const {
+  /// Reads one step of a field with x fastest. Packed values are unpacked, and missing values are
+  /// NaN. Values on the faces of cells are averaged to the centres.
+  void readValues(const Field& field, std::size_t step, Array& array,
+                  std::vector<std::string>& notes) const {
     const std::vector<int>& own = dimensionsOf(field);
     std::array<std::size_t, 3> size{};
     std::array<std::size_t, 3> faces{};
@@ -425,7 +432,11 @@ class NetcdfReader final : public Reader {
         }
       }
     });
-    return averagedToCentres(withoutSentinels(out, nameOf(field), notes), size, faces);
+    array.values = std::move(out);
+    array.whole = unpack.keepsWholeNumbers();
+    SingleProcess alone;
+    hideFillValues(array, notes, Shared(alone));
+    array.values = averagedToCentres(array.values, size, faces);
   }
 
   Request request_;

@@ -10,6 +10,9 @@ namespace palpate::importer {
 /// Opens a file with CF conventions. Throws VolumeError.
 [[nodiscard]] std::unique_ptr<Reader> openCf(const Request& request);
 
+/// Opens an image in the format MINC 1. Returns null for other files.
+[[nodiscard]] std::unique_ptr<Reader> openMinc(const Request& request);
+
 /// Opens a file in VTK's HDF5 format (.vtkhdf). Returns null for other files.
 [[nodiscard]] std::unique_ptr<Reader> openVtkHdf(const Request& request);
 

@@ -38,6 +38,10 @@ struct Array {
   std::string unit;    ///< Unit of the values; empty: not known.
   std::string given;   ///< Name of the array in the file, if several arrays have this name.
   bool axial = false;  ///< True if the sign of the vectors has no meaning, as for fibres.
+  /// True if doubles of a scalar hold whole numbers of the file.
+  bool whole = false;
+  /// Whole number that was subtracted from a scalar: value in the file = value + value_offset.
+  double value_offset = 0.0;
 };
 
 /// Receives the progress of a task, from 0 to 1.

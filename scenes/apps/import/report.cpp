@@ -53,6 +53,9 @@ std::string lineOf(const Imported& imported) {
     line += fmt::format("{} {:.5g} .. {:.5g}", vector ? "lengths" : "values", made.lowest,
                         made.highest);
     if (!vector) line += fmt::format(", background {:.5g}", made.background);
+    if (imported.value_offset != 0.0) {
+      line += fmt::format("; value in the file = value + {:.0f}", imported.value_offset);
+    }
   }
   if (made.tolerance > 0.0) {
     line +=
@@ -95,6 +98,9 @@ OrderedJson gridJson(const Imported& imported) {
                    {"highest", made.highest},
                    {"background", made.background},
                    {"tolerance", made.tolerance}};
+  if (imported.value_offset != 0.0) {
+    json["value_offset"] = OrderedJson::parse(fmt::format("{:.0f}", imported.value_offset));
+  }
   if (made.quieter_tolerance > 0.0) {
     json["quieter"] = {{"tolerance", made.quieter_tolerance}, {"share", made.quieter_share}};
   }

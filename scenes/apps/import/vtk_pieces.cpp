@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <map>
 #include <optional>
 #include <set>
 
@@ -27,9 +28,12 @@
 #include <vtkUnstructuredGrid.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/cell_values.h"
+#include "palpate/scenes/apps/import/fill_values.h"
 #include "palpate/scenes/apps/import/mesh.h"
-#include "palpate/scenes/apps/import/sentinels.h"
+#include "palpate/scenes/apps/import/shared.h"
 #include "palpate/scenes/apps/import/vtk_run.h"
+#include "palpate/scenes/apps/import/whole_numbers.h"
 
 namespace palpate::importer {
 namespace {
@@ -98,15 +102,15 @@ void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::
   }
 }
 
-/// Returns the arrays of the points or cells, without VTK's own, and with NaN for missing data.
-std::vector<Array> arraysOf(vtkDataSetAttributes* attributes, std::vector<std::string>& notes) {
+/// Returns the arrays of the points or cells, without arrays that VTK has added.
+std::vector<Array> arraysOf(vtkDataSetAttributes* attributes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = attributes->GetArray(a);
     if (values == nullptr || isNumbering(attributes, values)) continue;
     const std::string name = values->GetName() == nullptr ? "" : values->GetName();
     if (name == vtkDataSetAttributes::GhostArrayName() || name == "vtkValidPointMask") continue;
-    arrays.push_back({name, withoutSentinels(valuesOf(values), name, notes), "", "", false});
+    arrays.push_back({name, valuesOf(values), "", ""});
   }
   return arrays;
 }
@@ -174,14 +178,13 @@ void hideBoth(Piece& image, Piece& cells) {
 
 /// Adds an image. Data of cells become a second image, at the centres of the cells.
 void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
-               const std::string& file, std::vector<Piece>& pieces,
-               std::vector<std::string>& notes) {
+               const std::string& file, std::vector<Piece>& pieces) {
   checkLengths(data->GetPointData(), data->GetNumberOfPoints(), file);
   checkLengths(data->GetCellData(), data->GetNumberOfCells(), file);
   Piece image;
   image.size = size;
   image.file_from_index = map;
-  image.arrays = arraysOf(data->GetPointData(), notes);
+  image.arrays = arraysOf(data->GetPointData());
   if (*std::min_element(size.begin(), size.end()) < 2) {  // rejected later
     pieces.push_back(std::move(image));
     return;
@@ -194,7 +197,7 @@ void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& m
   cells.file_from_index = map;
   cells.file_from_index.origin += map.linear * Vec3::Constant(0.5);
   cells.hidden = hiddenOf(data->GetCellData(), vtkDataSetAttributes::HIDDENCELL);
-  cells.arrays = arraysOf(data->GetCellData(), notes);
+  cells.arrays = arraysOf(data->GetCellData());
   hideBoth(image, cells);
   pieces.push_back(std::move(image));
   pieces.push_back(std::move(cells));
@@ -206,7 +209,7 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
   std::array<int, 3> size{};
   if (auto* image = vtkImageData::SafeDownCast(data)) {
     image->GetDimensions(size.data());
-    takeImage(data, size, mapOf(image), file, pieces, notes);
+    takeImage(data, size, mapOf(image), file, pieces);
     return true;
   }
   auto* rectilinear = vtkRectilinearGrid::SafeDownCast(data);
@@ -219,7 +222,7 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
     }
     if (*std::min_element(size.begin(), size.end()) > 1) {
       if (const auto map = straightMapOf(data, size)) {
-        takeImage(data, size, *map, file, pieces, notes);
+        takeImage(data, size, *map, file, pieces);
         return true;
       }
     }
@@ -232,16 +235,23 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
   return true;
 }
 
-/// Copies a mesh with NaN for missing values of cells, so that averages do not include them.
-vtkSmartPointer<vtkDataSet> markMissingCells(vtkDataSet* mesh,
-                                             const std::vector<std::string>& names,
-                                             std::vector<std::string>& notes) {
+/// Copies a mesh, and prepares the values of its cells for averages: fill values become NaN, and an
+/// offset is subtracted from large whole numbers.
+/// @param offsets  Gets the offsets, by the arrays' names.
+vtkSmartPointer<vtkDataSet> prepareCells(vtkDataSet* mesh, const std::vector<std::string>& names,
+                                         std::map<std::string, double>& offsets,
+                                         std::vector<std::string>& notes) {
+  SingleProcess alone;
   auto out = vtk::TakeSmartPointer(mesh->NewInstance());
   out->ShallowCopy(mesh);
   for (const std::string& name : names) {
-    const Values given = valuesOf(mesh->GetCellData()->GetArray(name.c_str()));
-    const Values values = withoutSentinels(given, name, notes);
-    if (values.data() == given.data()) continue;
+    Array cells{name, valuesOf(mesh->GetCellData()->GetArray(name.c_str())), "", ""};
+    const bool filled = hideFillValues(cells, notes, Shared(alone));
+    std::optional<double> offset;
+    subtractOffset(cells, offset, Shared(alone));
+    offsets[name] = cells.value_offset;
+    const Values& values = cells.values;
+    if (!filled && cells.value_offset == 0.0) continue;
     vtkNew<vtkDoubleArray> array;
     array->SetName(name.c_str());
     array->SetNumberOfComponents(values.components());
@@ -282,6 +292,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
     }
   }
   std::vector<std::string> moved;
+  std::map<std::string, double> offsets;
   for (int a = 0; a < mesh->GetCellData()->GetNumberOfArrays(); ++a) {
     vtkDataArray* array = mesh->GetCellData()->GetArray(a);
     if (array == nullptr || isNumbering(mesh->GetCellData(), array)) continue;
@@ -296,17 +307,24 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   }
   if (!moved.empty()) {
     vtkNew<vtkCellDataToPointData> points;
-    points->SetInputData(markMissingCells(mesh, moved, notes));
+    points->SetInputData(prepareCells(mesh, moved, offsets, notes));
     points->SetProcessAllArrays(false);
     for (const std::string& name : moved) points->AddCellDataArray(name.c_str());
     points->PassCellDataOn();
     run(points, file);
     mesh = vtkDataSet::SafeDownCast(points->GetOutput());
+    extrapolateToBoundary(mesh, moved);
     notes.push_back(
-        fmt::format("{}: one value per cell: averaged to the points", fmt::join(moved, ", ")));
+        fmt::format("{}: one value per cell: averaged to the points, extrapolated to the boundary",
+                    fmt::join(moved, ", ")));
   }
   Piece piece;
-  piece.arrays = arraysOf(mesh->GetPointData(), notes);
+  piece.arrays = arraysOf(mesh->GetPointData());
+  for (Array& array : piece.arrays) {
+    if (const auto known = offsets.find(array.name); known != offsets.end()) {
+      array.value_offset = known->second;
+    }
+  }
   piece.mesh = meshOf(mesh);
   return piece;
 }

@@ -1,0 +1,45 @@
+/// Keeps the differences of whole numbers that a float cannot hold, by an offset.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <type_traits>
+
+#include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/shared.h"
+
+namespace palpate::importer {
+
+/// Returns value - offset. The difference of 64-bit integers is exact if a double can hold it.
+template <class T>
+[[nodiscard]] double minus(T value, double offset) {
+  const double near = static_cast<double>(value) - offset;
+  if constexpr (std::is_integral_v<T> && sizeof(T) == 8) {
+    constexpr double kExact = 4503599627370496.0;  // 2^52
+    if (offset != 0.0 && std::abs(near) < kExact) {
+      const auto whole = offset < 0.0
+                             ? static_cast<std::uint64_t>(static_cast<std::int64_t>(offset))
+                             : static_cast<std::uint64_t>(offset);
+      return static_cast<double>(
+          static_cast<std::int64_t>(static_cast<std::uint64_t>(value) - whole));
+    }
+  }
+  return near;
+}
+
+/// Returns the offset with which floats hold the whole numbers of a scalar. Returns 0 if no offset
+/// is needed, if the numbers differ by more than 2^24, or if the array does not hold whole numbers.
+/// @param lowest, highest  Range of the numbers without fill values.
+[[nodiscard]] double wholeOffset(const Array& array, double lowest, double highest);
+
+/// Returns the loss of converting whole numbers in this range to float.
+[[nodiscard]] Loss wholeLoss(double lowest, double highest);
+
+/// Subtracts the offset of a scalar, if it needs one (Array::value_offset).
+/// @param series  Offset of the array at an earlier step of a series: all steps have the same
+///                offset. No value at the first step; the function then sets it.
+/// @param shared  Process group. All ranks find the same offset.
+void subtractOffset(Array& array, std::optional<double>& series, const Shared& shared);
+
+}  // namespace palpate::importer
