@@ -127,6 +127,8 @@ void rebuildBand(GridT& grid) {
   using Value = typename GridT::ValueType;
   const Value band = grid.background();
   if (!(band > Value(0))) OPENVDB_THROW(openvdb::ValueError, "its background is not above zero");
+  // The tracker's constructor would throw too, but leaks then.
+  if (!grid.hasUniformVoxels()) OPENVDB_THROW(openvdb::ValueError, "its voxels are not cubes");
   using Leaf = typename GridT::TreeType::LeafNodeType;
   openvdb::tools::LevelSetTracker<GridT> tracker(grid);
   tracker.leafs().foreach ([&](Leaf& leaf, std::size_t) {
