@@ -125,8 +125,7 @@ void completeSurface(const GridT& values, typename GridT::TreeType& coefficients
 /// two values along each axis, or the last one where there is only one. The voxels stay inactive.
 template <class TreeT>
 void continueOutward(TreeT& tree) {
-  using Sum =
-      std::conditional_t<std::is_arithmetic_v<typename TreeT::ValueType>, double, openvdb::Vec3d>;
+  using Sum = detail::SumOf<TreeT>;
   constexpr int kLayers = 6;  // the cubic's filter leaves |pole|^6 = 4e-4 of the step beyond them
   using Mask = openvdb::MaskTree;
   Mask known(tree, false, true, openvdb::TopologyCopy());
