@@ -6,8 +6,7 @@
 namespace palpate {
 
 std::string nearestName(const std::string& name, const std::vector<std::string>& candidates) {
-  // Uses the Levenshtein distance. A name is near if at most a third of the letters differ. The
-  // cost is the product of both lengths, so a very long name counts as near to no candidate.
+  // Levenshtein distance. Its cost is the product of both lengths, so very long names are skipped.
   constexpr std::size_t kLongest = 200;
   if (name.size() > kLongest) return {};
   std::string best;

@@ -1,4 +1,4 @@
-/// Errors of loading, building and opening. A tick never throws.
+/// Exceptions of loading a volume, building a scene and opening a device. A tick never throws.
 #pragma once
 
 #include <cstddef>
@@ -24,7 +24,7 @@ class Error : public std::runtime_error {
   [[nodiscard]] std::string remedy() const { return what() + subject_ + 2 + reason_ + 2; }
 
  private:
-  /// Length of this part in what(). The next part begins two characters later.
+  /// Lengths of the subject and the reason in what(); ": " follows each.
   std::size_t subject_;
   std::size_t reason_;
 };
@@ -39,7 +39,7 @@ class VolumeError : public Error {
 class SceneError : public Error {
  public:
   using Error::Error;  ///< The arguments are the subject, the reason and the remedy.
-  /// Returns the same error with the file or path of the description before its subject.
+  /// Returns `error` with `place`, a file or JSON path, in front of its subject.
   [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
     return {place + ": " + error.subject(), error.reason(), error.remedy()};
   }
@@ -51,7 +51,7 @@ class DeviceError : public Error {
   using Error::Error;  ///< The arguments are the subject, the reason and the remedy.
 };
 
-/// Returns the candidate with the spelling nearest to `name`, for remedies; empty if all are far.
+/// Returns the candidate spelled most like `name`; empty if all need over 1 + name.size()/3 edits.
 [[nodiscard]] std::string nearestName(const std::string& name,
                                       const std::vector<std::string>& candidates);
 

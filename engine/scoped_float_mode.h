@@ -1,5 +1,5 @@
 /// Floating-point mode of ticks. A host application may flush denormals to zero, round upwards or
-/// trap at a NaN; ticks then still give the same bits, and do not trap.
+/// trap at a NaN; ticks still compute the same bits, and do not trap.
 #pragma once
 
 #if defined(__x86_64__)
@@ -27,7 +27,7 @@ class ScopedFloatMode {
 
  private:
   static constexpr unsigned kPlain = 0x1F80;  // value of MXCSR after a reset
-  // its lowest bits, which record exceptions
+  // bits of MXCSR that record exceptions
   static constexpr unsigned kSticky = 0x3F;
   [[nodiscard]] bool differs() const noexcept {
     return (before_ & ~kSticky) != kPlain;

@@ -40,7 +40,7 @@ inline double certify(const Problem& problem, const Vec3& at, bool& by_multiplie
     const double sigma = t.sigma[i];
     const double distance = std::sqrt(dx * dx + dy * dy + dz * dz);
     const double held = zx * dx + zy * dy + zz * dz;
-    // `distance - held` is accurate only to the last digits of both numbers.
+    // The second summand covers the rounding of `distance - held`.
     const double loss = sigma * (larger(distance - held, 0.0) + kLastDigits * distance);
     const bool off = held > kAlong * distance;
     const double per = 1.0 / larger(distance, std::numeric_limits<double>::min());

@@ -104,25 +104,24 @@ class Compliant {
     if (!known_) dropKept();
   }
 
-  /// Finds the loads and frictions, and removes the compliance. Returns false without a solution.
+  /// Finds loads and frictions, then removes the compliance. Returns false if the search fails.
   bool solve() noexcept {
     if (known_ && warmStart() && removeCompliance()) return true;
     dropKept();
     return (followHomotopy(most_ / 2) || startSticking()) && removeCompliance();
   }
 
-  /// Finds how the kinks within a distance of c from x share the spring's force at x. A softer
-  /// spring with the same force at x replaces the spring: its force hardly depends on the place
-  /// near x, so the place moves until the loads balance. On failure, returns false; the loads are
-  /// then meaningless.
+  /// Finds how the kinks within the distance c of x share the spring's force at x. A spring with a
+  /// thousandth of the stiffness and the same force at x replaces the spring. Near x its force is
+  /// almost constant, so the place can move until the loads balance. Returns false if Newton's
+  /// method fails; the loads are then meaningless.
   bool loadsAt(const Vec3& x) noexcept {
-    constexpr double kGivesWay = 1e-3;  // stiffness of the softer spring, as a share of k
+    constexpr double kGivesWay = 1e-3;  // stiffness of the softer spring / k
     spring_ = x + (spring_ - x) / kGivesWay;
     stiffness_ *= kGivesWay;
     return newton(hard_, kMostHard, kMostHard, enough_);
   }
 
-  /// Moves to x and sets the compliance to `hard_`.
   void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
 
   [[nodiscard]] static double frictionOf(const RoughPlane& p) noexcept {
@@ -138,7 +137,6 @@ class Compliant {
   [[nodiscard]] const Vec3& place() const noexcept { return x_; }
   [[nodiscard]] double missing() const noexcept { return residual().norm(); }
 
-  /// Moves to the place with the smallest |R| found so far.
   void goToBest() noexcept { goTo(best_, hard_); }
 
  private:
@@ -184,7 +182,7 @@ class Compliant {
     return p.line ? across(p.q, d) : d;
   }
 
-  /// Computes loads, pieces and duals from the present place.
+  /// Computes loads, pieces and the duals `read` from the present place.
   void read(double c) noexcept {
     for (RoughPlane& p : planes()) {
       const double share = p.kept_load / p.strength - (p.q.dot(x_) - p.foot) / c;
@@ -228,7 +226,7 @@ class Compliant {
       const Vec3 push = p.q - p.coefficient * p.pull;
       double load = p.strength;
       if (p.piece == Piece::kHolds) {
-        // unlike p.load, this is linear and not clamped
+        // not clamped as p.load is: Newton needs the linear function
         load = p.kept_load - p.strength * (p.q.dot(x_) - p.foot) / c;
         J += p.strength / c * push * p.q.transpose();
       }
@@ -392,7 +390,7 @@ class Compliant {
     return newton(hard_, kMostWarm, kPatience, enough_);
   }
 
-  /// Starts with kinks so soft that the equation is smooth, and makes them harder step by step.
+  /// Reduces a large compliance step by step. Returns false if it does not reach `hard_`.
   bool followHomotopy(int until) noexcept {
     constexpr int kEach = 8;
     double c = 0.3 * length_;

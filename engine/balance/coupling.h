@@ -54,9 +54,9 @@ class LengthRate {
 /// As in the paper, the balance has no damping; damping affects the output only. Departure from the
 /// paper: the damper acts along the spring, on the rate of its length, and can at most cancel or
 /// double the spring's force. With eq. (3) as written, the damper pulls a leaving hand back into
-/// the surface, and drives the hand along a curve. Every jump of the proxy would also cause a jump
-/// of the force in proportion to D. Along the spring, the damper always dissipates. In free space,
-/// where the proxy is at the probe, the force is exactly zero.
+/// the surface, and pushes a hand forward that slides over a convex surface. Every jump of the
+/// proxy would also cause a jump of the force in proportion to D. Along the spring, the damper
+/// always dissipates. In free space, where the proxy is at the probe, the force is exactly zero.
 ///
 /// @param offset       x_proxy - x_probe [m].
 /// @param length_rate  Rate of change of the offset's length [m/s]: LengthRate.
@@ -64,12 +64,12 @@ class LengthRate {
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                                  double length_rate) noexcept PALPATE_NONBLOCKING;
 
-/// Largest rate of a varying stiffness [N/m per s]: 25 N/s with 5 mm of spring, which feels smooth.
+/// Largest rate of a varying stiffness [N/m per s]: 25 N/s at a length of 5 mm feels smooth.
 inline constexpr double kStiffnessRate = 5000.0;
-/// Largest energy in the tank of a varying stiffness [J]. It pays for 300 to 800 N/m at 6 mm.
+/// Largest energy in the tank of a varying stiffness [J]: raises 300 to 800 N/m at 6 mm.
 inline constexpr double kStiffnessTank = 0.01;
 
-/// A varying stiffness, and the energy that is available to raise it.
+/// A varying stiffness, and the energy that may raise it.
 struct VaryingStiffness {
   double value = 0.0;  ///< Stiffness k [N/m]; 0 if not yet set.
   /// Energy that the proxy has dissipated and that a rise of the stiffness may use [J].
@@ -82,7 +82,7 @@ struct VaryingStiffness {
 /// and by the energy that a softening spring releases. While the proxy is pressed against a hard
 /// surface, the stiffness waits until the proxy dissipates energy or the hand retreats.
 ///
-/// @param wanted      Stiffness to reach [N/m]. If not finite or <= 0, it does not change.
+/// @param wanted      Stiffness to reach [N/m]. If not finite or <= 0, the stiffness stays.
 /// @param offset      x_proxy - x_probe [m].
 /// @param dissipated  Energy dissipated in this tick [J]; negative counts as 0.
 /// @param dt          Time since the last call [s]. If not above 0, the stiffness does not change.

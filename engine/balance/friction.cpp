@@ -24,9 +24,9 @@ using friction::OnePlane;
 //         else homotopy: Newton at a large c, then at smaller ones down to 1 um
 //         else Newton from the old proxy, with all planes pressed and all frictions sticking
 //         each Newton step: line search if it overshot, backtracking if |R| grew, and a jump over
-//             a fold if the balance has ended there
+//             a fold if the followed solution ends there
 //         remove c by the method of multipliers: kinks keep their loads, x moves onto them
-//     set each friction's strength to mu times its plane's load, and let solveProxy prove the place
+//     set each friction's strength to mu times its plane's load; solveProxy bounds the error
 
 void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
   for (const RoughPlane& p : found.planes()) {
@@ -36,7 +36,7 @@ void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
   for (const Pull& p : found.pulls()) forces[p.index] = -p.strength * p.pull;
 }
 
-/// Returns true if the load of the primitives at x can be distributed in many ways.
+/// Returns true if the primitives that hold at x can share the load in more than one way.
 bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexcept {
   constexpr double kHere = 1e-9;  // [m]: a primitive within this distance of x holds at x
   constexpr double kSome = 1e-6;  // smaller eigenvalues of the sum of projectors count as zero
@@ -73,7 +73,7 @@ bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexce
   return directions > (eigen.eigenvalues().array() > kSome).count();
 }
 
-/// Solves a set without friction. If loads are not unique, takes those of the least sum |f|^2/s.
+/// Solves a set without friction. If loads are not unique, their sum |f|^2/s is the least possible.
 SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet& set,
                         const Vec3& proxy, const SolverParams& params, WarmStart& warm,
                         FrictionStart& start, std::span<Vec3> forces) noexcept {
@@ -160,8 +160,8 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
     result.status = SolveStatus::kIterationLimit;
     start.plane_count = 0;  // the next balance starts without the memory of this one
   } else {
-    // The result is the place at which the loads found above balance the spring. Its frictions meet
-    // Coulomb's law. The bound is the distance to the balance with the strengths in the set.
+    // The result is the solution of `search`, whose frictions meet Coulomb's law. Its bound is the
+    // distance to the balance with the strengths in the set.
     const Vec3 offset = search.place() + (proxy - probe);
     result.error_bound += (offset - result.offset).norm();
     result.error_bound += search.missing() / stiffness;

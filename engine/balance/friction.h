@@ -1,4 +1,4 @@
-/// Coulomb friction in the balance. A friction's strength follows its load in the same tick.
+/// Coulomb friction in the balance: its strength is mu times the plane's load in the same tick.
 #pragma once
 
 #include <cstddef>
@@ -19,18 +19,18 @@ enum class Piece : std::uint8_t { kFree, kHolds, kYields };
 struct RoughPlane {
   Vec3 q;              ///< Unit normal.
   double foot;         ///< Height of the plane over the old proxy: q.(x_i - proxy) [m].
-  double strength;     ///< s [N].
-  double coefficient;  ///< mu; 0 if the plane is smooth.
-  Vec3 grip;           ///< Place where friction holds the proxy, relative to the old proxy [m].
+  double strength;     ///< Strength s [N].
+  double coefficient;  ///< Coefficient mu; 0 if the plane is smooth.
+  Vec3 grip;           ///< Point where friction holds the proxy, relative to the old proxy [m].
   std::size_t plane;   ///< Index of the plane.
   std::size_t line;  ///< Index of the friction's line; if the plane is smooth, index of the plane.
   /// Index of the friction among the set's links; meaningless if the plane is smooth.
   std::size_t link;
-  double load;       ///< n, the load [N].
+  double load;       ///< Load n [N].
   double kept_load;  ///< Load at zero penetration [N].
-  Vec3 pull;         ///< b: the friction is -mu n b, |b| <= 1.
-  Vec3 read;         ///< b, computed from the place by Compliant::read().
-  Vec3 kept_pull;    ///< b at zero slip.
+  Vec3 pull;         ///< Dual b: the force of friction is -mu n b, |b| <= 1.
+  Vec3 read;         ///< Dual b that Compliant::read() computes from the place.
+  Vec3 kept_pull;    ///< Dual b at zero slip.
   Piece piece;       ///< Computed from the place by Compliant::read().
   bool sticks;       ///< True if |b| < 1; computed by Compliant::read().
 };
@@ -38,28 +38,28 @@ struct RoughPlane {
 /// One point or line of a balance, in the same form as RoughPlane.
 struct Pull {
   Vec3 q;             ///< Direction of a line.
-  Vec3 at;            ///< x_i - proxy [m].
-  double strength;    ///< s [N].
+  Vec3 at;            ///< Anchor x_i minus the old proxy [m].
+  double strength;    ///< Strength s [N].
   bool line;          ///< True for a line, false for a point.
   std::size_t index;  ///< Index of the primitive.
-  Vec3 pull;          ///< z: the force is -s z, |z| <= 1.
-  Vec3 read;          ///< z, computed from the place by Compliant::read().
-  Vec3 kept_pull;     ///< z at zero displacement.
+  Vec3 pull;          ///< Dual z: the force is -s z, |z| <= 1.
+  Vec3 read;          ///< Dual z that Compliant::read() computes from the place.
+  Vec3 kept_pull;     ///< Dual z at zero displacement.
   bool holds;         ///< True if |z| < 1; computed by Compliant::read().
 };
 
-/// Start of the next search: frictions of the last balance. The constructor allocates all memory.
+/// Frictions of the last balance, to start the next search. The constructor allocates all memory.
 struct FrictionStart {
   FrictionStart() : planes(kMaxPrimitives), pulls(kMaxPrimitives), held(kMaxPrimitives, 0.0) {}
   void forget() noexcept { count = 0; }  ///< Makes the next balance start without memory.
 
-  std::vector<RoughPlane> planes;  ///< Planes of the last balance, in their order.
-  std::vector<Pull> pulls;         ///< Points and lines of the last balance, in their order.
-  std::vector<double> held;        ///< Strength of each link in the last balance [N].
-  Vec3 motion = Vec3::Zero();      ///< proxy - old proxy of the last balance [m].
-  std::size_t plane_count = 0;     ///< Number of `planes` in use.
-  std::size_t pull_count = 0;      ///< Number of `pulls` in use.
-  std::size_t count = 0;           ///< Number of links of the last balance; 0 without memory.
+  std::vector<RoughPlane> planes;  ///< Planes of the last balance, in the order of its set.
+  std::vector<Pull> pulls;      ///< Points and lines of the last balance, in the order of its set.
+  std::vector<double> held;     ///< Strength of each link in the last balance [N].
+  Vec3 motion = Vec3::Zero();   ///< proxy - old proxy of the last balance [m].
+  std::size_t plane_count = 0;  ///< Number of `planes` in use.
+  std::size_t pull_count = 0;   ///< Number of `pulls` in use.
+  std::size_t count = 0;        ///< Number of links of the last balance; 0 without memory.
 };
 
 /// Finds the balance in which the line of each entry in set.links() has the strength of Coulomb's
@@ -75,12 +75,12 @@ struct FrictionStart {
 ///
 /// and R(x) = k (w - x) + sum of forces = 0 is a vector equation for x. It has a solution for any
 /// mu, k and angle, because its forces are bounded (Brouwer). In a wedge that friction can jam,
-/// there are several solutions. The search continues that of the last tick, or jumps if it ceases
-/// to exist. The method is Newton with the duals b and z in its derivative (Hintermueller and
-/// Stadler 2006); friction.cpp lists the steps.
+/// there are several solutions. The search follows the last tick's solution. If that solution
+/// ceases to exist, the search jumps to another. The method is Newton with the duals b and z in its
+/// derivative (Hintermueller and Stadler 2006); friction.cpp lists the steps.
 ///
 /// The method of multipliers removes c. Finally solveProxy runs with those strengths, and bounds
-/// the error of the place. If no balance is found, each friction takes the larger of its strength
+/// the error of the proxy. If no balance is found, each friction takes the larger of its strength
 /// in the last tick and in the trial with the least |R|, so that a failed search does not make a
 /// friction slip. In all cases, the primitives are anchored at the old proxy, or at its foot (see
 /// below). So the balance adds no energy beyond the effect of error_bound.
@@ -99,9 +99,9 @@ struct FrictionStart {
 /// equation. If the plane has moved in front of the grip, friction and drags hold the proxy at the
 /// foot of the grip on the plane. Their position in `set` becomes the foot.
 ///
-/// RT: no allocation. Cost: one solveProxy without links; a closed form for one plane and drags;
-/// otherwise some 10 to 20 3x3 solves, limited to SolverParams::max_iterations, and one solveProxy.
-/// In a test, 19 of 180,000 balances along motions over one to four rough planes were not found.
+/// RT: no allocation. Cost: without links, one solveProxy; for one plane and drags, a closed form;
+/// otherwise some 10 to 20 3x3 solves (at most SolverParams::max_iterations) and one solveProxy. In
+/// a test, 19 of 180,000 balances along motions over one to four rough planes were not found.
 [[nodiscard]] SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet& set,
                                             const Vec3& proxy, const SolverParams& params,
                                             WarmStart& warm, FrictionStart& start,

@@ -12,7 +12,7 @@
 
 namespace palpate::solver {
 
-/// A line search ends when the slope has fallen to this share of its first value.
+/// A line search ends when |slope| is at most this share of its value at the start.
 inline constexpr double kSlopeLeft = 0.03;
 /// If |z|^2 is below this, the multiplier is inside its ball: the primitive is on its kink.
 inline constexpr double kOnKink = 1.0 - 1e-12;

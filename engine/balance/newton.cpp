@@ -38,7 +38,7 @@ struct Rows {
   }
 };
 
-/// Rows along the forces of holding primitives, and rows that keep the place on the primitives.
+/// `forces`: directions of the forces that hold. `places`: steps that stay on the primitives.
 struct Held {
   Rows forces;
   Rows places;

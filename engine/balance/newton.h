@@ -1,4 +1,4 @@
-/// Newton's step on a balance with primitives that vary with the place at which they are read.
+/// Newton's step for a balance whose primitives vary with the place at which the volumes are read.
 #pragma once
 
 #include <cstddef>
@@ -21,13 +21,13 @@ namespace palpate {
 ///     M = sum_i (L_i dn_i/dx + [i at full strength] n_i (ds_i/dx)^T) / k,
 ///     c_i . step = -height_i   for every plane that holds, 0 < L_i < s_i,
 ///
-/// converges. The change of the loads has no component perpendicular to all n, and the step is free
-/// perpendicular to all c. Directed forces and yielding primitives act with their full strength, so
-/// their ds/dx counts. D is the derivative at G of the pull of sliding lines and points, divided by
-/// k; it neglects that a friction's strength depends on its load. M' is M without the planes of
-/// surfaces. r is the place where the primitives were read; before a tick's first reading, it is
-/// that of the last tick. For a primitive that holds and does not turn, the condition is that of
-/// the balance.
+/// converges. Here c_i is Varying::across. The change of the loads has no component perpendicular
+/// to all n, and the step is free perpendicular to all c. Directed forces and yielding primitives
+/// act with their full strength, so their ds/dx counts. D is the derivative at G of the pull of
+/// sliding lines and points, divided by k; it neglects that a friction's strength depends on its
+/// load. M' is M without the planes of surfaces. r is the place where the primitives were read;
+/// before a tick's first reading, it is that of the last tick. For a primitive that holds and does
+/// not turn, the condition is that of the balance.
 ///
 /// n and c differ most in a groove. With n in place of c, every step would be too short by the same
 /// factor. Beyond the centre of curvature of a convex edge, the balance is a ridge. Then the step

@@ -29,7 +29,7 @@ inline Vec3 across(const Vec3& q, const Vec3& v) noexcept {
 ///
 ///     n = max(0, N),   friction = min(T, mu n),   drags = the rest, at most s_d.
 ///
-/// A grip in front of the plane holds the proxy from its own place. For a proxy on the plane
+/// If the grip is in front of the plane, the drags pull towards the grip. For a proxy on the plane
 ///
 ///     u + mu n + s_d u/r = T,   n = N - s_d h/r,   where h is the grip's height.
 ///
@@ -136,8 +136,8 @@ class OnePlane {
     return length > drags_ ? Vec3((1.0 - drags_ / length) * pull) : Vec3(Vec3::Zero());
   }
 
-  /// Loads the drags with `pull`, their load if friction is at its limit. If the proxy has not
-  /// moved, friction and drags share the load in proportion to their strengths.
+  /// Writes the load of the drags: `pull` if friction is at its limit. If the proxy has not moved,
+  /// friction and drags share the load in proportion to their strengths.
   void share(Vec3 pull) noexcept {
     if (!(drags_ > 0.0)) return;
     const double sliding = link_.coefficient * load_;

@@ -11,9 +11,9 @@
 namespace palpate::solver {
 
 /// Balances a plane and one other primitive, such as a surface with its friction or drag: the most
-/// common case. The plane's force a = sigma_plane zeta shifts the spring's end for the other
-/// primitive, which a soft threshold then balances. zeta is -1 behind the plane, 1 in front of it,
-/// and between on it. This condition is monotone in the force.
+/// common case. The plane's force a = sigma_plane zeta shifts the spring's end. A soft threshold
+/// then balances the other primitive. zeta is -1 behind the plane, 1 in front of it, and between -1
+/// and 1 on it. This condition is monotone in the force.
 ///
 /// Let e = P q, let d be the displacement of the other primitive from its kink before its own force
 /// acts, and s = q.d. Then a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, and the height over
@@ -32,7 +32,7 @@ class Pair {
         sigma_(problem.terms.sigma[other]),
         e_(project(problem.terms, other, q_)),
         d_(project(problem.terms, other, problem.spring) - get(problem.terms.b, other)),
-        // For a point, the kink is exactly one place.
+        // The kink of a point is the point itself, without rounding.
         kink_(problem.terms.beta[other] == 0.0 ? get(problem.terms.b, other)
                                                : Vec3(problem.spring - d_)),
         e2_(e_.squaredNorm()),
@@ -78,7 +78,6 @@ class Pair {
     return r > sigma_ ? Vec3(kink + ((r - sigma_) / r) * d) : kink;
   }
 
-  /// Multipliers of the plane and of the other primitive.
   [[nodiscard]] Vec3 planeMultiplier() const noexcept { return (force_ / most_) * q_; }
   [[nodiscard]] Vec3 otherMultiplier() const noexcept {
     const Vec3 d = d_ - force_ * e_;
@@ -87,7 +86,7 @@ class Pair {
 
   /// Returns an upper bound on |y - y*|. In the duality gap, the term of the other primitive and
   /// the imbalance vanish. The bound includes the possible rounding error of h. For a point, the
-  /// kink is exact and q - e = 0; for a line or a plane not.
+  /// kink has no rounding error, and q = e.
   [[nodiscard]] double bound(const Vec3& y) const noexcept {
     const double h = q_.dot(y) - foot_;
     const double lever = e_ == q_ ? 0.0 : std::abs(force_) + d_.norm();
@@ -141,7 +140,7 @@ class Pair {
   double force_ = 0.0;  ///< a, the force of the plane
 };
 
-/// Balances the primitives by Pair. Returns false without a plane, or if the bound is too large.
+/// Balances by Pair. Returns false if neither is a plane or the bound exceeds the tolerance.
 inline bool trySolvePair(const Problem& problem, const SolverParams& params,
                          SolveResult& result) noexcept {
   const std::size_t plane = problem.terms.alpha[0] == 0.0 ? 0 : 1;

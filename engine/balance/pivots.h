@@ -24,7 +24,7 @@ class Pivots {
     return std::all_of(terms.alpha, terms.alpha + terms.count, [](double a) { return a == 0.0; });
   }
 
-  /// Moves y towards the balance and sets the multipliers. Returns false if y did not arrive.
+  /// Moves y to the balance and sets the multipliers. Returns false after kMostPivots pivots.
   bool solve(Vec3& y) noexcept {
     place(y);
     while (pivots_ < kMostPivots) {
@@ -42,8 +42,8 @@ class Pivots {
     setMultipliers(gradient(y));
     return false;
   }
-  /// Computes the solution again after the origin was moved to it, and sets the multipliers. Near
-  /// the origin, heights are accurate to their own last digits.
+  /// Computes the solution again after the caller has moved the origin to it, and sets the
+  /// multipliers. Near the origin, the rounding errors of heights are relative to the heights.
   [[nodiscard]] Vec3 onHeld() noexcept {
     Vec3 y = Vec3::Zero();
     for (std::size_t k = 0; k < held_; ++k) {
@@ -102,8 +102,8 @@ class Pivots {
     ++held_;
   }
 
-  /// Finds the lowest place along the step d and returns its share of d. The step passes planes,
-  /// and ends at a plane that stops it or where the slope vanishes.
+  /// Finds the minimum of the potential along the step d. Returns its distance as a share of d. The
+  /// minimum is at a plane, or where the slope vanishes.
   double lineSearch(const Vec3& d, double slope) noexcept {
     const Terms& t = terms_;
     const double dx = d.x();
@@ -170,8 +170,8 @@ class Pivots {
     return push;
   }
 
-  /// Releases the plane with the largest excess of force over strength. Returns false without an
-  /// excess.
+  /// Releases the plane whose force exceeds its strength most. Returns false if no force exceeds
+  /// its strength.
   bool release(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     double worst = 64.0 * kEpsilon;
@@ -193,7 +193,6 @@ class Pivots {
     return true;
   }
 
-  /// Sets the multipliers at the present place.
   void setMultipliers(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     for (std::size_t i = 0; i < terms_.count; ++i) set(terms_.z, i, side(i) * get(terms_.q, i));

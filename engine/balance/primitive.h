@@ -13,35 +13,35 @@ namespace palpate {
 /// Kind of a primitive, as in the paper. Do not add a default to a `switch` over it, so that the
 /// compiler warns about a missing kind.
 enum class PrimitiveKind : std::uint8_t {
-  kForce,  ///< eq. (8): constant force along `direction`; `position` is ignored.
-  kPoint,  ///< eq. (9): constant pull towards `position`; `direction` is ignored.
-  kLine,   ///< eq. (11): constant pull towards the line through `position` along `direction`.
-  kPlane,  ///< eq. (13): constant push along `direction`, only behind the plane (eq. 12).
+  kForce,  ///< eq. (8): force s_i along `direction`; `position` is ignored.
+  kPoint,  ///< eq. (9): pull of s_i towards `position`; `direction` is ignored.
+  kLine,   ///< eq. (11): pull of s_i towards the line through `position` along `direction`.
+  kPlane,  ///< eq. (13): push of s_i along `direction` behind the plane (eq. 12), else zero.
 };
 
-/// Returns the paper's word for a kind of primitive.
+/// Returns the paper's name of a kind: "force", "point", "line" or "plane".
 [[nodiscard]] const char* wordFor(PrimitiveKind kind) noexcept;
 
 /// One primitive in W.
 struct Primitive {
-  PrimitiveKind kind = PrimitiveKind::kForce;  ///< Decides the equation of its force.
-  Vec3 position = Vec3::Zero();                ///< x_i [m].
-  Vec3 direction = Vec3::UnitX();  ///< q_i, unit length to 1e-6: |q|^2 within 2e-6 of 1.
-  double strength = 0.0;           ///< s_i [N], >= 0.
+  PrimitiveKind kind = PrimitiveKind::kForce;  ///< Determines the equation of the force.
+  Vec3 position = Vec3::Zero();                ///< Anchor x_i [m].
+  Vec3 direction = Vec3::UnitX();  ///< Direction q_i, of unit length: |q_i|^2 is within 2e-6 of 1.
+  double strength = 0.0;           ///< Strength s_i [N], >= 0.
 };
 
 /// Returns true if a balance accepts the primitive: its kind exists, its numbers are finite, its
 /// strength is >= 0 and its direction has unit length. RT: no allocation.
 [[nodiscard]] bool isValid(const Primitive& primitive) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the distance [m] of x from the point or line, or the depth behind the plane. 0 for a
-/// directed force. RT: no allocation.
+/// Returns the distance [m] of x from the point or line, or its depth behind the plane. Returns 0
+/// for a directed force. RT: no allocation.
 [[nodiscard]] double distanceTo(const Primitive& primitive,
                                 const Vec3& x) noexcept PALPATE_NONBLOCKING;
 
 /// State of a primitive in a balance.
 enum class Load : std::uint8_t {
-  kNone,      ///< load <= 1e-12 N
+  kNone,      ///< The load is at most 1e-12 N.
   kHeld,      ///< 0 < load < strength: the balance is on the primitive.
   kYielding,  ///< load = strength: the primitive cannot hold the proxy.
 };
@@ -75,7 +75,7 @@ inline constexpr std::size_t kMaxPrimitives = 1024;
 struct FrictionLink {
   std::size_t plane = 0;     ///< Index of the plane in its set.
   std::size_t line = 0;      ///< Index of the friction's line in the same set.
-  double coefficient = 0.0;  ///< mu, >= 0.
+  double coefficient = 0.0;  ///< Coefficient mu, >= 0.
 };
 
 /// The primitives of one tick. The constructor allocates all memory.
@@ -121,7 +121,7 @@ class PrimitiveSet {
 
   /// Removes all primitives, links and Varying entries; keeps the memory. RT: no allocation.
   void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }
-  /// Number of primitives, friction lines included.
+  /// Returns the number of primitives, friction lines included.
   [[nodiscard]] std::size_t size() const noexcept { return count_; }
   /// Returns the primitives in the order of adding, friction lines included.
   [[nodiscard]] std::span<const Primitive> items() const noexcept {

@@ -35,7 +35,7 @@ using namespace solver;
 // that held the proxy in the last tick, then the method of multipliers (multipliers.h). A bound
 // proves each result (certificate.h). docs/decisions/0005 and 0012 give the reasons.
 
-/// Returns true if the projectors annihilate each other, within rounding.
+/// Returns true if the product of every two projectors is zero, within rounding.
 bool orthogonal(const Terms& terms) noexcept {
   constexpr double kNothing = 1e-30;
   for (std::size_t i = 1; i < terms.count; ++i) {
@@ -100,7 +100,7 @@ struct Remainder {
   double bound = 0.0;  ///< largest effect of rounding and of omitted primitives on the result [m]
 };
 
-/// Makes the problem from eqs (8) to (13); `terms` is empty if only directed forces are left.
+/// Makes the problem from eqs (8) to (13). `terms` stays empty if only directed forces matter.
 Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
                     const Terms& storage, Remainder& remainder) noexcept {
   Problem problem;
@@ -315,7 +315,7 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
                     std::all_of(primitives.begin(), primitives.end(), isValid);
   if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
-    // A small capacity touches only a few cache lines of stack, which is enough for most ticks.
+    // Most ticks have few primitives. A small capacity touches only a few cache lines of stack.
     if (primitives.size() <= 1) {
       result = balanceFew(probe, stiffness, primitives, start, warm, forces);
     } else if (primitives.size() <= kFew) {

@@ -31,8 +31,8 @@ enum class SolverKind : std::uint8_t {
 struct SolverParams {
   /// Wanted error_bound as a share of T/k. T is the sum of the strengths of points and lines, and
   /// of half the strengths of planes. T/k is the largest distance by which these can move the
-  /// proxy. Rounding allows 1e-8 in most sets. If <= 0 or NaN, the solver goes on as far as
-  /// rounding allows.
+  /// proxy. Rounding allows 1e-8 in most sets. If the tolerance is NaN, or less than the rounding
+  /// of the input, that rounding replaces it.
   double tolerance = 1e-6;
   /// Largest number of 3x3 linear solves, >= 1, in addition to at most 40 pivots between planes. In
   /// a test, ten million random balances took at most 50 each, and hard ones at most 80.
@@ -41,7 +41,7 @@ struct SolverParams {
 
 /// The balance that solveProxy found, and a bound of its error.
 struct SolveResult {
-  Vec3 proxy = Vec3::Zero();   ///< Place of the balance [m].
+  Vec3 proxy = Vec3::Zero();   ///< Position of the proxy in the balance [m].
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m], without the rounding to the probe's
                                ///< magnitude; k times this is the spring's force.
   double error_bound = 0.0;    ///< Upper bound of the distance between probe + offset and the exact
@@ -63,8 +63,8 @@ struct WarmStart {
   /// Makes the next balance start without memory.
   void forget() noexcept { count = 0; }
 
-  std::vector<Vec3>
-      multipliers;             ///< -f/s for each point and line; -(f - s q/2)/(s/2) for each plane.
+  /// Multiplier of each primitive: -f/s for a point or line, -(f - s q/2)/(s/2) for a plane.
+  std::vector<Vec3> multipliers;
   Vec3 motion = Vec3::Zero();  ///< proxy - start of the last balance [m].
   std::size_t count = 0;       ///< Number of primitives of the last balance; 0 without memory.
 };

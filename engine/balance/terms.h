@@ -17,7 +17,7 @@ inline constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 /// one for a plane. Each member is an array over the terms, so that the loops are vectorised.
 ///
 /// b = P a, where a is the anchor: its position along the line or plane has no effect. If the kink
-/// is near the origin, b is small, and distances to the kink keep their digits.
+/// is near the origin, b is small, and distances to the kink have small rounding errors.
 struct Terms {
   std::size_t count = 0;
   double* sigma;
@@ -26,10 +26,8 @@ struct Terms {
   std::array<double*, 3> q;  ///< unit direction
   std::array<double*, 3> b;
   std::array<double*, 3> z;  ///< multiplier: the force is -sigma z, |z| <= 1, in the range of P
-  std::array<double*, 3>
-      /// working memory of envelopeGradient, Line and Pivots
-      u;
-  std::size_t* source;  ///< index of the primitive
+  std::array<double*, 3> u;  ///< working memory of envelopeGradient(), Line and Pivots
+  std::size_t* source;       ///< index of the primitive
 
   /// Sets b to P (scale (b - origin)).
   void placeFeet(const Vec3& origin, double scale) noexcept;
@@ -108,7 +106,6 @@ inline Triple constrained(const Terms& t, std::size_t i, double x, double y, dou
   return {alpha * x + along * qx, alpha * y + along * qy, alpha * z + along * qz};
 }
 
-/// Returns P v of term i.
 inline Vec3 project(const Terms& terms, std::size_t i, const Vec3& v) noexcept {
   const auto [x, y, z] = constrained(terms, i, v.x(), v.y(), v.z());
   return {x, y, z};
@@ -155,7 +152,7 @@ struct Problem {
   Vec3 spring = Vec3::Zero();  ///< the spring's end, in units of T/k from the origin
   Terms terms;
 
-  /// Moves the origin, so that small distances near it keep their digits.
+  /// Moves the origin to `to`, so that distances near it have small rounding errors.
   void moveOrigin(const Vec3& to) noexcept {
     spring -= to;
     terms.placeFeet(to, 1.0);

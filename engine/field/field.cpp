@@ -9,7 +9,7 @@
 namespace palpate {
 namespace {
 
-/// Presents a vector field to traceCells as one smooth piece. Coordinates are in voxels.
+/// Adapts a smooth vector field to traceCells(). Coordinates are in voxels.
 struct SmoothFlow {
   static constexpr bool kCells = false;
   const VectorField& field;

@@ -15,16 +15,16 @@ namespace palpate {
 
 /// A scalar property at one point.
 struct ScalarSample {
-  double value = 0.0;  ///< V, in the data's unit.
-  Vec3 gradient =
-      Vec3::Zero();     ///< Continuous gradient of V in W, per unit of the data's own space.
+  double value = 0.0;  ///< Value V, in the data's unit.
+  /// Continuous gradient of V in W, per unit of the data's space.
+  Vec3 gradient = Vec3::Zero();
   bool inside = false;  ///< True if the data are valid here; else modes add no primitives.
-  bool coarse = false;  ///< True if coarser data, or data of another moment, replaced missing data.
+  bool coarse = false;  ///< True if coarser data, or data of another time, replaced missing data.
 };
 
 /// A vector property at one point, in W.
 struct VectorSample {
-  Vec3 value = Vec3::Zero();     ///< v, in the data's unit.
+  Vec3 value = Vec3::Zero();     ///< Value v, in the data's unit.
   Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d v_i / d x_j, per unit of the data's space.
   bool inside = false;           ///< True if the data are valid here; else modes add no primitives.
   bool coarse = false;           ///< Same as ScalarSample::coarse.
@@ -32,24 +32,23 @@ struct VectorSample {
 
 /// The state at the start of a tick. Positions are in the resting frame of the field.
 struct Attention {
-  Vec3 proxy = Vec3::Zero();  ///< Proxy [m].
+  Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
   Vec3 probe = Vec3::Zero();  ///< Position of the hand [m].
   double dt = 0.0;            ///< Time since the last tick [s].
-  double play = 0.0;          ///< Time in the play of sequences [s].
-  double rate = 0.0;          ///< Rate of `play` since the last tick [s/s].
+  double play = 0.0;          ///< Play position of sequences [s].
+  double rate = 0.0;          ///< Seconds of play per second since the last tick.
 };
 
 /// Mutable state with which one thread reads one field, such as the last cell. A Reader owns it.
 struct alignas(64) FieldCache {
-  /// Memory for the field's own data structure. Valid after AnyField::reset().
+  /// Memory for the field's data. Valid after AnyField::reset().
   std::array<std::byte, 1984> bytes;
 };
 
-/// The result of a search along a straight path for the place where a value falls through a level.
+/// Result of a search on a straight path for the first point where a value falls below a level.
 struct Crossing {
-  bool found = false;  ///< True if the value falls through the level.
-  double share =
-      1.0;  ///< Share of the path up to the fall, 0 to 1; if not found, the searched share.
+  bool found = false;  ///< True if the path has this point.
+  double share = 1.0;  ///< Position of the point on the path, 0 to 1; if none, the searched share.
   /// Number of cells searched; for a field without cells, the number of values read.
   int cells = 0;
   bool behind = false;  ///< True if the whole path is below the level.
@@ -58,14 +57,14 @@ struct Crossing {
 /// Placement of a field in W.
 struct FieldFrame {
   double voxel = 1e-3;  ///< Length of a voxel's shortest edge, or of the smallest detail [m].
-  double metres_per_unit = 1.0;  ///< Metres of hand travel per unit of the data's own space.
+  double metres_per_unit = 1.0;  ///< Metres of hand travel per unit of the data's space.
   Box bounds;                    ///< Box of the data [m]. Readings outside of it have no data.
   double background = 0.0;       ///< A scalar's value outside the bounds.
-  /// True if the scalar is a signed distance, in units of the field's own space.
+  /// True if the scalar is a signed distance, in units of the data's space.
   bool distance = false;
-  Mat3 reach = Mat3::Zero();  ///< The gradient is a difference over one step to either side along
-                              ///< each lattice axis. The columns are these steps [m]; zero if it is
-                              ///< not a difference.
+  /// Columns: steps [m] over which the gradient is a central difference, along the axes of the
+  /// lattice. Zero if the gradient is not a difference.
+  Mat3 reach = Mat3::Zero();
 };
 
 /// Returns the id of a new field, unique in the process.
@@ -90,8 +89,8 @@ class AnyField {
 
   /// Announces a tick that may read the field with this cache. The loop calls it only if attends()
   /// is true. The positions in `at` let other threads fetch data ahead of the hand. Returns true if
-  /// the values differ from those of the last tick, and no motion has carried the proxy along. RT:
-  /// no allocation, no lock.
+  /// the values have changed since the last tick, other than by a motion that carries the proxy
+  /// along. RT: no allocation, no lock.
   virtual bool attend(const Attention& /*at*/,
                       FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {
     return false;
@@ -137,12 +136,12 @@ class ScalarField : public AnyField {
   /// after sample() at the same place. The default takes six samples. RT: no allocation.
   [[nodiscard]] virtual Mat3 gradientJacobian(const Vec3& p_W,
                                               FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
-  /// Finds the first place on the path from a_W to b_W [m] where h = sign (V - level) falls below
-  /// zero, within the data. There a proxy from the free side touches the surface. If h <= 0 at a_W,
-  /// the crossing is at a_W if h falls there, otherwise where h falls below zero after h was above
-  /// zero. The default reads a value every half voxel; a grid searches exactly. The search covers
-  /// at most 128 voxels (in a grid 256 cells). An end that is not finite gives no result. RT: no
-  /// allocation. Cost: a sample every half voxel; in a grid, some 50 ns for each cell.
+  /// Finds the first point on the path from a_W to b_W [m], within the data, where h = sign (V -
+  /// level) falls below zero. A proxy that comes from h > 0 touches the surface there. If h <= 0 at
+  /// a_W, the crossing is at a_W if h falls there, otherwise where h falls below zero after h was
+  /// above zero. The default reads a value every half voxel; a grid searches exactly. The search
+  /// covers at most 128 voxels (in a grid 256 cells). If an end is not finite, `found` is false.
+  /// RT: no allocation. Cost: a sample every half voxel; in a grid, some 50 ns for each cell.
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
@@ -157,8 +156,8 @@ class VectorField : public AnyField {
   /// is false. RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
-  /// Traces the stream through p_W [m] (trace.h), as one smooth piece; a grid traces cell by cell.
-  /// RT: no allocation. Cost: one value of v, and four for each tried step.
+  /// Traces the stream through p_W [m] (trace.h). The default assumes a smooth field; a grid traces
+  /// cell by cell. RT: no allocation. Cost: one value of v, and four for each tried step.
   [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 };

@@ -30,8 +30,8 @@ namespace palpate {
 /// not finite, and infinite if the square overflows. RT: no allocation. Cost: some 60 ns.
 [[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
 
-/// The shortest vector that has a direction, in the data's unit. The reciprocal of a shorter length
-/// would exceed the range of volumes (1e100, samplers/grid/prepare_values.h).
+/// Vectors shorter than this have no direction, in the data's unit. The reciprocal of a shorter
+/// length would exceed the range of volumes (1e100, samplers/grid/prepare_values.h).
 inline constexpr double kShortest = 1e-100;
 
 /// Returns v / |v|. Returns zero if |v| is below kShortest (in the data's unit) or not finite.

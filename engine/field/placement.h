@@ -15,10 +15,10 @@
 namespace palpate {
 
 /// A map from the resting frame of a volume, in which its field is given, to W. The map is rigid;
-/// for a volume that deforms, it is the linear map about one place.
+/// for a volume that deforms, it is the deformation linearised at one point.
 struct Pose {
-  Mat3 linear =
-      Mat3::Identity();  ///< Linear part, applied before `translate`; in a rigid map a rotation.
+  /// Linear part, applied before `translate`; a rotation if the map is rigid.
+  Mat3 linear = Mat3::Identity();
   Mat3 back = Mat3::Identity();   ///< The inverse of `linear`.
   Vec3 translate = Vec3::Zero();  ///< Shift [m].
 
@@ -55,7 +55,7 @@ struct Pose {
 /// The pose of a volume at one time: a rotation about W's origin, followed by a shift.
 struct Keyframe {
   double time = 0.0;                                ///< Time since the scene began [s].
-  std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Need not be normalised.
+  std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Quaternion; need not be normalised.
   Vec3 translate = Vec3::Zero();                    ///< Shift [m].
 };
 
@@ -94,13 +94,13 @@ class Motion {
   [[nodiscard]] const WarpPtr& warp() const noexcept { return warp_; }
 
   /// Returns a box in W that contains a box of the resting frame, and all places that its material
-  /// can reach, at all times. It is exact to 0.2 % of the radius at which the corners turn.
+  /// can reach, at all times. Faces may be off by 0.2 % of the radius of the corners' arcs.
   [[nodiscard]] Box sweep(const Box& at_rest) const;
   /// Returns a box, in the resting frame, of all places to which the warp can move the material of
   /// the box `at_rest`. Without a warp this is the same box.
   [[nodiscard]] Box deformed(const Box& at_rest) const;
-  /// Returns an upper bound of the speed of the points in a box of the resting frame [m/s]. For a
-  /// warp, the bound holds for the speed as sampled.
+  /// Returns an upper bound of the speed of the points in a box of the resting frame [m/s]. The
+  /// warp's part of the bound comes from samples of its speed.
   [[nodiscard]] double topSpeed(const Box& rest) const;
 
   /// Number of keyframes, >= 1.
@@ -138,11 +138,11 @@ using MotionPtr = std::shared_ptr<const Motion>;  ///< Volumes with the same poi
 struct Body {
   /// Pose in this sub-step; for a volume that deforms, the pose about the last reading.
   Pose pose;
-  Pose target;        ///< Pose at the end of the tick, predicted at its begin.
-  Deformation about;  ///< Deformation by the last reading.
-  Deformation ahead;  ///< Deformation from which `target` was predicted.
-  double sure = 0.0;  ///< Largest error of a prediction [m]; beyond it, the warp is read instead.
-  Pose carry;         ///< Motion from the last pose to this one, in W.
+  Pose target;               ///< Pose at the end of the tick, predicted at the start of the tick.
+  Deformation about;         ///< Deformation that was read last.
+  Deformation ahead;         ///< Deformation from which `target` was predicted.
+  double sure = 0.0;         ///< Largest accepted error of a predicted deformation [m].
+  Pose carry;                ///< Motion from the last pose to this one, in W.
   Vec3 from = Vec3::Zero();  ///< Place of the proxy before it moves, in the resting frame [m].
   Vec3 carried =
       Vec3::Zero();          ///< `from` in W [m]: the place to which the volume carries the proxy.

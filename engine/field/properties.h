@@ -22,7 +22,7 @@ struct Properties {
   };
   /// A vector property at the place of the reading.
   struct Vector {
-    /// Value in W. Derived vectors are per unit of the data's own space.
+    /// Value in W. Derived vectors are per unit of the data's space.
     Vec3 value = Vec3::Zero();
     bool inside = false;           ///< True if there are data here.
     Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W. Zero for a
@@ -30,8 +30,8 @@ struct Properties {
   };
   std::array<Scalar, kMaxProperties> scalars;  ///< Graph::scalar_properties has their names.
   std::array<Vector, kMaxProperties> vectors;  ///< Graph::vector_properties has their names.
-  bool coarse =
-      false;  ///< True if some values come from coarser data or from data of another moment.
+  /// True if some values come from coarser data or from data of another time.
+  bool coarse = false;
 };
 
 }  // namespace palpate

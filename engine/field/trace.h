@@ -5,16 +5,16 @@
 
 namespace palpate {
 
-/// Request for a trace. The trace ends at a given length, or at the place nearest to the hand.
+/// Request for a trace. The trace ends at a given arc length, or at the point nearest to the hand.
 struct TraceOrder {
   /// Decides which direction is forward if v has no sign, as with fibre axes.
   Vec3 along = Vec3::UnitX();
-  double length =
-      0.0;  ///< Arc length [m], < 0 for backwards; with `to_hand`, the largest in either direction.
+  /// Arc length [m], < 0 for backwards; if `to_hand`, the largest in either direction.
+  double length = 0.0;
   bool to_hand = false;      ///< True to trace to the first place that is nearest to the hand.
   Vec3 hand = Vec3::Zero();  ///< Vector from the start to the hand [m]; decides `hairpin`.
   Mat3 metric = Mat3::Identity();  ///< Metric M of distances to the hand: |d|^2 = d^T M d.
-  /// A trace to the hand ends when the pull along the curve is this small [voxels].
+  /// A trace to the hand ends when the pull along the curve is at most this [voxels].
   double near = 1e-3;
   Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve at the start, if known [1/voxel].
   double tolerance = 1e-4;   ///< Largest error of a step [voxels].
@@ -33,7 +33,7 @@ struct Trace {
   bool capped = false;       ///< True if the trace ended early because its steps were used up.
   bool hairpin = false;      ///< True if the centre of curvature is nearer than the hand.
   bool arrived = false;      ///< True if the trace ended at a place nearest to the hand.
-  Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve by the last step [1/voxel].
+  Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve in the last step [1/voxel].
 };
 
 }  // namespace palpate

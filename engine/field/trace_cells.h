@@ -14,12 +14,12 @@ namespace palpate {
 
 /// Traces a stream through a `Flow`, which provides the cells:
 ///
-///     bool enter(const Vec3& u, const Vec3& direction)  enters the cell that holds u; on a
-///         face, the one that the direction leads into; false without data
+///     bool enter(const Vec3& u, const Vec3& direction)  enters the cell that contains u; on a
+///         face, the cell ahead in `direction`; returns false without data
 ///     bool pass(int axis, int side)     enters the neighbour: side +1 or -1
 ///     Vec3 lower()                      the cell is [lower, lower + 1] in u, or
-///     constexpr bool kCells             false: one smooth piece without faces
-///     Vec3 value(const Vec3& u)         v by the cell's own polynomial, a little outside as well
+///     constexpr bool kCells             false: a smooth field without faces
+///     Vec3 value(const Vec3& u)         v by the polynomial of the cell, also slightly outside
 ///     Vec3 rate(const Vec3& v)          du / ds of a unit vector of W, s in voxels
 ///
 /// u, the `direction` of `enter` and the resulting position are in cell coordinates. The resulting
@@ -74,22 +74,22 @@ class CellTrace {
   }
 
  private:
-  static constexpr double kLeast = 0.05;   // [voxels]
-  static constexpr double kLongest = 1.0;  // [voxels]
-  // lengthens a step so that it certainly reaches the face
+  static constexpr double kLeast = 0.05;   // [voxels]: shortest stride
+  static constexpr double kLongest = 1.0;  // [voxels]: longest stride
+  // a step to a face is longer by this factor, so that it crosses the face
   static constexpr double kPast = 1.03;
-  static constexpr double kMostGrowth = 4.0;  // growth after a step without error
+  static constexpr double kMostGrowth = 4.0;  // growth of the stride after a step without error
   static constexpr double kRough =
       1.0 / 75.0;  // weight of the rough error estimate, by measurement
   // [voxels]: the trace is complete if less length is left
   static constexpr double kEnough = 1e-12;
-  // [voxels]: longest step that follows the known bend alone
+  // [voxels]: longest correction towards the hand that uses only the known bend
   static constexpr double kNudge = 0.02;
   static constexpr double kShort = 0.1;  // [voxels]: longest midpoint step
-  // error of a midpoint step, as a share of the tolerance times the step's length
+  // largest error of a midpoint step, divided by tolerance * h_
   static constexpr double kShare = 0.35;
   static constexpr double kSteepest = 0.1;  // least E'' of Newton's step, as a share of x'.Mx'
-  // [voxels]: two faces closer together than this count as one
+  // [voxels]: a trace ends if it crosses a face back within this length
   static constexpr double kStuck = 1e-6;
   enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
 
@@ -109,7 +109,7 @@ class CellTrace {
     way_ = -way_;
   }
 
-  /// Writes v/|v|, turned towards `like`, to `d`. Returns false where v has no direction.
+  /// Writes v/|v| to `d`, negated if it points against `like`. Returns false if v has no direction.
   bool direction(const Vec3& u, const Vec3& like, Vec3& d) noexcept {
     ++samples_;
     const Vec3 v = flow_.value(u);
@@ -167,7 +167,7 @@ class CellTrace {
     return true;
   }
 
-  /// Computes the stages and the end of an RK4 step. Returns false where v has no direction.
+  /// Computes the stages and the end of an RK4 step. Returns false if v has no direction there.
   [[nodiscard]] bool stages() noexcept {
     if (!middle()) return false;
     const Vec3 r2 = flow_.rate(k2_);
@@ -187,7 +187,7 @@ class CellTrace {
     bool to_face = false;
     r1_ = flow_.rate(k1_);
     middle_of_ = 0.0;
-    // Longer traces use RK4, because they need the stride that it finds.
+    // Longer traces use RK4, because only RK4 adapts stride_.
     if (wanted <= kShort && shortStep())
       return !order_.to_hand || backToHand() ? Tried::kMade : Tried::kEnds;
     if constexpr (Flow::kCells) {
@@ -196,7 +196,7 @@ class CellTrace {
       h_ = std::min(h_, reach);
     }
     if (!stages()) {
-      // A place where v has no direction is near.
+      // A point at which v has no direction is near.
       if (h_ <= kLeast) return Tried::kEnds;
       stride_ = std::max(0.5 * std::min(h_, stride_), kLeast);
       return Tried::kTooLong;
@@ -245,7 +245,7 @@ class CellTrace {
     return g / std::max(straight - turn.dot(pull), kSteepest * straight);
   }
 
-  /// Returns true at a place nearest to the hand. Else sets `aim_` to Newton's step to that place.
+  /// Sets `aim_` to Newton's step to the point nearest to the hand. Returns true at that point.
   [[nodiscard]] bool atHand() noexcept {
     const Vec3 pull = order_.metric * (order_.hand - gone_);
     const double g = way_.dot(pull);
@@ -253,8 +253,8 @@ class CellTrace {
     return g <= order_.near;
   }
 
-  /// If the step passes the place nearest to the hand, moves its end to that place. Returns false
-  /// where v has no direction. Cost: up to five values of v.
+  /// If the step passes the point nearest to the hand, moves the end of the step to that point.
+  /// Returns false if v has no direction there. Cost: up to five values of v.
   [[nodiscard]] bool backToHand() noexcept {
     constexpr int kMost = 4;
     for (int i = 0; i < kMost; ++i) {
@@ -283,13 +283,13 @@ class CellTrace {
   [[nodiscard]] double shareToHand(double g_end) const noexcept {
     const Vec3 d = order_.hand - gone_;
     constexpr int kMost = 8;
-    constexpr double kExact = 0.1;  // share of `near` that may remain
+    constexpr double kExact = 0.1;  // largest remaining |g|, divided by `near`
     double low = 0.0;
     double high = 1.0;
     double g_low = k1_.dot(order_.metric * d);
     double g_high = g_end;
     double t = 1.0;
-    int moved = 0;  // the end that the last pass moved: -1 low, 1 high
+    int moved = 0;  // bound that the last pass moved: -1 low, 1 high
     for (int i = 0; i < kMost; ++i) {
       t = (low * g_high - high * g_low) / (g_high - g_low);
       const double g = directionAt(t).dot(order_.metric * (d - goneAt(t)));
@@ -321,7 +321,7 @@ class CellTrace {
   struct Face {
     int axis = -1;  ///< Axis of the face; -1: the step stays in its cell.
     int side = 0;
-    double share = 2.0;  ///< Share of the step at which it leaves.
+    double share = 2.0;  ///< Fraction of the step at which it crosses the face; 2 if it does not.
   };
 
   /// Returns coordinate `a` of u at share t of the step, on the same cubic.
@@ -400,7 +400,7 @@ class CellTrace {
 
 /// Returns the trace of a CellTrace from `start`, in cell coordinates. RT: no allocation, if `flow`
 /// allocates no memory. Cost: four values of v for each tried step, and one more if it crosses a
-/// face. A trace below 0.1 voxel needs one value if that is accurate enough.
+/// face. A step below 0.1 voxel takes one value if the midpoint rule is accurate enough.
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
   return CellTrace<Flow>(flow, start, order).run();

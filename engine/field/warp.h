@@ -1,4 +1,4 @@
-/// Deformation of a volume: displacements from the places of material points to resting places.
+/// Deformation of a volume: displacements from material points to their resting positions.
 #pragma once
 
 #include <array>
@@ -12,11 +12,11 @@ namespace palpate {
 
 /// The value of a displacement field at one place and time.
 struct Displacement {
-  Vec3 shift = Vec3::Zero();  ///< u [m]
+  Vec3 shift = Vec3::Zero();  ///< Displacement u [m].
   Mat3 slope = Mat3::Zero();  ///< slope(i, j) = d u_i / d x_j
   Vec3 rate = Vec3::Zero();   ///< du/dt at a fixed x [m/s]
-  /// bend[i](j, k) = d^2 u_i / dx_j dx_k [1/m]: the curvature that u adds to surfaces. A warp may
-  /// leave it zero, which costs more readings.
+  /// bend[i](j, k) = d^2 u_i / dx_j dx_k [1/m]: the curvature that u adds to surfaces. If a warp
+  /// leaves it zero, ticks take more readings.
   std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(), Mat3::Zero()};
 };
 
@@ -77,14 +77,14 @@ struct Deformation {
     out << (bend[0] * w).transpose(), (bend[1] * w).transpose(), (bend[2] * w).transpose();
     return out;
   }
-  /// Returns the part of a gradient's derivative from `bend`, sum g_i bend_i, in the resting frame.
+  /// Returns sum g_i bend_i, the warp's part of a gradient's derivative, in the resting frame.
   [[nodiscard]] Mat3 bendOf(const Vec3& g) const noexcept {
     return g.x() * bend[0] + g.y() * bend[1] + g.z() * bend[2];
   }
 };
 
-/// Returns the deformation about x [m], with one reading. If u folds space (det F below 0.05), I
-/// replaces F. RT: no allocation.
+/// Returns the deformation about x [m], with one reading. If det F < 0.05, u folds space, and the
+/// identity replaces F. RT: no allocation.
 [[nodiscard]] Deformation deformationAt(const Warp& warp, const Vec3& x,
                                         double time) noexcept PALPATE_NONBLOCKING;
 

@@ -25,7 +25,7 @@ void CacheWarmup::look(const HandState& hand, const StepReport& report) noexcept
 }
 
 bool CacheWarmup::strayed() const noexcept {
-  // Proxies that are farther apart than this are on two sides of an object.
+  // Proxies farther apart than this may be on two sides of an object.
   constexpr double kApart = 2e-4;  // [m]
   return !fresh_ || warmed_.primitives != real_.primitives ||
          !((warmed_.proxy - real_.proxy).norm() < kApart);

@@ -12,7 +12,7 @@
 
 namespace palpate {
 
-/// Runs ticks on a twin: a copy of the proxy that moves to the expected place of the hand.
+/// Runs ticks on a twin: a copy of the proxy that follows the expected position of the hand.
 class CacheWarmup {
  public:
   /// Allocates the memory of a ProxyState and a Reader. `limits` are those of the device.
@@ -21,7 +21,7 @@ class CacheWarmup {
   /// Records the hand and the report of a tick. Call it after every tick.
   void look(const HandState& hand, const StepReport& report) noexcept;
 
-  /// Runs a tick of the twin. The expected place of the hand is its last place plus its last
+  /// Runs a tick of the twin. The expected position of the hand is its last position plus its last
   /// displacement. If the last tick of the twin differed too much from the real tick, first copies
   /// the whole state of `real`. No tick runs if the force is cut, or before look() has recorded two
   /// ticks. Scenes with user-defined modes have no warm-up, because it would call these modes
@@ -34,14 +34,13 @@ class CacheWarmup {
   [[nodiscard]] const StepReport& warmed() const noexcept { return warmed_; }
 
  private:
-  /// Returns true if the last tick of the twin differed too much from the real one.
   [[nodiscard]] bool strayed() const noexcept;
 
   ProxyState twin_;
   Reader reader_;
-  std::uint64_t scene_ = 0;     ///< Scene::id of the last run.
-  bool user_ = false;           ///< True if that scene has user-defined modes.
-  HandState hand_;              ///< Hand of the last tick.
+  std::uint64_t scene_ = 0;  ///< Scene::id of the last run.
+  bool user_ = false;        ///< True if that scene has user-defined modes.
+  HandState hand_;
   Vec3 before_ = Vec3::Zero();  ///< Position of the hand in the second-last tick [m].
   int seen_ = 0;                ///< Number of recorded ticks, at most 2.
   StepReport real_;

@@ -16,7 +16,7 @@ inline constexpr std::size_t kMostLinks = 7;  ///< Largest number of remote hand
 
 /// The newest message (LinkWord) of each remote hand.
 struct LinksHeard {
-  /// Number that identifies each hand; 0 without a hand. A changed number begins a new link.
+  /// Number that identifies each hand; 0 if there is no hand. A changed number begins a new link.
   std::array<std::uint64_t, kMostLinks> who{};
   std::array<LinkWord, kMostLinks> words{};  ///< Newest message of each hand.
 };
@@ -36,7 +36,7 @@ struct LinksTold {
 /// The links of one hand. Two threads use them; each function belongs to one thread.
 class HandLinks {
  public:
-  /// @param life  See Link; greater than at any earlier start, such as the nanoseconds since 1970.
+  /// @param life  First life of each Link: greater than at earlier starts, such as ns since 1970.
   explicit HandLinks(std::uint64_t life, const LinkParams& params = {});
 
   // Functions for the thread that carries the messages.
@@ -49,9 +49,9 @@ class HandLinks {
   }
 
   // Functions for the haptic thread.
-  /// Returns the force of all springs on the hand in a tick [N], at most the peak, along
-  /// hand.drives. Each present spring has an equal part. `proxy` is the last tick's proxy [m], and
-  /// `hand` the hand as read. RT: no allocation.
+  /// Returns the force of all springs on the hand in a tick [N]: at most LinkParams::peak, in the
+  /// directions of hand.drives. The springs of present hands have equal shares. `proxy` is the last
+  /// tick's proxy [m], and `hand` the hand as read. RT: no allocation.
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand,
                           double dt) noexcept PALPATE_NONBLOCKING;
   /// Call it instead of pull() if no force is sent. The remote hands get no message of this tick.

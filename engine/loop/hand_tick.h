@@ -16,11 +16,11 @@ struct TickInput {
   bool cleared = false;  ///< True if a fault was cleared before the tick.
   /// Cause of a cut of the force in this tick, or kNone.
   Fault wrong = Fault::kNone;
-  Fault order = Fault::kNone;  ///< Cause why the computed force was not sent; kNone if it was sent.
-  double play = 0.0;           ///< Play position of sequences [s].
-  double play_rate = 0.0;      ///< Rate at which play advanced, except for jumps [s/s].
-  Vec3 pull = Vec3::Zero();    ///< Force of remote hands on this one [N], beside the spring's.
-  double given = 1.0;          ///< Share of the force that the motors could give.
+  Fault order = Fault::kNone;   ///< Reason why the force was not sent; kNone if it was sent.
+  double play = 0.0;            ///< Play position of sequences [s].
+  double play_rate = 0.0;       ///< Rate at which play advanced, except for jumps [s/s].
+  Vec3 pull = Vec3::Zero();     ///< Force of remote hands [N], added to the coupling's force.
+  double given = 1.0;           ///< Share of the force that the motors could give.
   Fault unsent = Fault::kNone;  ///< Cause of a cut after the write, or kNone.
 };
 

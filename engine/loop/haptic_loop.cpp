@@ -148,7 +148,7 @@ Fault HapticLoop::ordered() noexcept {
 Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   if (const Fault order = ordered(); order != Fault::kNone) return order;
   if (time.late > late_) {
-    // The guardian may have been delayed for the same reason.
+    // The cause may have delayed the guardian as well, so its pause counts from now.
     guard_.since = time.now;
     return Fault::kLate;
   }
@@ -175,7 +175,7 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
 }
 
 Fault HapticLoop::withheld(double took, const TickTime& time) noexcept {
-  // If a tick hung, as in a stopped process, the guardian has removed the force.
+  // If the tick took too long, as in a stopped process, the guardian has removed the force.
   if (!device_.info().hand) return Fault::kNone;
   return time.real && took > late_ ? Fault::kLate : ordered();
 }

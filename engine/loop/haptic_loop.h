@@ -69,12 +69,12 @@ struct TickTime {
   double dt = 1e-3;          ///< Time since the last tick [s].
   double late = 0.0;         ///< Delay of the tick's start after its deadline [s].
   bool missed = false;       ///< True if the tick began after the next tick's deadline.
-  std::int64_t wake_ns = 0;  ///< Delay after the deadline of the thread's sleep, for the log [ns].
+  std::int64_t wake_ns = 0;  ///< Time from the deadline to the start of the tick, for the log [ns].
   bool real = false;  ///< True for a real clock: the durations of a tick and of a write then count.
 };
 
-/// Returns the limits of a device in a loop of this rate [Hz]. If there is a hand, the ramp of an
-/// engagement is at least kEngage. Throws DeviceError if a limit is not a usable number.
+/// Returns the limits of a device in a loop of this rate [Hz]. If DeviceInfo::hand is true, an
+/// engagement lasts at least kEngage. Throws DeviceError if a limit is not a usable number.
 [[nodiscard]] ForceLimits limitsInLoop(const DeviceInfo& info, double rate);
 
 /// The loop of one device: its proxy, its reader and the newest scene.
@@ -107,7 +107,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Clears any fault in the next tick. The force returns through an engagement.
   void clear() noexcept {
     stop_.store(false, std::memory_order_relaxed);
-    // Withdraws the orders given so far. Orders that come between now and the tick stay valid.
+    // Withdraws the orders given so far. An order between this call and the next tick stays valid.
     if (watch_by_.stops != nullptr) stops_cleared_ = watch_by_.stops->load();
     if (watch_by_.cuts != nullptr) cuts_cleared_ = watch_by_.cuts->load();
     clear_.store(true, std::memory_order_release);
@@ -173,7 +173,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Telemetry told_;
   std::uint32_t stops_seen_ = 0;  ///< Number of withdrawn orders in LoopWatch::stops.
   std::uint32_t cuts_seen_ = 0;   ///< Number of processed cuts in LoopWatch::cuts.
-  /// True if the device takes no writes. The guardian then handles the device.
+  /// True after kWrite, kGone or kMiscounted: the loop stops `heart`, and the guardian acts.
   bool deaf_ = false;
   bool jumped_ = false;  ///< True if the position jumped while no force was sent.
 

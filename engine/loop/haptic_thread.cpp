@@ -59,7 +59,7 @@ void HapticThread::waitFor(std::int64_t due) noexcept {
 }
 
 void HapticThread::run() noexcept {
-  // This thread receives only signals of its own errors.
+  // Blocks all signals except those of errors in this thread.
   sigset_t others;
   sigfillset(&others);
   for (const int own : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) sigdelset(&others, own);
@@ -89,8 +89,8 @@ void HapticThread::run() noexcept {
     time.now = 1e-9 * static_cast<double>(now - begin);
     time.dt = 1e-9 * static_cast<double>(now - last_now);
     time.wake_ns = now - due;
-    // A tick is late if it begins after the deadline that follows the last tick's, and more than a
-    // period after the last tick began.
+    // A tick is late if it begins after the deadline that follows the deadline of the last tick,
+    // and more than a period after the last tick began.
     const double asked =
         std::max(static_cast<double>(due) - static_cast<double>(count - last - 1) * period,
                  static_cast<double>(last_now) + period);

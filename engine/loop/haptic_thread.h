@@ -73,7 +73,7 @@ class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
   [[nodiscard]] const RealtimeReport& realtime() const noexcept { return realtime_; }
   /// Returns the value of LoopParams::early that is in use [s].
   [[nodiscard]] double early() const noexcept { return early_; }
-  /// Returns the page faults of the thread since its first tick.
+  /// Returns the thread's page faults since its first tick; updated about every 1,024 ticks.
   [[nodiscard]] std::int64_t pageFaultsSinceStart() const noexcept {
     return faults_.load(std::memory_order_relaxed);
   }

@@ -1,11 +1,11 @@
 /// A spring between this hand's proxy and that of a remote hand, over a network that may delay,
 /// lose, double and reorder messages.
 ///
-/// Each end renders the spring from the other end's last received place, and has an energy tank.
-/// Work that its hand does on the spring fills the tank, and work of the spring on the hand empties
-/// it. An end gives its spare energy to the other end. Each message contains the sum of all energy
-/// given so far, and the receiver takes the part that it has not taken yet. So the next message
-/// replaces a lost one, and a doubled or late message adds no energy.
+/// Each end computes the spring from the last received position of the other end's proxy, and has
+/// an energy tank. Work that its hand does on the spring fills the tank, and work of the spring on
+/// the hand empties it. An end gives its spare energy to the other end. Each message contains the
+/// sum of all energy given so far, and the receiver takes the part that it has not taken yet. So
+/// the next message replaces a lost one, and a doubled or late message adds no energy.
 ///
 /// Let w_i(t) be the work that end i has done on its hand, g_i the energy that it gave, and r_i the
 /// energy that it took. Tank i holds e_i = start + r_i - g_i - w_i. As r_1 <= g_2 and r_2 <= g_1,
@@ -50,7 +50,7 @@ struct LinkParams {
 /// If no message has come for this long, the remote hand is away [s].
 inline constexpr double kLinkSilence = 0.2;
 inline constexpr double kLinkRamp = 0.5;  ///< Time in which the spring fades in and out [s].
-/// Time in which a force that was not paid for returns [s].
+/// Time in which the allowed share of the force rises from 0 to 1 [s].
 inline constexpr double kLinkRise = 0.1;
 /// Upper bound of the acceleration of a hand [m/s^2], for its path until the next tick.
 inline constexpr double kLinkNimble = 200.0;
@@ -80,7 +80,7 @@ class Link {
   /// Receives a message. It may contain any bits. Messages may come in any order, and several
   /// times. RT: no allocation.
   void hear(const LinkWord& word) noexcept PALPATE_NONBLOCKING;
-  /// Forgets the other end. The next message may have any life. The energy in the tank stays.
+  /// Forgets the other end, and accepts any life in the next message. Keeps the energy in the tank.
   void forgetOther() noexcept;
 
   /// Counts the work of the last force over the hand's path, and returns the next force. Between
@@ -99,7 +99,7 @@ class Link {
   /// Call it after each pull(). `share`, 0 to 1, is the share of the force that was sent; below 0
   /// if unknown. Energy that leaves the tank is counted as if the whole force was sent.
   void pulled(double share) noexcept PALPATE_NONBLOCKING;
-  /// Call it instead of pull() if no force is sent to a hand. The last force has acted until now.
+  /// Call it instead of pull() if no force is sent. Counts the work of the last force up to now.
   void rest(const Vec3& hand) noexcept PALPATE_NONBLOCKING;
 
   /// Returns the message for the other end. `proxy` is this end's proxy [m]. RT: no allocation.
@@ -133,7 +133,7 @@ class Link {
   double energy_;
   double lowest_ = 0.0;  ///< Lowest energy of the tank in this debt [J].
   double trust_ = 1.0;   ///< Share of the force that a tank in debt allows.
-  /// Energy of the whole spring [J]. The tank needs no more than this from the other end.
+  /// Energy of the whole spring [J]. The other end fills the tank up to `start` + held_.
   double held_ = 0.0;
   double presence_ = 0.0;
   double paid_ = 1.0;
@@ -141,12 +141,12 @@ class Link {
   bool known_ = false;
   Vec3 last_ = Vec3::Zero();
   double span_ = 0.0;          ///< Time since the last position [s].
-  double before_ = 0.0;        ///< Time between the two readings before that [s].
+  double before_ = 0.0;        ///< Time between the last two readings [s].
   double mean_ = 0.0;          ///< Mean time between recent readings [s].
   Vec3 force_ = Vec3::Zero();  ///< Force since the last position [N].
   Vec3 sent_ = Vec3::Zero();
   double least_ = 0.0;     ///< Smallest share of the force that was sent.
-  double reserved_ = 0.0;  ///< Largest work that the force was expected to take [J].
+  double reserved_ = 0.0;  ///< Upper bound of the work of the force until the next reading [J].
 };
 
 }  // namespace palpate

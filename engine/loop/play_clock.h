@@ -7,14 +7,14 @@
 
 namespace palpate {
 
-/// How sequences are played.
+/// Speed, range and start of play.
 struct PlayParams {
   double speed = 1.0;   ///< Seconds of play per second of time; below 0 for backwards.
-  bool paused = false;  ///< True if the position stays.
+  bool paused = false;  ///< True while play is paused.
   double from = 0.0;    ///< Lower end of the range [s]; may be infinite.
   double to =
       std::numeric_limits<double>::infinity();  ///< Upper end of the range [s]; may be infinite.
-  bool repeat = false;  ///< If true, play continues from the other end. Needs two finite ends.
+  bool repeat = false;  ///< If true, play continues at the other end. Needs finite ends.
   double begin = 0.0;   ///< First play position [s].
 
   /// Returns true if all parameters are equal.
@@ -23,11 +23,11 @@ struct PlayParams {
 
 /// The play position of one loop.
 struct PlayHead {
-  double time = 0.0;    ///< [s]
-  double rate = 0.0;    ///< Rate of play in the last tick, except for jumps [s/s].
+  double time = 0.0;    ///< Play position [s].
+  double rate = 0.0;    ///< Seconds of play per second in the last tick, without jumps.
   double nudged = 0.0;  ///< Sum of the nudges (PlayClock::nudge) that this head has followed [s].
   std::uint32_t seeks = 0;  ///< Number of seeks (PlayClock::seek) that this head has followed.
-  bool begun = false;       ///< True if there was a tick.
+  bool begun = false;       ///< True after the first tick.
 };
 
 /// Controls play. Each loop advances its own PlayHead; heads differ by the loops' start times.

@@ -19,7 +19,7 @@ namespace palpate {
 namespace {
 
 constexpr std::int64_t kSecond = 1000000000;  // [ns]
-// The clock continues while the machine is suspended, so that a loop is late afterwards.
+// This clock runs while the machine is suspended, so the first tick afterwards counts as late.
 constexpr clockid_t kSystemClock = CLOCK_BOOTTIME;
 
 /// Touches more stack than a tick uses, so that ticks cause no page faults.

@@ -16,7 +16,7 @@ struct RealtimeRequest {
       -1;  ///< Core on which to stay; -1 for any core. A thread without priority uses any core.
   /// Lock the present and future memory of the process. This prevents huge pages.
   bool lock_memory = true;
-  bool awake = true;  ///< Keep the cores awake, at the cost of power: a sleeping core wakes late.
+  bool awake = true;  ///< Keep all cores awake. This costs power, but sleeping cores wake late.
 };
 
 /// The requests that were granted, and the reasons and remedies for those that were refused.
@@ -52,7 +52,7 @@ class StayAwake {
 /// stack that ticks need. The report repeats the result of `awake`. Slow: call it before ticks.
 [[nodiscard]] RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake);
 
-/// Returns the time of the clock of all deadlines [ns]. It also runs while the machine is
+/// Returns the time of the clock of all deadlines [ns]. The clock also runs while the machine is
 /// suspended. Signal-safe.
 [[nodiscard]] std::int64_t nowNs() noexcept;
 /// Sleeps until nowNs() reaches `ns` [ns], even if signals interrupt. RT: a system call.

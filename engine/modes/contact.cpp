@@ -14,10 +14,10 @@ namespace {
 constexpr double kSight = 2.0;
 /// Largest distance from the place of a reading at which that reading puts the plane [voxels].
 constexpr double kStep = 0.5;
-/// A plane goes through a proxy this near to its surface, so that kinks coincide [voxels].
+/// A plane goes through a reading this near to the surface, so that kinks coincide [voxels].
 constexpr double kOnIt = 1e-9;
-/// Height above the surface at which a path along it is swept, as a share of the path's length. A
-/// longer path counts as one voxel.
+/// Height above the surface at which a path along it is swept, divided by the length of the path. A
+/// length above one voxel counts as one voxel.
 constexpr double kLift = 0.25;
 
 void put(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
@@ -57,7 +57,7 @@ SurfaceReading look(const SurfaceSource& skin, double level, const Properties& r
 void place(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
            const Vec3& x) noexcept {
   if (contact.placed && !contact.touched && sight.normal.dot(contact.normal) < 0.0) {
-    // If the proxy has passed an edge, the sweep of its path finds the next surface.
+    // The reading shows the other side of a wall. If x is in front of that side, this contact ends.
     if (sight.height >= 0.0) leave(contact);
     return;
   }
@@ -93,7 +93,7 @@ void readTurn(Contact& contact, const SurfaceSource& skin, const Properties& rea
 void tellTurn(const Contact& contact, const SurfaceSource& skin, const Vec3& x, bool foreseen,
               Varying& plane) noexcept {
   plane.turn = contact.turn;
-  // If no reading has put the plane on the surface, the normal of the plane replaces the slope.
+  // If no reading has put the plane on the surface, n replaces c.
   plane.across = contact.seen ? contact.across : contact.normal;
   const double over = plane.across.dot(contact.normal) * contact.normal.dot(x - contact.anchor);
   const double most = kStep * skin.voxel;

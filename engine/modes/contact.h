@@ -1,4 +1,4 @@
-/// The contact of a proxy with a surface: its plane, the turn of the plane, and its load.
+/// The contact of a proxy with a surface: its plane, the derivative of the normal, and the load.
 #pragma once
 
 #include <span>
@@ -18,14 +18,14 @@ struct SurfaceSource {
   int cell_gradient = -1;        ///< Index into Properties::vectors of the interpolated slope.
   double sign = -1.0;            ///< Outward normal = sign * gradient: -1 if high values are solid.
   double voxel = 1e-3;           ///< Shortest edge of a voxel [m].
-  double metres_per_unit = 1.0;  ///< Metres per unit of the field's own space.
+  double metres_per_unit = 1.0;  ///< Metres per unit of the data's space.
   bool grooves = false;  ///< True if grooves increase the friction. This needs friction and a field
                          ///< that is a distance (FieldFrame::distance).
 };
 
 /// Corrections to the plane of a surface for other solids and other walls; see seams.h.
 struct Seam {
-  Vec3 gradient = Vec3::Zero();  ///< Added to sign * gradient, in W [unit of the gradient].
+  Vec3 gradient = Vec3::Zero();  ///< Term added to sign * gradient, in W [unit of the gradient].
   Mat3 turn = Mat3::Zero();      ///< Derivative of `gradient` [unit of the gradient / m].
   double walls = 1.0;  ///< Sum of the loads of a groove's walls, divided by the load of the plane.
 };
@@ -51,16 +51,16 @@ struct Contact {
 /// The surface V = Va, computed from one reading of properties.
 struct SurfaceReading {
   bool data = false;  ///< True if there is a value.
-  /// True if there is a normal, and the surface is within the two voxels of look().
+  /// True if there is a normal, and the surface is within two voxels, as look() measures.
   bool clear = false;
   double height = 0.0;          ///< Height of the reading above the surface along n [voxels].
   Vec3 normal = Vec3::UnitX();  ///< n, the outward unit normal.
   Vec3 across = Vec3::UnitX();  ///< c, the outward unit normal of the interpolated surface.
   double off = 0.0;             ///< Height of the reading above the surface along c [voxels].
 };
-/// Computes where the surface V = level is, from a reading. The surface is near if it is within two
-/// voxels, by the steeper of two slopes. The normal is that of the gradient plus the correction of
-/// the seam, if any. RT: no allocation.
+/// Computes the position of the surface V = level from a reading. The surface is near if it is
+/// within two voxels, by the steeper of two slopes. The normal is that of the gradient plus the
+/// correction of the seam, if any. RT: no allocation.
 [[nodiscard]] SurfaceReading look(const SurfaceSource& skin, double level, const Properties& read,
                                   const Seam* seam = nullptr) noexcept PALPATE_NONBLOCKING;
 
@@ -87,9 +87,9 @@ void readTurn(Contact& contact, const SurfaceSource& skin, const Properties& rea
 void tellTurn(const Contact& contact, const SurfaceSource& skin, const Vec3& x, bool foreseen,
               Varying& plane) noexcept PALPATE_NONBLOCKING;
 
-/// Adds the plane and, with friction, a line (eq. 11) through p [m] along the normal, even with
-/// zero strength, so that a contact always has the same primitives. `slope` is the gradient of the
-/// strength [N/m]. Returns false if the set was full. RT: no allocation.
+/// Adds the plane and, if `friction` > 0, a line (eq. 11) through p [m] along the normal, with zero
+/// strength until the balance. If `strength` <= 0, adds no primitive. `slope` is the gradient of
+/// the strength [N/m]. Returns false if the set was full. RT: no allocation.
 [[nodiscard]] bool addContact(Contact& contact, double strength, const Vec3& slope, double friction,
                               const Vec3& p, PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
 
@@ -98,8 +98,8 @@ void readLoad(Contact& contact, std::span<const Primitive> primitives,
               std::span<const Vec3> forces) noexcept PALPATE_NONBLOCKING;
 
 /// Returns the offset to the free side at which a path of this length [m] along the surface is
-/// swept: a quarter of the path, at most a quarter of a voxel; zero without a plane. It clears the
-/// chord of a surface with a radius of curvature of 5/8 of the path or more. RT: no allocation.
+/// swept: a quarter of the path, at most a quarter of a voxel; zero without a plane. A chord of a
+/// surface with a radius of at least 5/8 of its length is then on the free side. RT: no allocation.
 [[nodiscard]] Vec3 liftOff(const Contact& contact, double voxel,
                            double way) noexcept PALPATE_NONBLOCKING;
 

@@ -9,12 +9,12 @@
 namespace palpate {
 namespace {
 
-/// A flow that rotates by less than this share of its speed over a voxel has no vortex.
+/// A flow has no vortex if |curl v| times a voxel is less than this share of |v|.
 constexpr double kNoVortex = 1e-5;
 
-/// Returns the unit direction of a primitive that is anchored at the proxy and must be valid as far
-/// as the place of the reading: the mean of the directions at both places (trapezoidal rule). `q`
-/// is the direction at the reading, and `before` is that at the proxy.
+/// Returns the unit direction of a primitive that is anchored at the proxy: the mean (trapezoidal
+/// rule) of `before`, the direction at the proxy, and q, the direction at the reading. If the
+/// reading is at the proxy, or q opposes `before`, sets `before` to q and returns q.
 Vec3 midway(const EvaluationPoint& stand, const Vec3& q, Vec3& before) noexcept {
   const bool here = stand.foreseen || stand.read == stand.proxy;
   if (here || !(before.dot(q) > 0.0)) before = q;
@@ -68,7 +68,7 @@ bool emit(const FrontShapeMode& mode, const EmitContext& place, FrontShapeMemory
   }
   // Snap-drag: the remembered plane holds a proxy that is pulled off its front, up to the distance
   // `snap`. Then the proxy is released until it rests. Otherwise the front goes through the proxy.
-  constexpr double kOn = 1e-3;  // share of the snap distance
+  constexpr double kOn = 1e-3;  // a proxy within this share of the snap distance is on its front
   const Vec3& p = place.stand.proxy;
   const double off = memory.placed ? memory.normal.dot(p - memory.anchor) : 0.0;
   const double away = mode.two_sided ? std::abs(off) : -off;
@@ -100,14 +100,14 @@ bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory
   const Vec3& curl = place.vector(mode.curl).value;
   Vec3 core;
   if (!v.inside || !unit(curl, core)) return nothing(memory.before);
-  // Rotation of the flow over a voxel, relative to its speed.
+  // spin: |curl v| times a voxel, in the unit of v.
   const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
   const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
   const double strength =
       v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
   const Vec3 outwards = v.value.cross(core);
   const double radius = 2.0 * outwards.norm() / spin;  // [voxels]
-  // Over one voxel, the tube's planes replace the line on the core.
+  // Between one and two voxels from the core, the line fades and the planes take over.
   Vec3 radial;
   const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
   if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;

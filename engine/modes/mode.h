@@ -26,7 +26,7 @@ inline constexpr double kMostFriction = 10.0;
 struct Transfer {
   /// One transfer function, and the scalar property that it reads.
   struct Factor {
-    TransferFunction curve;  ///< Outputs >= 0.
+    TransferFunction curve;  ///< The curve; its outputs are >= 0.
     /// Index into Properties::scalars; -1 for the value that the mode itself measures.
     int scalar = -1;
   };
@@ -68,7 +68,7 @@ enum class Side : std::uint8_t {
 struct IsosurfaceMemory {
   Contact contact;             ///< The plane on V = level and its last load.
   Side side = Side::kUnknown;  ///< Side of the proxy after the last reading and the last settle().
-  double share = 1.0;  ///< Share of the strength that is left while a yielding surface fades.
+  double share = 1.0;          ///< Factor on the strength, < 1 while a yielded surface fades.
 };
 
 /// Memory of a curve that holds the proxy.
@@ -114,12 +114,12 @@ struct ViscosityMode {
   Transfer strength;  ///< Strength of the drag [N].
 };
 
-/// The paper's surface, friction and viscosity: a plane (eq. 13) through the proxy across the
-/// gradient. While the plane holds the proxy, it stays on the surface V = Va of the place where it
+/// The paper's surface, friction and viscosity: a plane (eq. 13) through the proxy, perpendicular
+/// to the gradient. While the plane holds the proxy, it stays on V = Va, the value at which it
 /// began to hold. Otherwise the proxy would drift along the normal of a curved surface. Friction
 /// adds a line (eq. 11) along the normal, and viscosity adds a point (eq. 9).
 struct SurfaceMode {
-  using Memory = SurfaceMemory;  ///< Kept from tick to tick.
+  using Memory = SurfaceMemory;  ///< The memory that is kept from tick to tick.
   SurfaceSource skin;            ///< Properties read from the volume, its solid side and its scale.
   Transfer strength;             ///< Strength of the plane [N].
   Transfer friction;             ///< Coulomb's mu.
@@ -128,11 +128,11 @@ struct SurfaceMode {
 
 /// A plane (eq. 13) on V = level, once the proxy reaches it. Friction adds a line (eq. 11).
 struct IsosurfaceMode {
-  using Memory = IsosurfaceMemory;  ///< Kept from tick to tick.
+  using Memory = IsosurfaceMemory;  ///< The memory that is kept from tick to tick.
   SurfaceSource skin;   ///< Properties read from the volume, its solid side and its scale.
   double level = 0.0;   ///< V0, in the data's unit.
   double depth = 3e-3;  ///< A yielding plane pushes until the proxy is this far behind it [m].
-  Transfer strength;    ///< Strength of the plane [N]; that at V = level until the surface yields.
+  Transfer strength;    ///< Strength of the plane [N], at V = level until the surface yields.
   Transfer friction;    ///< Coulomb's mu.
   Transfer viscosity;   ///< Strength of the drag in the solid [N], a point (eq. 9).
 };
@@ -141,46 +141,46 @@ struct IsosurfaceMode {
 /// is the paper's transverse damping. If the line holds the proxy, the proxy follows the stream's
 /// curve (VectorField::trace).
 struct FollowMode {
-  using Memory = FollowMemory;  ///< Kept from tick to tick.
+  using Memory = FollowMemory;  ///< The memory that is kept from tick to tick.
   int vector = -1;              ///< Index into Properties::vectors.
-  int field =
-      -1;  ///< Index into Graph::vector_fields; -1 for a derived vector: its tangents are followed.
+  /// Index into Graph::vector_fields; -1 for a derived vector, which the proxy follows by tangents.
+  int field = -1;
   double voxel = 1e-3;  ///< Shortest edge of a voxel [m].
   Transfer strength;    ///< Strength of the line [N].
 };
 
-/// A plane (eq. 13) through the proxy across a vector: a front, such as that of a wave. The vectors
-/// are its normals. A two-sided front consists of two opposed planes.
+/// A plane (eq. 13) through the proxy, perpendicular to a vector: a front, such as that of a wave.
+/// A two-sided front consists of two opposed planes.
 struct FrontShapeMode {
-  using Memory = FrontShapeMemory;  ///< Kept from tick to tick.
+  using Memory = FrontShapeMemory;  ///< The memory that is kept from tick to tick.
   int vector = -1;                  ///< Index into Properties::vectors.
-  bool two_sided = true;            ///< If false, the front holds only against the vector.
+  bool two_sided = true;            ///< If false, the front stops only motion against the vector.
   double snap = 0.0;  ///< Distance of snap-drag [m]. A proxy that is pushed off its front is pulled
                       ///< back up to this distance. Then it is released, and the next front is
                       ///< placed where the proxy rests. If 0, the front moves with the proxy.
   Transfer strength;  ///< Strength of each plane [N].
 };
 
-/// Two opposed planes (eq. 13) through the proxy across the radius of a vortex: the hand moves
-/// freely on a tube. Within a voxel of the core the radius is not defined, and a line (eq. 11)
-/// along the core holds the proxy. Between one and two voxels, both act. The radius is that of a
-/// rigid rotation, r = 2 |v x w| / |curl v|. w = curl v / |curl v| is the direction of the core,
+/// Two opposed planes (eq. 13) through the proxy, perpendicular to the radius of a vortex: the hand
+/// moves freely on a tube. Within a voxel of the core the radius is not defined, and a line (eq.
+/// 11) along the core holds the proxy. Between one and two voxels, both act. The radius is that of
+/// a rigid rotation, r = 2 |v x w| / |curl v|. w = curl v / |curl v| is the direction of the core,
 /// and v x w points outwards.
 struct VortexTubeMode {
-  using Memory = VortexTubeMemory;  ///< Kept from tick to tick.
+  using Memory = VortexTubeMemory;  ///< The memory that is kept from tick to tick.
   int vector = -1;                  ///< Index into Properties::vectors of v.
   int curl = -1;                    ///< Index into Properties::vectors of curl v.
   double voxel = 1e-3;              ///< Shortest edge of a voxel [m].
-  double metres_per_unit = 1.0;     ///< Metres per unit of the field's own space.
+  double metres_per_unit = 1.0;     ///< Metres per unit of the data's space.
   Transfer strength;                ///< Strength of plane and line [N]; zero without rotation.
 };
 
 /// A point, line or plane that the scene places. While the proxy is within `snap` of it, it pulls
-/// the hand. The energy of this pull counts as injected.
+/// the hand. The energy of this pull counts as injected (StepReport::injected).
 struct GuideMode {
   using Memory = std::monostate;                ///< The mode has no memory.
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Any kind except kForce.
-  Vec3 position = Vec3::Zero();    ///< Place [m]; for a moving guide, in the resting frame.
+  Vec3 position = Vec3::Zero();    ///< Position [m]; in the resting frame if the guide moves.
   Vec3 direction = Vec3::UnitX();  ///< Unit vector along a line, or outward unit normal of a plane.
   double snap = 0.0;               ///< Range [m], > 0; infinite if the guide always acts.
   double metres_per_unit = 1.0;    ///< Metres per unit of the strength's input.
@@ -195,7 +195,7 @@ struct ModeInput {
   /// The proxy before it moves [m], where primitives should be placed. If all volumes that the mode
   /// reads share a motion, that motion carries this place along.
   const Vec3& proxy;
-  const Vec3& probe;  ///< The probe [m], in this slice of the tick.
+  const Vec3& probe;  ///< Position of the probe in this slice of the tick's motion [m].
   const Vec3&
       read;       ///< Place where properties were read [m], at most about a voxel from the proxy.
   bool foreseen;  ///< True if the properties are those of an earlier reading.
@@ -246,7 +246,7 @@ struct EvaluationPoint {
   /// The proxy before it moves [m]. Primitives without memory are anchored here.
   const Vec3& proxy;
   const Vec3& read;   ///< Place where properties were read [m].
-  const Vec3& probe;  ///< The hand [m].
+  const Vec3& probe;  ///< Position of the hand [m].
   /// Pose of the volume with which a guide moves; null if the guide stands still.
   const Pose* pose;
   bool foreseen = false;  ///< True without a new reading: planes stay as remembered.
@@ -289,15 +289,15 @@ struct SurfaceAhead {
 /// The streamline to which a mode holds the proxy.
 struct Curve {
   OnCurve* on = nullptr;  ///< Null if the mode does not hold the proxy to a curve.
-  int field =
-      -1;  ///< Index into Graph::vector_fields; -1 for a derived vector: its tangents are followed.
+  /// Index into Graph::vector_fields; -1 for a derived vector, which the proxy follows by tangents.
+  int field = -1;
   double voxel = 0.0;  ///< Finest voxel that the mode reads [m].
 };
 /// Returns the curve of a follow mode. For other modes `on` is null. RT: no allocation.
 [[nodiscard]] Curve curveOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the hand's longest move in one slice [m]: a voxel on a curve, else infinite. RT: no
-/// allocation.
+/// Returns the longest motion of the hand in one slice of a tick [m]: a voxel while a curve holds
+/// the proxy, else infinity. RT: no allocation.
 [[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Returns true if a force of this mode varies with a property's value: its primitives are valid

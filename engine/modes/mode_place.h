@@ -22,7 +22,7 @@ struct Variation {
 /// Arguments of the emit() functions below.
 struct EmitContext {
   const Properties& at;          ///< The last reading.
-  const EvaluationPoint& stand;  ///< Places that the primitives refer to.
+  const EvaluationPoint& stand;  ///< Places to which the primitives refer.
   PrimitiveSet& set;             ///< Set to which emit() adds primitives.
 
   /// Returns the scalar property of index i, 0 to kMaxProperties - 1.
@@ -63,11 +63,11 @@ bool emit(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memo
 bool emit(const IsosurfaceMode& mode, const EmitContext& place, IsosurfaceMemory& memory) noexcept;
 /// Adds a line along the vector, if the vector has a direction. RT: no allocation.
 bool emit(const FollowMode& mode, const EmitContext& place, FollowMemory& memory) noexcept;
-/// Adds a plane across the vector, or two opposed ones. Adds no plane without a direction, or after
-/// the release of the front. RT: no allocation.
+/// Adds a plane perpendicular to the vector, or two opposed planes. Adds no plane if the vector has
+/// no direction, or after the release of the proxy. RT: no allocation.
 bool emit(const FrontShapeMode& mode, const EmitContext& place, FrontShapeMemory& memory) noexcept;
-/// Adds a line along the core within two voxels of it, and two opposed planes across the radius
-/// beyond one voxel. Adds no primitive if the flow does not turn. RT: no allocation.
+/// Adds a line along the core within two voxels of it, and two opposed planes perpendicular to the
+/// radius beyond one voxel. Adds no primitive if the flow has no curl. RT: no allocation.
 bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory& memory) noexcept;
 
 /// Returns V of the surface.

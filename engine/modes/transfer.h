@@ -9,7 +9,7 @@ namespace palpate {
 /// A piecewise-linear curve through knots, constant before the first and after the last knot.
 class TransferFunction {
  public:
-  using Knot = std::pair<double, double>;  ///< input, output
+  using Knot = std::pair<double, double>;  ///< Input and output at one point of the curve.
 
   /// Makes a constant >= 0. Throws SceneError for invalid numbers, as do window() and piecewise().
   TransferFunction(double constant = 0.0);  // NOLINT(google-explicit-constructor): a number is one

@@ -11,7 +11,7 @@ namespace palpate {
 
 inline constexpr std::size_t kMostJoints = 6;  ///< Largest number of joints of an arm.
 
-/// Numbers of one reading, all finite. HandleInfo states which numbers an arm measures.
+/// Numbers of one reading, all finite. HandleInfo states which of them the arm measures.
 struct Handle {
   std::uint32_t buttons = 0;  ///< Bit i: HandleInfo::buttons[i] is pressed.
   /// Unit quaternion (w, x, y, z) that rotates the handle's axes into those of W.
@@ -23,7 +23,7 @@ struct Handle {
   std::array<double, kMostJoints> joints{};
 };
 
-/// States which members of a Handle an arm measures. The others keep their initial values.
+/// The members of a Handle that an arm measures. Other members keep their initial values.
 struct HandleInfo {
   static constexpr std::size_t kMostButtons = 32;  ///< Number of bits in Handle::buttons.
   std::vector<std::string> buttons;                ///< Names of the buttons, at most kMostButtons.

@@ -5,12 +5,12 @@
 
 namespace palpate {
 
-inline constexpr double kWarm = 0.8;  ///< Share of the heat from which on the force is reduced.
+inline constexpr double kWarm = 0.8;  ///< Above this share of continuous^2, heat reduces the force.
 
 /// Returns the largest force that motors with this heat may give: `peak` up to kWarm times
 /// continuous^2, then less, and `continuous` at continuous^2 or more.
-/// @param continuous  Force that the motors can hold for ever, in any unit. If <= 0 or >= peak,
-///                    only the peak limits.
+/// @param continuous  Force that the motors can hold without end, in the unit of `peak`. If it is
+///                    <= 0 or >= peak, the function returns the peak.
 /// @param heat        Mean of the squares of the sent force: LimiterState::heat.
 /// RT: no allocation.
 [[nodiscard]] double allowedByHeat(double continuous, double peak,

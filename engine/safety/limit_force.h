@@ -14,7 +14,7 @@ struct ForceLimits {
   double peak = 3.3;
   double slew =
       2000.0;  ///< Largest growth of the force [N/s], > 0. A real contact may need 1,000 N/s.
-  double continuous = 0.0;  ///< Force that the device can hold for ever [N], <= peak; 0 if unknown.
+  double continuous = 0.0;  ///< Force that the device can always hold [N], <= peak; 0 if unknown.
   double heating = 10.0;    ///< Time constant of the heat in the motors [s].
   double friction = 0.0;    ///< A smaller force may fail to move the arm [N]; see StillFade.
   /// Length of the ramp of an engagement [s]. At a hand, HapticLoop uses at least kEngage. 0 means
@@ -24,8 +24,8 @@ struct ForceLimits {
 };
 
 inline constexpr double kEngage = 0.5;  ///< Shortest ramp if a hand is present [s].
-/// Length of the ramp if only numbers of a scene have changed [s]; the force grows by at most the
-/// peak in it.
+/// Length of the ramp after an edit that changes only numbers of a scene [s]. In this time the
+/// force grows by at most the peak.
 inline constexpr double kEngageEdit = 0.05;
 /// An engagement waits until the wanted force is below this [N].
 inline constexpr double kEngageBelow = 0.1;
@@ -37,7 +37,7 @@ struct LimiterState {
   double heat = 0.0;      ///< Mean of |force|^2 with the time constant ForceLimits::heating [N^2].
   bool waiting = false;   ///< True if an engagement has begun, but its ramp has not.
   double waited = 0.0;    ///< Time that the engagement has waited [s].
-  double share = 1.0;     ///< Share of the force that the ramp lets through.
+  double share = 1.0;     ///< Factor that the ramp applies to the force, 0 to 1.
   double ramp = kEngage;  ///< Length of the ramp [s].
   /// Time for which the growth of the force is still reduced after an edit [s].
   double gentle = 0.0;

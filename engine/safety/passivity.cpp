@@ -5,7 +5,7 @@
 
 namespace palpate {
 
-/// The acting force over time. Each sent force acts until the next one, with a first-order lag.
+/// Output of the amplifier: follows each sent force with a first-order lag until the next one.
 struct Tank::Amplifier {
   Acting now;
   double lag;  ///< [s]
@@ -19,7 +19,7 @@ struct Tank::Amplifier {
     acted.force += time * order + behind * (now.force - order);
     acted.square += time * square + behind * (now.square - square);
     now.force = order + left * (now.force - order);
-    // The square of a mean is at most the mean of the squares.
+    // Upper bound, because the square of a mean is at most the mean of the squares.
     now.square = square + left * (now.square - square);
   }
 };
@@ -227,12 +227,12 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   }
   sure_ = std::min(sure_, cap);
   if (!std::isfinite(sure_ + counted_) || count_ == kForces) {
-    // The tank restarts, so that its reserve covers zero.
+    // After an overflow, or with no room in sent_, the tank restarts without forces on their way.
     forget();
     return acts ? 0.0 : 1.0;
   }
   double share = 1.0;
-  // The comparison is false for NaN, so that NaN cannot pay for a force.
+  // If the reserve is NaN, the force must be reduced too.
   if (!(reserve(wanted, arm) <= sure_)) {
     // The reserve grows with the share. Bisection finds the largest share that is paid for.
     double more = 1.0;

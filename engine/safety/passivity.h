@@ -1,6 +1,6 @@
-/// The energy tank: counts the energy that is exchanged with the hand, and limits the force to what
-/// this energy can pay for. If the arm has at least the assumed friction, the hand never gets more
-/// energy than it has put in. Proof: docs/passivity.md.
+/// The energy tank counts the energy that the arm and the hand exchange, and limits the force to
+/// what this energy can pay for. If the arm has at least the assumed friction, the hand never gets
+/// more energy than it has put in. Proof: docs/passivity.md.
 #pragma once
 
 #include <array>
@@ -51,11 +51,10 @@ struct TankParams {
 
 /// A force that was sent to the amplifier, and the time at which it begins to act.
 struct SentForce {
-  Vec3 force = Vec3::Zero();  ///< [N]
-  double from =
-      0.0;  ///< Time from the last tick to the begin of its action, at the middle of its range [s].
-  double change = 0.0;  ///< |difference| from the force sent before [N].
-  double jump = 0.0;    ///< |difference of the squares| from the force sent before [N^2].
+  Vec3 force = Vec3::Zero();  ///< Force sent [N].
+  double from = 0.0;          ///< Time from the last tick to the force's start, at mid-range [s].
+  double change = 0.0;        ///< Magnitude of the difference from the force before [N].
+  double jump = 0.0;          ///< Magnitude of the difference of |force|^2 [N^2].
 };
 
 /// The tank of one arm. Forces act on the hand. Energy from the hand counts as positive.
@@ -122,7 +121,6 @@ class Tank {
   [[nodiscard]] double certain(const ArmDissipation& arm) const noexcept;
   /// Returns the largest energy that can leave the tank if `next` and then zero is sent [J].
   [[nodiscard]] double reserve(const Vec3& next, const ArmDissipation& arm) const noexcept;
-  /// Appends `force` to the forces on their way.
   void send(const Vec3& force, const ArmDissipation& arm) noexcept;
 
   double sure_ = 0.0;     ///< Lower bound of the present energy in the tank [J].

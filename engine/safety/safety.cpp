@@ -65,11 +65,10 @@ Fault HandWatch::look(HandState& hand, double now) noexcept {
     velocity_.setZero();
   }
 
-  // The position is new, or it is repeated because the arm rests.
   const double since = measured - time_;
   const Vec3 step = hand.position - position_;
   if (step.norm() > std::max(kLeastJump, kJumpSpeed * since)) return Fault::kJump;
-  constexpr double kNew = 1e-5;  // [s]
+  constexpr double kNew = 1e-5;  // [s]: shorter intervals give no velocity
   if (since >= kNew) {
     velocity_ += (1.0 - std::exp(-since / kSmooth)) * (step / since - velocity_);
     time_ = measured;
@@ -96,7 +95,7 @@ double StillFade::pass(double force, double still, double friction, double dt) n
 }
 
 bool Reengagement::look(Fault latched, Fault wrong, double now) noexcept {
-  // `wrong` does not yet contain the delay of this tick.
+  // `wrong` does not include the delay of this tick.
   const bool paused = now - std::exchange(last_, now) > kPause;
   others_ = paused || (others_ && latched != Fault::kNone);
   if (latched == Fault::kNone || wrong != Fault::kNone) good_since_ = now;

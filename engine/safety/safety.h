@@ -53,8 +53,8 @@ struct HandState {
   double still =
       0.0;  ///< Time for which no counter has changed [s]; 0 if not measured. See StillFade.
   Fault fault = Fault::kNone;  ///< Fault that the device reports.
-  /// Projects a force onto those that the motors can give here; a planar arm gives none across its
-  /// plane. The engine counts and limits the projected force.
+  /// Projects a force on the directions in which the motors can push here; a planar arm has two.
+  /// The engine counts and limits the projected force.
   Mat3 drives = Mat3::Identity();
   Handle handle{};  ///< Further readings of the arm.
   /// HandWatch fills in the members below.
@@ -64,8 +64,8 @@ struct HandState {
 };
 
 /// Distinguishes new readings from repeated ones, which have the same bits and a greater age. If
-/// the hand rests, a new reading may look repeated; the next new reading then covers the whole
-/// time.
+/// the hand rests, a new reading may look repeated. The next reading that counts as new then covers
+/// the time of both.
 class NewReadings {
  public:
   /// Returns true at the first call, and for a new position. RT: no allocation.
@@ -104,12 +104,12 @@ class HandWatch {
   }
 
  private:
-  /// largest speed between two positions of a hand [m/s]
+  /// Largest speed between two positions of a hand [m/s]; a greater speed is a jump.
   static constexpr double kJumpSpeed = 5.0;
-  /// a smaller step is harmless, and may come from uneven time stamps [m]
+  /// A step up to this is not a jump, because uneven time stamps can cause it [m].
   static constexpr double kLeastJump = 1e-3;
-  static constexpr double kSmooth = 0.005;  ///< [s]
-  /// longest time that a braked hand may exceed `max_speed` [s]
+  static constexpr double kSmooth = 0.005;  ///< Time constant of the velocity [s].
+  /// Longest time that a braked hand may exceed `max_speed` [s].
   static constexpr double kBraked = 0.05;
 
   WatchLimits limits_;
@@ -117,7 +117,7 @@ class HandWatch {
   double time_ = 0.0;
   Vec3 position_ = Vec3::Zero();
   Vec3 velocity_ = Vec3::Zero();
-  /// Time since when the hand is too fast [s]; below 0 if it is not.
+  /// Time at which the hand became too fast [s]; below 0 if it is not.
   double fast_since_ = -1.0;
 };
 
@@ -144,7 +144,7 @@ class Reengagement {
   double after_;
   double last_ = 0.0;
   double good_since_ = 0.0;
-  bool others_ = false;  ///< True if another fault condition occurred since the cut.
+  bool others_ = false;  ///< True if there was another fault condition or a pause since the cut.
   std::array<double, kMost> returned_{};  ///< Times of the last returns [s].
   std::size_t next_ = 0;
 };
@@ -185,7 +185,7 @@ class StillFade {
 /// along h. So its work on the hand is at most |h|^2 / (2 k), the energy that the spring held.
 class DataFade {
  public:
-  /// Returns the force that is let out [N].
+  /// Returns the smoothed force [N].
   ///
   /// @param wanted  The spring's force in this tick [N].
   /// @param step    Smallest step that counts as caused by the data [N]; infinite if they have not
@@ -212,7 +212,7 @@ class DataFade {
 /// plus kBrake (|v| - max_speed) against the motion.
 [[nodiscard]] Vec3 brake(const Vec3& force, const Vec3& velocity,
                          double max_speed) noexcept PALPATE_NONBLOCKING;
-/// Half of what common arms render stably (Touch: 4) [N s/m].
+/// Damping of brake() [N s/m]: half of the damping that common arms render stably (Touch: 4).
 inline constexpr double kBrake = 2.0;
 
 }  // namespace palpate

@@ -9,7 +9,7 @@ namespace palpate {
 
 namespace {
 
-/// Return the nearest floats <= x and >= x, so that a box of floats contains the box of doubles.
+/// below() and above() round x down and up, so that a box of floats contains the box of doubles.
 float below(double x) {
   const auto f = static_cast<float>(x);
   return static_cast<double>(f) <= x ? f
@@ -127,7 +127,7 @@ void BroadPhase::build(std::span<const Box> boxes, std::span<std::uint32_t> item
 }
 
 void BroadPhase::refit(std::span<const Box> boxes) noexcept {
-  // Children come after their parent.
+  // From the end, because children come after their parent.
   for (std::size_t n = nodes_.size(); n-- > 0;) {
     Node& node = nodes_[n];
     if (node.item != kInner) {

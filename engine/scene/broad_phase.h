@@ -20,17 +20,17 @@ class BroadPhase {
   /// Returns the number of boxes, including boxes that are never found.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
-  /// Moves the boxes. Queries cost more the farther the boxes have moved. Do not call it during a
-  /// query, so not in a tick. No allocation.
+  /// Moves the boxes. Queries cost more the farther the boxes have moved. Do not call it while a
+  /// tick of any thread may query the tree. No allocation.
   ///
   /// @pre boxes.size() == size().
   void refit(std::span<const Box> boxes) noexcept;
 
-  /// Writes the indices of the boxes that overlap or touch `query` [m] into `found`, in no order. A
-  /// box may also be found if its distance from the query is less than a millionth of its distance
-  /// from the origin. Returns the number of boxes; indices beyond the size of `found` are not
-  /// written. A query that is not finite overlaps no box. RT: no allocation. Cost: the nodes that
-  /// the query overlaps, and their children.
+  /// Writes the indices of the boxes that overlap or touch `query` [m] into `found`, in any order.
+  /// A box whose distance from the query is less than a millionth of its distance from the origin
+  /// may count as touching. Returns the number of these boxes. If it exceeds the size of `found`,
+  /// the excess indices are not written. A query that is not finite overlaps no box. RT: no
+  /// allocation. Cost: the nodes that the query overlaps, and their children.
   std::size_t meeting(const Box& query,
                       std::span<std::uint32_t> found) const noexcept PALPATE_NONBLOCKING;
 
@@ -50,8 +50,8 @@ class BroadPhase {
   std::size_t size_ = 0;  ///< Number of boxes. Boxes that are never found have no node.
 };
 
-/// The boxes near a hand, kept from tick to tick. The tree is queried with a larger box than
-/// requested, and again only when a query leaves that box.
+/// The boxes near a hand, kept from tick to tick. near() queries the tree with a larger box than
+/// requested, and again only if a later request exceeds that box.
 class NearBoxes {
  public:
   static constexpr std::size_t kMost = 1024;  ///< Most boxes that near() can return.

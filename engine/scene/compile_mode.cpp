@@ -24,8 +24,8 @@ int scalarInput(GraphReads& reads, const std::string& path, const std::string& n
   return reads.resolve(path, name).index;
 }
 
-/// Compiles one material property of a mode. The input of a factor is its own `by`, else the mode's
-/// `by`, else the mode's own property. `own` is called only in the last case.
+/// Compiles one material property of a mode. The input of a factor is the factor's `by`, else the
+/// mode's `by`, else the scalar with the index own(). own() is called only in this case.
 template <class OwnInput>
 Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::string& path,
                   const std::string& key, double most, GraphReads& reads, OwnInput own) {
@@ -50,7 +50,7 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
     if (scalar >= 0 && !factor.curve.isConstant()) reads.followSlope(scalar);
     out.factors.push_back({factor.curve, scalar});
   }
-  // The limit of a single number also applies to the highest value of a product.
+  // A product of factors has the same limit as a single number.
   if (!(spec.highest() <= most)) {
     throw SceneError(at, "its highest value exceeds " + shortNumber(most),
                      "reduce it or its factors");
@@ -79,7 +79,7 @@ void checkKeys(const ModeSpec& mode, const std::string& path, const GraphNames& 
   }
 }
 
-/// Compiles one mode: first its own property and its support, then its material properties.
+/// Compiles one mode: first the property of its `of` and its support, then its material properties.
 class ModeCompiler {
  public:
   ModeCompiler(const ModeSpec& mode, const std::string& path, GraphReads& reads)
@@ -331,9 +331,9 @@ constexpr std::array<ModeCompiler::Kind, static_cast<std::size_t>(ModeKind::kUse
         {ModeKind::kFrontShape, "front_shape", &ModeCompiler::frontShape},
         {ModeKind::kVortexTube, "vortex_tube", &ModeCompiler::vortexTube},
         {ModeKind::kGuide, "guide", &ModeCompiler::guide},
-        {ModeKind::kUser, "user", &ModeCompiler::userMode},  // the last of ModeKind
+        {ModeKind::kUser, "user", &ModeCompiler::userMode},  // kUser is the last ModeKind
     }};
-static_assert([] {  // in ModeKind's order
+static_assert([] {  // kKinds has the order of ModeKind
   for (std::size_t i = 0; i < ModeCompiler::kKinds.size(); ++i) {
     if (ModeCompiler::kKinds[i].kind != static_cast<ModeKind>(i)) return false;
   }

@@ -15,11 +15,11 @@ struct CompiledMode {
 };
 
 /// Compiles one mode. `path` is its path in the scene file, for messages. Adds the fields that the
-/// mode reads to `reads` and to `reads.current`. Throws SceneError.
+/// mode reads to `reads` and to `reads.current`. Throws SceneError if `spec` is wrong.
 [[nodiscard]] CompiledMode compileMode(const ModeSpec& spec, const std::string& path,
                                        GraphReads& reads);
 
-/// Compiles a coupling stiffness that depends on properties. Throws SceneError.
+/// Compiles a varying coupling stiffness. Throws SceneError if it can be 0 or exceed 1e9 N/m.
 [[nodiscard]] Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads);
 
 }  // namespace palpate

@@ -43,8 +43,8 @@ bool isSilent(const ModeSpec& mode) {
          mode.viscosity.highest() == 0.0;
 }
 
-/// Returns the index of the motion that carries a mode's primitives: that of its own volume. For a
-/// user's mode, all volumes that it reads must have the same motion.
+/// Returns the index of the motion that carries a mode's primitives: that of the mode's volume. For
+/// a user-defined mode, all volumes that it reads must share this motion.
 int motionOf(const ModeSpec& mode, const FieldSet& support, GraphReads& reads) {
   if (mode.kind == ModeKind::kGuide) return mode.in.empty() ? -1 : reads.motionOf(mode.in);
   return reads.motionOf(mode.kind == ModeKind::kUser ? reads.current : support);

@@ -67,16 +67,16 @@ struct DerivedSpec {
 
 /// Kind of a mode: the Mode of mode.h that a ModeSpec becomes.
 enum class ModeKind : std::uint8_t {
-  kForce,              ///< ForceMode: a push along a vector (eq. 8).
-  kViscosity,          ///< ViscosityMode: a drag of constant size (eq. 9).
-  kSurface,            ///< SurfaceMode: a plane across the gradient wherever the proxy is (eq. 13).
-  kIsosurface,         ///< IsosurfaceMode: a plane on V = V0 (eq. 13).
-  kFollow,             ///< FollowMode: free along a vector, held across it (eq. 11).
+  kForce,       ///< ForceMode: a push along a vector (eq. 8).
+  kViscosity,   ///< ViscosityMode: a drag of constant size (eq. 9).
+  kSurface,     ///< SurfaceMode: a plane through the proxy, perpendicular to the gradient (eq. 13).
+  kIsosurface,  ///< IsosurfaceMode: a plane on V = V0 (eq. 13).
+  kFollow,      ///< FollowMode: a line along a vector (eq. 11).
   kTransverseDamping,  ///< Like kFollow, with a name for weak lines.
-  kFrontShape,         ///< FrontShapeMode: a plane across a vector (eq. 13).
+  kFrontShape,         ///< FrontShapeMode: a plane perpendicular to a vector (eq. 13).
   kVortexTube,  ///< VortexTubeMode: holds the proxy at its radius around the core of a vortex.
   kGuide,       ///< GuideMode: a point, line or plane that the scene places.
-  kUser,        ///< UserMode: the user's own mode, from C++ only.
+  kUser,        ///< UserMode: a user-defined mode, from C++ only.
 };
 
 /// States whether values above or below an isovalue are solid.
@@ -90,12 +90,11 @@ struct TransferSpec {
   /// One curve of the product, and its input.
   struct Factor {
     TransferFunction curve = 1.0;  ///< Outputs >= 0; their product is in the unit of the property.
-    std::string
-        by;  ///< Name of the scalar input; if empty, ModeSpec::by, else the mode's own scalar.
+    std::string by;  ///< Name of the scalar input; if empty, ModeSpec::by, else the mode's scalar.
   };
   std::vector<Factor> factors;  ///< Factors of the product; at least one.
 
-  /// Makes a single curve. Its input is ModeSpec::by, else the mode's own scalar.
+  /// Makes a single curve. Its input is ModeSpec::by, else the mode's scalar.
   TransferSpec(TransferFunction curve) {  // NOLINT(google-explicit-constructor): the usual case
     factors.push_back({std::move(curve), ""});
   }
@@ -119,7 +118,7 @@ struct GuideSpec {
   Vec3 position = Vec3::Zero();                 ///< The point, or a point on the line or plane [m].
   Vec3 direction = Vec3::UnitX();  ///< Direction of a line, or outward normal of a plane; != 0.
   double snap = std::numeric_limits<double>::infinity();  ///< Range of the guide [m], > 0.
-  double metres_per_unit = 1.0;                           ///< Unit of the curves' input [m].
+  double metres_per_unit = 1.0;  ///< Metres per unit of the strength's input.
 };
 
 /// The spec of a user-defined mode; see mode.h.
@@ -133,17 +132,17 @@ struct UserSpec {
 struct ModeSpec {
   std::string name;                    ///< Name for messages; may be empty.
   ModeKind kind = ModeKind::kSurface;  ///< Kind of the mode.
-  std::string of;                      ///< Volume or derived field; not for guide and user.
-  TransferSpec strength;               ///< Strength of the primitives [N]; not for user.
-  TransferSpec friction;        ///< surface and isosurface: Coulomb's mu, at most kMostFriction.
-  TransferSpec viscosity;       ///< surface and isosurface: strength of the drag [N].
-  std::string by;               ///< Scalar input of these properties; if empty, the mode's own.
+  std::string of;          ///< Name of the volume or derived field; unused for guide and user.
+  TransferSpec strength;   ///< Strength of the primitives [N]; unused for user.
+  TransferSpec friction;   ///< surface and isosurface: Coulomb's mu, at most kMostFriction.
+  TransferSpec viscosity;  ///< surface and isosurface: strength of the drag [N].
+  std::string by;  ///< Name of the scalar input of these properties; if empty, the mode's scalar.
   double value = 0.0;           ///< isosurface: V0, in the data's unit.
   Solid solid = Solid::kAbove;  ///< surface and isosurface: the solid side.
-  double depth_voxels = 3.0;    ///< isosurface: depth of the push back after yielding [voxels].
-  std::optional<Sense> sense;   ///< force: default along a vector, down a gradient.
+  double depth_voxels = 3.0;    ///< isosurface: a yielded surface pushes to this depth [voxels].
+  std::optional<Sense> sense;   ///< force: default kAttract for a vector, kRepel for a gradient.
   bool two_sided = true;        ///< front shape: holds in both directions along its normal.
-  double snap_voxels = 0.0;     ///< front shape: distance of snap-drag (mode.h) [voxels]; 0 is off.
+  double snap_voxels = 0.0;     ///< front shape: distance of snap-drag [voxels]; 0 disables it.
   GuideSpec guide;              ///< guide: its shape and its place.
   std::string in;  ///< guide: the volume that it moves with; empty if it stands still. The guide is
                    ///< placed relative to that volume at rest.
@@ -158,7 +157,7 @@ struct GraphSpec {
   std::map<std::string, MotionPtr> motions;
   std::optional<TransferSpec> stiffness;  ///< Coupling stiffness that depends on properties [N/m];
                                           ///< else that of CouplingParams.
-  /// Number of each mode in messages (/modes/5); if empty, their indices.
+  /// Number of each mode in messages (/modes/5); if empty, the index of the mode.
   std::vector<std::size_t> mode_numbers;
 };
 
@@ -185,9 +184,8 @@ struct FieldSet {
 
 /// The fields that a mode needs.
 struct ModeFields {
-  FieldSet
-      /// The mode acts and reads only if the proxy is inside the bounds of all these fields.
-      support;
+  /// The mode acts and reads only if the proxy is inside the bounds of all these fields.
+  FieldSet support;
   FieldSet reads;  ///< All fields that the mode reads.
 };
 
@@ -230,10 +228,10 @@ struct Graph {
   std::vector<FieldFrame> scalar_frames;  ///< Placement of each scalar field in W, at rest.
   std::vector<FieldFrame> vector_frames;  ///< Placement of each vector field in W, at rest.
   std::vector<MotionPtr> motions;         ///< No duplicates; empty if all fields rest.
-  std::vector<int> scalar_motions;        ///< Each scalar field's index into motions; -1: it rests.
-  std::vector<int> vector_motions;        ///< Each vector field's index into motions; -1: it rests.
-  std::vector<std::string> scalar_names;  ///< Names of scalar_fields, for messages.
-  std::vector<std::string> vector_names;  ///< Names of vector_fields, for messages.
+  std::vector<int> scalar_motions;  ///< Index into motions for each scalar field; -1: at rest.
+  std::vector<int> vector_motions;  ///< Index into motions for each vector field; -1: at rest.
+  std::vector<std::string> scalar_names;       ///< Names of scalar_fields, for messages.
+  std::vector<std::string> vector_names;       ///< Names of vector_fields, for messages.
   std::vector<std::string> scalar_properties;  ///< Names of Properties::scalars: "q of flow".
   std::vector<std::string> vector_properties;  ///< Names of Properties::vectors: "curl of flow".
   std::vector<ScalarRead> scalar_reads;        ///< One for each of scalar_fields, in their order.
@@ -243,7 +241,7 @@ struct Graph {
   std::vector<Mode> modes;  ///< The modes in the spec's order, without those in `silent`.
   std::vector<ModeFields> mode_fields;    ///< The fields of each mode.
   std::vector<double> mode_voxels;        ///< Finest voxel of each mode [m]; may be infinite.
-  std::vector<char> mode_follows;         ///< True if the force of the mode depends on a value.
+  std::vector<char> mode_follows;         ///< followsValue() of each mode.
   std::vector<int> mode_motions;          ///< Index of the motion that carries each mode, or -1.
   std::vector<std::size_t> mode_sources;  ///< Number of each mode, by GraphSpec::mode_numbers.
   std::vector<std::string>
@@ -251,8 +249,8 @@ struct Graph {
   Transfer stiffness;  ///< Coupling stiffness [N/m]. Without factors it is constant.
   FieldSet stiffness_reads;  ///< Fields that the stiffness reads. A field without data gives its
                              ///< background.
-  std::vector<std::size_t>
-      attentive;  ///< Fields that are notified of each tick: scalars, then vectors.
+  /// Fields that need attend(), numbered through: scalar_fields, then vector_fields.
+  std::vector<std::size_t> attentive;
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
   std::vector<std::string> silent;  ///< Modes left out, because their strength is zero everywhere.
 };

@@ -9,7 +9,7 @@
 
 namespace palpate {
 
-/// The place of a property in Properties.
+/// The index of a property in Properties.
 struct Slot {
   bool vector = false;  ///< True for a vector, false for a scalar.
   int index = -1;       ///< Index into Properties::vectors or Properties::scalars.
@@ -27,7 +27,7 @@ class GraphReads {
 
   /// Returns the names of the spec.
   [[nodiscard]] const GraphNames& names() const noexcept { return *names_; }
-  /// Returns the property of a name. Throws if the name is unknown.
+  /// Returns the slot of a property; adds it if it is new. Throws if the name is unknown.
   [[nodiscard]] Slot resolve(const std::string& path, const std::string& name);
 
   // Indices of the properties of a volume. The volume must exist and be of the stated kind.
@@ -46,7 +46,7 @@ class GraphReads {
   /// Returns the index of |vectors[from]| in Properties::scalars.
   [[nodiscard]] int magnitudeOf(int from);
 
-  /// Requests the slope of a scalar on which a strength depends, if it has a known slope.
+  /// Requests the slope of a scalar on which a strength depends: a value or a magnitude.
   void followSlope(int scalar);
   /// Requests the Jacobian of a vector that primitives follow.
   void followTurn(int vector);

@@ -18,13 +18,13 @@ namespace palpate {
 
 /// Accuracy of the motion within a tick.
 struct StepParams {
-  int max_substeps =
-      16;  ///< Largest number of moves in which a primitive holds the proxy, 1 to 64; the rest of
-           ///< the path then waits for the next tick. Within data, a move is at most one voxel
-           ///< long. Free moves are limited only by kMostSubsteps.
+  /// Largest number of moves of a held proxy in a tick, 1 to 64; the rest of the path then waits
+  /// for the next tick. Within data, a move is at most one voxel long. Only kMostSubsteps limits
+  /// the moves of a free proxy.
+  int max_substeps = 16;
   /// Limit of a tick's iterations (StepReport::iterations), >= 1. At the limit, the tick reads
-  /// properties once more in each slice that is left, and completes the balance in progress (at
-  /// most twice SolverParams::max_iterations and 40 pivots). The rest of the path waits.
+  /// properties once more in each remaining slice, and completes the balance in progress (at most
+  /// twice SolverParams::max_iterations and 40 pivots). The rest of the path waits.
   int max_iterations = 130;
   /// Largest distance between the proxy and its surface or stream in the interpolated volume that
   /// the motion may cause [voxels]; above 0, at most kMostTolerance.
@@ -33,14 +33,14 @@ struct StepParams {
 
 /// Largest StepParams::tolerance_voxels.
 inline constexpr double kMostTolerance = 1.0;
-/// Most sub-steps (readings) of one tick.
+/// Largest number of sub-steps (readings) of one tick.
 inline constexpr int kMostSubsteps = 64;
 
 /// One of many objects in a scene: volumes with their modes, evaluated only near the hand.
 struct Part {
   Graph graph;        ///< Graph of the part. Its fields stand still, and its stiffness is constant.
   Box bounds;         ///< Box that contains all effects of the part [m].
-  double most = 0.0;  ///< Largest force that all modes of the part together can hold [N].
+  double most = 0.0;  ///< Upper bound of the sum of the forces of the part's modes [N].
 };
 
 /// A field counts as near within this distance from its bounds [voxels].
@@ -58,20 +58,20 @@ struct Scene {
   /// Equal for scenes with the same fields and kinds of modes. A change between these scenes has
   /// the short ramp of an edit (kEngageEdit).
   std::uint64_t shape = 0;
-  Graph
-      graph;  ///< Graph that every tick reads: all that moves, all guides and a varying stiffness.
+  /// Graph that every tick evaluates. Only it may have motions, guides and a varying stiffness.
+  Graph graph;
   std::vector<Part> parts;      ///< Parts, which a tick reads only near the hand.
   BroadPhase bounds;            ///< Boxes of the parts.
   double strongest_part = 0.0;  ///< The largest Part::most [N].
   /// Coupling parameters. A varying stiffness begins with the value here, its lowest value.
   CouplingParams coupling;
   StepParams step;      ///< Accuracy of the motion within each tick.
-  SolverParams solver;  ///< Accuracy of each balance; makeScene uses the defaults.
+  SolverParams solver;  ///< Stopping criteria of each balance. makeScene leaves the defaults.
 };
 
-/// Returns the fields that a tick reads at p_W [m]: those of all modes, and of the varying
-/// stiffness, whose support contains p_W. Moving fields are tested at Body::seen; without bodies
-/// all stand still. RT: no allocation. Cost: a few ns for each field and mode.
+/// Returns the fields that a tick reads at p_W [m]: those of modes whose support contains p_W and
+/// of the varying stiffness, within their bounds. Moving fields are tested at Body::seen; without
+/// bodies all stand still. RT: no allocation. Cost: a few ns for each field and mode.
 [[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W,
                                 std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
@@ -80,11 +80,12 @@ struct Scene {
 [[nodiscard]] bool dataLost(const Graph& graph) noexcept PALPATE_NONBLOCKING;
 
 /// Checks and compiles a part from fields by name. Safe to call from several threads. Throws
-/// SceneError as compileGraph does, for contents that a part may not have, and for too many fields
-/// or modes.
+/// SceneError as compileGraph does, and if the spec has motions, guides, user-defined modes, a
+/// varying stiffness, or too many fields or modes.
 [[nodiscard]] Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields);
 
-/// Checks and compiles a scene, which needs a mode or a part. Throws SceneError. Slow, allocates.
+/// Compiles a scene of at least one mode or part. Throws SceneError if it is wrong. Slow;
+/// allocates.
 [[nodiscard]] std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                                                      const std::map<std::string, FieldPtr>& fields,
                                                      const CouplingParams& coupling = {},
@@ -110,8 +111,8 @@ struct BoundGraph {
   /// Notifies the same fields that the tick is over. RT: no allocation.
   void leave() const noexcept PALPATE_NONBLOCKING;
 
-  /// Rotates the properties that were read in volumes that have moved since, by Body::carry. Called
-  /// once a move. RT: no allocation. Cost: O(fields).
+  /// Rotates the properties of volumes that have moved since the reading, by Body::carry. Call it
+  /// once for each move. RT: no allocation. Cost: O(fields).
   void turn(Properties& read, std::span<const Body> bodies) const noexcept PALPATE_NONBLOCKING;
 
   /// Returns the place where a path [m] meets a surface, in the resting frame of the surface's
@@ -139,7 +140,7 @@ struct BoundGraph {
     return graph->vector_fields[i]->trace(p, order, caches[graph->scalar_fields.size() + i]);
   }
 
-  /// Computes the directions and magnitudes of the properties read. RT: no allocation.
+  /// Computes Graph::units and Graph::magnitudes from the properties read. RT: no allocation.
   void makeSteps(Properties& of) const noexcept PALPATE_NONBLOCKING;
 };
 

@@ -8,7 +8,7 @@ namespace palpate {
 
 namespace {
 
-/// A prediction of a warp counts as exact if its error is at most this [voxels].
+/// Largest accepted error of a predicted warp [voxels].
 constexpr double kForeseenSure = 0.25;
 
 /// Returns true if the path from `Body::from` to b, in the resting frame, comes near a field's

@@ -34,7 +34,7 @@ class Bodies {
   /// of a voxel. Otherwise it is sampled at the place to which it has carried the proxy. Returns
   /// the number of warps sampled.
   int move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
-  /// Ends the motion that plan() began: the poses now belong to its time.
+  /// Call it at the end of the motion that plan() began: the poses are now those of its `time`.
   void arrive() noexcept { posed_at_ = time_; }
 
   /// Records that properties are read at p [m]; samples the warps there and returns their number.
@@ -49,15 +49,15 @@ class Bodies {
   }
 
   /// Returns the distance [m] that the proxy may move on the path from a to b [m] before properties
-  /// are read again: one voxel of the finest volume on the path; infinity without one. If a volume
-  /// has carried the place of its reading away from a, the distance counts from that place.
+  /// are read again: one voxel of the finest volume on the path; infinity without a volume. If a
+  /// volume has carried the place of its reading away from a, the distance counts from that place.
   /// `onward` is true if a is the place of the last reading, false if it is the proxy's place.
   [[nodiscard]] double reachFrom(std::span<const Felt> felt, const Vec3& a, const Vec3& b,
                                  bool onward) const noexcept PALPATE_NONBLOCKING;
-  /// Finds a share of the path to b for a proxy that a moving volume holds back. Sets `end` one
-  /// voxel of that volume beyond the place to which it carried the proxy, as if the volume were
-  /// still. Returns false and leaves `end` unchanged if no moved volume is on the path, or if the
-  /// reading of another volume is not valid that far.
+  /// For a proxy that a moving volume holds back: sets `end` to the point one voxel of that volume
+  /// beyond Body::carried, towards b, as if the volume were still. Returns false and leaves `end`
+  /// unchanged if no moved volume is on the path, or if the reading of another volume is not valid
+  /// that far.
   [[nodiscard]] bool follow(std::span<const Felt> felt, const Vec3& proxy, const Vec3& b,
                             Vec3& end) const noexcept PALPATE_NONBLOCKING;
 

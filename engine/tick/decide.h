@@ -8,8 +8,8 @@ namespace palpate {
 /// The next action in a slice of a tick, after a trial step.
 enum class Next : std::uint8_t {
   kRead,     ///< Read properties at the end of the step, and balance again.
-  kArrive,   ///< End at the answer: the remaining error is within the tolerance.
-  kWait,     ///< End where the primitives allow, because no readings are left.
+  kArrive,   ///< End at answer() (iteration.h): the remaining error is within the tolerance.
+  kWait,     ///< End as far as the primitives allow, because no readings are left.
   kRelease,  ///< Move the proxy to the hand, because no primitive holds it.
 };
 

@@ -42,8 +42,7 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
 }
 
 /// Adds the primitives of mode i, with the contact `touch`, at the evaluation point `stand`. After
-/// a reading, also computes the turn of the mode's plane. Returns false if the set was full. RT: no
-/// allocation.
+/// a reading, also computes Contact::turn. Returns false if the set was full. RT: no allocation.
 [[nodiscard]] inline bool placeMode(const Felt& felt, std::size_t i, const EvaluationPoint& stand,
                                     const ContactReference& touch, std::span<const Body> bodies,
                                     PrimitiveSet& set) noexcept {

@@ -13,7 +13,7 @@ namespace {
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
 /// A balance gets at least this number of iterations, even near the tick's limit.
 constexpr int kLeastIterations = 70;
-/// Below this share of the displacement before it, a step shows fast convergence.
+/// A step up to this share of the distance between the last two readings shows fast convergence.
 constexpr double kFalls = 0.25;
 /// Share of the tolerance that may remain after a step that kFalls accepts.
 constexpr double kRest = 0.5;
@@ -162,7 +162,7 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
     balanceNothing(tick, now, foreseen, from);
     return true;
   }
-  // On a rail, the pull that is left along the stream is within the tolerance.
+  // On a rail, `waiting` removes the pull along the stream, which is within the tolerance.
   const bool on_rail = now.rail.count > 0;
   const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;
   SolverParams params = tick.scene.solver;
@@ -222,7 +222,7 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noe
     trust.radius *= 2.0;
     trust.ahead = trust.ahead > way.norm() ? trust.ahead - way.norm() : kUnknown;
   }
-  // Without primitives the force is zero. The step then goes to the side that has a force.
+  // Without primitives the force is zero, so the step goes to the side that has primitives.
   const bool found = trust.ahead <= 2.0 * tolerance;
   const bool nothing = tick.balance.primitives.size() == 0;
   if (trust.ahead < kUnknown) trust.radius = (found && nothing ? 1.0 : 0.5) * trust.ahead;

@@ -18,15 +18,15 @@ struct Balanced {
   Vec3 target_offset = Vec3::Zero();  ///< The target minus the probe [m].
 };
 
-/// Limits the length of Newton's step, at first to one voxel. If a step turns back on the previous
-/// step, the radius becomes half of the shorter step, else it doubles. Without surfaces, the
-/// balance lies between two readings whose steps turn back. The radius is then half of their
-/// distance (bisection).
+/// Limits the length of Newton's step, in addition to the validity of a reading (one voxel). If a
+/// step turns back on the previous step, the radius becomes half of the shorter step, else it
+/// doubles. Without surfaces, the balance lies between two readings whose steps turn back. The
+/// radius is then half of their distance (bisection).
 struct TrustRegion {
   double radius = std::numeric_limits<double>::infinity();  ///< The trust radius [m].
-  double ahead = std::numeric_limits<double>::infinity();   ///< Upper bound of the balance's
-                                                            ///< distance [m]; infinite if unknown.
-  bool closed = false;                                      ///< `ahead` is within the tolerance.
+  /// Upper bound of the distance to the balance [m]; infinite if unknown.
+  double ahead = std::numeric_limits<double>::infinity();
+  bool closed = false;  ///< True if `ahead` is within the tolerance.
   double reach =
       0.0;  ///< Distance from the hand at which the last reading's primitives can hold [m].
   double went = 0.0;  ///< Distance between the last two readings [m].
@@ -48,8 +48,8 @@ struct Iteration {
   TrustRegion trust;  ///< Limit of Newton's step.
   /// Finest voxel of all primitives that vary [m].
   double voxel = std::numeric_limits<double>::infinity();
-  bool follows = false;  ///< True if other primitives than surfaces vary, or varied, in this slice:
-                         ///< a reading is valid only at its own place.
+  /// True if non-surfaces vary or varied in this slice: a reading is valid only at its place.
+  bool follows = false;
   /// Finest voxel of the varying primitives that are not surfaces [m].
   double followed = std::numeric_limits<double>::infinity();
   Rail rail;  ///< The streamline that holds the proxy; traced again when the proxy moves.
@@ -63,7 +63,7 @@ struct Iteration {
 /// Reads properties at `at` [m]: step 1 of the paper's figure 1. RT: no allocation.
 void read(Tick& tick, Iteration& now, const Vec3& at) noexcept PALPATE_NONBLOCKING;
 
-/// Initialises the memories of the modes for a proxy that is new at its place. RT: no allocation.
+/// Initialises the memories of the modes for a proxy that has no contacts yet. RT: no allocation.
 void initContacts(Tick& tick) noexcept PALPATE_NONBLOCKING;
 
 /// Places the primitives (step 2), finds their balance (eqs. 14, 15), and computes Newton's step

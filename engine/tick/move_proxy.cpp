@@ -12,16 +12,17 @@
 namespace palpate {
 namespace {
 
-/// Largest number of choices of parts in a tick, at least 2 mm apart.
+/// Largest number of choices of parts in a tick; two choices are at least 2 mm apart.
 constexpr int kMostStrays = 16;
 /// Largest distance that a waiting proxy is pulled through surfaces that cannot hold it [voxels].
 constexpr int kMostStrides = 4;
-constexpr double kFree = 1e-9;  ///< [m]: a proxy this near to the probe counts as free
-/// A reading that advances less than this share of the tolerance stalls. Two stalls end the tick.
+constexpr double kFree = 1e-9;  ///< [m]: a proxy within this distance of the probe counts as free
+/// A reading that advances less than this share of the tolerance stalls. Two stalls end the slice.
 constexpr double kStalls = 0.1;
 
-/// Returns true if a reading that is displaced by `way` [m] made no progress on a stream. Where
-/// axes point into a face from both sides, the stream ends, although the hand pulls along it.
+/// Returns true if a reading displaced by `way` [m] made no progress on a stream. A stream ends
+/// where directions without a sign point into a face from both sides, even if the hand pulls along
+/// it.
 bool stalls(const Tick& tick, const Iteration& now, const Vec3& way) noexcept {
   const double least = kStalls * tick.scene.step.tolerance_voxels * now.voxel;
   return now.rail.count > 0 && tick.balance.surfaces == 0 && way.norm() <= least;
@@ -41,8 +42,8 @@ void meetParts(Tick& tick) noexcept {
 }
 
 /// Returns the place of the proxy for the remembered primitives [m]. The volume of the surface that
-/// holds the proxy carries this place along; without such a surface, the volume of the first acting
-/// primitives. `Proxy::beyond` turns with that volume.
+/// holds the proxy carries this place along. If no surface holds the proxy, the volume of the first
+/// mode with primitives does. `Proxy::beyond` turns with that volume.
 Vec3 carriedProxy(Tick& tick) noexcept {
   const Body* by = nullptr;
   (void)anyMode(tick.felt(),
@@ -88,9 +89,9 @@ void tell(const Tick& tick, const Trial& trial) noexcept {
                              : StepEnd::kVoxel;
 }
 
-/// Moves a waiting proxy on, as far as the reading is valid, if the pull on it exceeds the strength
-/// of all primitives together. A stream releases the proxy. A single plane that can bear its load
-/// is kept, and the proxy follows the hand along the plane. Other surfaces are pushed through.
+/// Moves a waiting proxy towards the hand, as far as the reading is valid, if the pull on it
+/// exceeds the sum of all strengths. A stream releases the proxy. A single plane that can bear its
+/// load is kept, and the proxy follows the hand along the plane. Other surfaces are pushed through.
 void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   const BalanceMemory& b = tick.balance;
   const bool on_rail = now.rail.count > 0;
@@ -135,8 +136,8 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   }
 }
 
-/// Ends the iteration at the answer. If the limit of readings was reached, the proxy goes to the
-/// target of the shortest step; on a stream, to the end of the curve.
+/// Ends the slice. If `arrived`, the proxy moves to answer(). Otherwise no readings are left, and
+/// the proxy moves to the target of the shortest step; on a stream, to the end of the curve.
 Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   if (arrived) {
     const Vec3 at = answer(tick, now);
@@ -186,7 +187,7 @@ bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexc
 Slice follow(Tick& tick, int later) noexcept {
   Iteration now;
   now.read_at = tick.proxy.position;
-  Vec3 from = carriedProxy(tick);  // place of the last reading's primitives
+  Vec3 from = carriedProxy(tick);  // position of the proxy for the last reading's primitives
   bool cut = false;
   bool met_free = false;
   int stalled = 0;  // number of consecutive readings without progress
@@ -214,7 +215,7 @@ Slice follow(Tick& tick, int later) noexcept {
     }
     if (tick.trace != nullptr) tell(tick, trial);
     cut = trial.cut;
-    // A reading of other data does not limit the trust in these data.
+    // If the data have changed since the last tick, its reading does not limit the trust.
     const bool compared = now.read || !tick.changed;
     read(tick, now, trial.end);
     const Vec3 way = now.read_at - from;

@@ -8,7 +8,7 @@ namespace palpate {
 
 namespace {
 
-/// The choice includes parts up to this much farther, so that it changes less often [m].
+/// The choice includes parts this far beyond the hand, so that it changes less often [m].
 constexpr double kAhead = 2e-3;
 
 /// Returns a lower bound on the distance from p to a part's data [m]. If p is farther than `enough`
@@ -94,10 +94,10 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   }
   take(length + kAhead);
   if (count > kMaxNearParts) take(length);
-  crowded_ = count > kMaxNearParts || !boxes_.complete();  // updated in every tick
+  crowded_ = count > kMaxNearParts || !boxes_.complete();  // if true, every tick chooses again
   if (crowded_) count = strongest(scene, {awake_.data(), count}, report);
   keep({awake_.data(), count}, [&](std::size_t part, std::size_t slot) {
-    // Lets the modes know the proxy's side of each surface before the path is swept.
+    // Places primitives, so that each mode knows the proxy's side of its surface before a sweep.
     NearPart& fresh = slots_[slot];
     fresh.part = part;
     const Felt felt{reader.bind(scene, part, slot), &fresh.properties, fresh.memories.data()};
@@ -114,8 +114,8 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   });
 }
 
-/// Moves the parts with the largest Part::most (of equal ones, the earlier), as many as there is
-/// room for, to the front, in the scene's order. Returns their number.
+/// Moves the parts with the largest Part::most, at most kMaxNearParts, to the front, in the scene's
+/// order. Of equal parts, prefers the earlier. Returns their number.
 std::size_t NearParts::strongest(const Scene& scene, std::span<std::uint32_t> parts,
                                  StepReport& report) noexcept {
   const auto begin = parts.begin();

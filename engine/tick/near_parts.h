@@ -19,7 +19,7 @@ namespace palpate {
 
 /// A part of the scene that the tick samples and balances.
 struct NearPart {
-  /// Index of no part: the slot is empty.
+  /// Value of `part` in an empty slot.
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
   std::size_t part = kNone;  ///< Index into Scene::parts, or kNone.
@@ -51,7 +51,7 @@ class NearParts {
   std::size_t bind(const Scene& scene, Reader& reader,
                    std::span<Felt> felt) noexcept PALPATE_NONBLOCKING;
 
-  /// Returns the share, 0 to 1, of the path [m] that certainly reaches only chosen parts.
+  /// Returns the share, 0 to 1, of the path [m] on which no part that was not chosen has data.
   [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
 
   /// Returns the part in a slot. The slots in order() are in use; all others are empty.
@@ -67,8 +67,8 @@ class NearParts {
               StepReport& report) noexcept;
   std::size_t strongest(const Scene& scene, std::span<std::uint32_t> parts,
                         StepReport& report) noexcept;
-  /// Makes `near`, which ascends, the chosen parts. Old ones keep their state; calls `fresh` with
-  /// the index and the slot of new ones.
+  /// Chooses the parts `near` (indices in ascending order). Parts that were chosen before keep
+  /// their state. Calls `fresh` with the index and the slot of each new part.
   template <class New>
   void keep(std::span<const std::uint32_t> near, New&& fresh) noexcept;
 

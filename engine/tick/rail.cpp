@@ -89,10 +89,9 @@ RailLine* entryFor(const ModeMemory& memory, Rail& rail) noexcept {
   return rail.count < Rail::kMost ? &rail.lines[rail.count++] : nullptr;
 }
 
-/// Returns true if a plane or a line that holds fixes the place of the proxy along the line
-/// `index`: the balance is the place where both meet. The angle of the stream to a wall changes.
-/// Without this check the wall's force would count as constant along the curve, and push the proxy
-/// off the wall.
+/// Returns true if another plane or line that holds the proxy crosses the line `index`, and so
+/// fixes the proxy along it. The angle between a curve and a wall changes along the curve. Without
+/// this check, the wall's force would count as constant and push the proxy off the wall.
 ///
 /// A wall along the stream does not fix the place: the angle is at most that by which curve and
 /// normal turn over the step. `bend` is the curve's second derivative [1/m], `straight` the step
@@ -132,9 +131,9 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
     rail.followed = one.of;
     return false;
   }
-  // If the trial step ends before its target, or if a wall fixes the target, the curve gets the
-  // same length. Any other complete step leads to the place nearest to the hand. If the scene has
-  // only this stream, the trace itself reads the stream, so the reading is valid for longer.
+  // If the trial step ends before its target, or if a wall fixes the target, the trace gets the
+  // length of the step. Otherwise it ends at the point nearest to the hand. If the scene has only
+  // this stream, the trace itself reads the stream, so the reading is valid for longer.
   const bool alone = tick.felt().size() == 1 && one.felt->graph().modes.size() == 1;
   const double reach =
       alone ? kLongest * along.voxel : std::min(trial.reach, kLongest * along.voxel);
@@ -161,12 +160,12 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
     place += (fixed ? rest : std::clamp(left, 0.0, rest)) * on;
   }
   const double pull = laid.ahead.dot(order.hand - (place - line.position));
-  // A pull within the tolerance waits, unless the line is too weak to bear it.
+  // A pull within the tolerance becomes `waiting`, unless the line is too weak to bear it.
   const double most = std::min(tick.scene.step.tolerance_voxels * along.voxel,
                                line.strength / tick.balance.stiffness);
   const bool near = !fixed && std::abs(pull) <= most;
   RailLine* entry = entryFor(*one.of, rail);
-  if (entry == nullptr) entry = &rail.lines.back();  // that of a stream which is not followed
+  if (entry == nullptr) entry = &rail.lines.back();  // a line that the proxy does not follow
   *entry = {one.of, one.motion(), trace.direction, place, laid.ahead, line.strength};
   rail.followed = one.of;
   rail.waiting = near ? Vec3(-pull * laid.ahead) : Vec3(Vec3::Zero());
@@ -177,8 +176,8 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
   return true;
 }
 
-/// Traces the curve of a stream that the proxy does not follow, to its place nearest to `end` [m].
-/// If the stream or its data end before, the line is the tangent at their end.
+/// Traces the curve of a stream that the proxy does not follow, to the curve's point nearest to
+/// `end` [m]. If the stream or its data end before, the line is the tangent at that end.
 void layBeside(Tick& tick, const Followed& one, const Vec3& end, Rail& rail) noexcept {
   const Primitive line = tick.balance.primitives.items()[one.index];
   RailLine* entry = entryFor(*one.of, rail);

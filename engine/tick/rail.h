@@ -35,10 +35,10 @@ struct Rail {
   bool any = false;                   ///< True if a stream has a line.
   std::size_t count = 0;              ///< Number of lines.
   std::array<RailLine, kMost> lines;  ///< The lines; the first `count` are valid.
-  /// Shift of the probe [m] with which the line that the proxy follows balances at its place: the
-  /// negative of the pull that is left along the stream. Zero if that pull exceeds the tolerance.
+  /// Shift of the probe [m] that cancels the spring's remaining pull along the followed stream.
+  /// Zero if that pull exceeds the tolerance.
   Vec3 waiting = Vec3::Zero();
-  /// The mode that added the line which the proxy follows; null before the first.
+  /// Memory of the mode whose line the proxy follows; null if there is none yet.
   const ModeMemory* followed = nullptr;
 
   /// Returns the line of a mode; null if its curve was not traced.
@@ -64,8 +64,8 @@ void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept PALPATE_NON
 /// Traces the curve that the proxy follows and moves the trial step to its end: the place nearest
 /// to the hand, as far as the last reading is valid. If there are several streams, the proxy
 /// follows the strongest of those that hold it, or the strongest if all yield. Each other stream is
-/// traced to the place of its own curve that is nearest to the end of the trial step. So a drag
-/// points from that place, and parallel streams hold together. `balance` [m] is the last balance.
+/// traced to the point of its curve that is nearest to the end of the trial step. Its line then
+/// pulls to that point, so that parallel streams hold together. `balance` [m] is the last balance.
 /// See docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace for each stream.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;

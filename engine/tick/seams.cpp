@@ -15,7 +15,7 @@ namespace {
 constexpr std::size_t kMostOthers = 8;
 /// Farther surfaces do not replace samples [steps of FieldFrame::reach].
 constexpr double kNearSteps = 2.0;
-/// Below this share of the cell's own slope, the gradient does not give the scale of the surface.
+/// A gradient below this share of the cell's slope does not give the scale of the surface.
 constexpr double kFlat = 0.1;
 
 /// A surface, and the point of its volume that is at x in W. surfaceOf initialises all members.
@@ -53,7 +53,7 @@ const Vec3& gradientOf(const Surface& surface) noexcept {
   return surface.felt->properties->vectors[static_cast<std::size_t>(surface.skin->gradient)].value;
 }
 
-/// Initialises `surface` from `ahead`. Returns false unless the surface holds the proxy outside.
+/// Initialises `surface` from `ahead`. Returns false without a surface, or if its strength is zero.
 bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, const Vec3& x,
                Surface& surface) noexcept {
   if (ahead.skin == nullptr) return false;
@@ -69,8 +69,8 @@ bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, co
   return true;
 }
 
-/// Returns the sum of the loads of a groove's walls, as a multiple of the load L of the plane that
-/// stands for them.
+/// Returns the sum of the loads of a groove's walls, as a multiple of the load L of the one plane
+/// that replaces them.
 ///
 /// The gradient is a mean of the walls' gradients, g = sum w_m g_m, and the plane bears L along g.
 /// So wall m bears L w_m |g_m| / |g|. All walls together bear L C / |g|, where C is the norm of
@@ -155,7 +155,7 @@ std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memor
                            const Vec3& x) noexcept {
   const SurfaceAhead ahead = surfaceAhead(mode, memory);
   if (ahead.skin == nullptr) return {};
-  // A proxy that is clear of the surface does not get its plane.
+  // A free proxy that does not touch the surface gets no plane.
   const double value = felt.properties->scalars[static_cast<std::size_t>(ahead.skin->value)].value;
   const bool free = ahead.skin->sign * (value - ahead.level) >= 0.0;
   if (free && !ahead.contact->placed && !ahead.contact->touched) return {};

@@ -73,7 +73,7 @@ class ProxyState {
   [[nodiscard]] const ForceLimits& limits() const noexcept { return gate_.limits; }
   /// Returns the memory of limitForce.
   [[nodiscard]] const LimiterState& limiter() const noexcept { return gate_.limiter; }
-  /// Returns the position of the proxy [m]. After release() it is the old one until the next tick.
+  /// Returns the position of the proxy [m]; after release(), the old one until the next tick.
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_.position; }
   /// Returns the sum of the ticks' dt since this proxy entered the scene [s]: the time of motions.
   [[nodiscard]] double time() const noexcept { return met_.time; }
@@ -147,13 +147,13 @@ class ProxyState {
 /// farther than half a voxel in a tick, it moves in several sub-steps.
 ///
 /// @param reader  This thread's reader; bound to the scene as needed.
-/// @param hand    Position [m]. NaN, or more than 1e6 m, is a fault, which latches zero force.
+/// @param hand    Reading. A position not finite or beyond 1e6 m latches a fault: zero force.
 /// @param dt      Time since the last tick [s], > 0. For other values the force does not grow and
 ///                volumes do not move.
 /// @param trace   If not null, filled with the steps of the tick.
 /// RT: no allocation, no lock, no system call, no exception. Cost: about a microsecond for a few
 /// primitives without friction. There are at most 64 sub-steps, each with up to one balance
-/// (solver.h, friction.h). StepParams::max_iterations limits their sum.
+/// (solver.h, friction.h). StepParams::max_iterations limits the sum of their iterations.
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                     ProxyState& state, double dt,
                                     StepTrace* trace = nullptr) noexcept PALPATE_NONBLOCKING;

@@ -11,11 +11,11 @@ namespace palpate {
 
 /// Status of a tick, from the best to the worst. The force is safe to send with each status.
 enum class StepStatus : std::uint8_t {
-  kConverged,  ///< The tick met no condition below.
-  kHairpin,  ///< The centre of curvature of a stream is nearer than the hand: the place nearest to
-             ///< the hand is not unique. The proxy may jump; the force then changes by at most the
-             ///< mode's strength, plus the change by the hand's motion. Remedy: less strength, or a
-             ///< hand nearer to the stream.
+  kConverged,  ///< None of the conditions below occurred.
+  /// The centre of curvature of a stream is nearer than the hand: several points may be nearest to
+  /// the hand. The proxy may jump; the force then changes by at most the mode's strength, plus the
+  /// change by the hand's motion. Remedy: less strength, or a hand nearer to the stream.
+  kHairpin,
   kSubstepLimit,  ///< The proxy did not arrive before a limit was reached: of readings, of
                   ///< iterations, or of 16 steps along a stream for each reading. Causes are a fast
                   ///< hand, a stream with many windings, or walls and frictions that alternate. If
@@ -47,15 +47,15 @@ struct StepReport {
       0.0;  ///< Work that primitives did on the proxy [J]: the sum of max(0, -k (h - p_new).(p_new
             ///< - p_old)) over its moves, h the hand in that move. Along a curve: the rise of the
             ///< spring's energy. At least the bound on the work on the hand (docs/tick.md, Energy).
-  int iterations = 0;   ///< Solver iterations (SolveResult::iterations) of all sub-steps.
-  int substeps = 0;     ///< Number of readings of properties on the path; a balance follows each.
-  int samples = 0;      ///< Number of field reads in all sub-steps.
-  bool coarse = false;  ///< True if coarser data, or data of another moment, replaced missing data.
-  int traced = 0;       ///< Number of vector reads along streams.
-  int walked = 0;       ///< Number of cells searched for a surface on the path.
-  int primitives = 0;   ///< Number of primitives in the balance of the last sub-step.
-  int parts = 0;        ///< Number of sampled parts: near now, or when the parts were chosen.
-  int left_out = 0;     ///< Number of near parts left out for lack of room, the weakest ones.
+  int iterations = 0;    ///< Solver iterations (SolveResult::iterations) of all sub-steps.
+  int substeps = 0;      ///< Number of readings of properties on the path; a balance follows each.
+  int samples = 0;       ///< Number of field reads in all sub-steps.
+  bool coarse = false;   ///< True if coarser data, or data of another time, replaced missing data.
+  int traced = 0;        ///< Number of vector reads along streams.
+  int walked = 0;        ///< Number of cells searched for a surface on the path.
+  int primitives = 0;    ///< Number of primitives in the balance of the last sub-step.
+  int parts = 0;         ///< Number of sampled parts: near now, or when the parts were chosen.
+  int left_out = 0;      ///< Number of near parts left out for lack of room, the weakest ones.
   double missing = 0.0;  ///< Upper bound of the force error that left_out causes [N].
   SolverKind solver = SolverKind::kClosedForm;  ///< The solver's method in the last sub-step.
   StepStatus status = StepStatus::kConverged;   ///< The worst status that occurred in the tick.
@@ -64,8 +64,8 @@ struct StepReport {
   double moving = 1.0;  ///< Share of the force that StillFade leaves while the arm does not move.
   double share = 1.0;   ///< Share of the force that the energy tank can pay for (passivity.h).
   double energy = 0.0;  ///< Energy in the tank [J].
-  double left =
-      0.0;  ///< Share of `force` in the sum of spring and remote hands; 0 if directions differ.
+  /// `force` over the sum of the forces of spring and remote hands; 0 if directions differ.
+  double left = 0.0;
 };
 
 /// Sets the status, unless the present status is worse.

@@ -24,7 +24,7 @@ enum class StepEnd : std::uint8_t {
 
 /// The steps of one tick, in order. Fixed memory; hapticStep fills it on request.
 struct StepTrace {
-  /// One balance, and the step of the proxy, or of the next reading, after it.
+  /// A balance, and the step after it: of the proxy, or only of the place of the next reading.
   struct Step {
     /// True if the balance used the planes of the last reading, without a new reading.
     bool foreseen = false;

@@ -8,7 +8,7 @@ namespace {
 /// A shorter path along a surface is not swept, because the last reading covers it [voxels].
 constexpr double kSeen = 0.1;
 
-/// Finds where a path first falls through a surface. Both are in the surface's resting frame.
+/// Finds the first point where a path passes a surface from the free side, in its resting frame.
 Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from, const Vec3& to,
                    StepReport& report) noexcept {
   const Graph& graph = felt.graph();
@@ -65,7 +65,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
     Crossing crossing;
     bool again = false;
     do {
-      // No surface lies on the path to the last reading.
+      // The path starts at the last reading, because the path up to there was swept before.
       from = start + lift;
       to = trial.end + lift;
       if (body != nullptr) {
@@ -79,7 +79,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
       again = !placed && behind && !lift.isZero(0.0);
       if (again) lift.setZero();
     } while (again);
-    // A path behind the surface begins behind another wall of it; the step ends at its start.
+    // A path wholly behind the surface began behind another wall of it: the step ends at its start.
     if (!crossing.found && !crossing.behind) {
       trial.swept = trial.swept && crossing.share >= 1.0;
       return;
@@ -97,7 +97,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
   trial.end = end;
   trial.complete = trial.trusted = false;
   trial.swept = trial.met = true;
-  // If the surface had no plane, the proxy has just reached it and moves to it.
+  // If the surface had no plane before, the proxy moves to the surface.
   trial.cut = !met->placed;
 }
 

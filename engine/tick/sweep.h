@@ -7,8 +7,8 @@
 
 namespace palpate {
 
-/// Ends a trial step where it first falls through a surface from the free side. The path is swept
-/// in the resting frame of each surface's volume. For a surface in contact, the path is lifted by a
+/// Ends a trial step at the first surface that it passes from the free side. The path is swept in
+/// the resting frame of each surface's volume. For a surface in contact, the path is lifted by a
 /// quarter of its length; if it is shorter than a tenth of a voxel, the last reading suffices. For
 /// any other surface, the path has the common lift of the planes that bear load. A surface that
 /// yields does not end the step. RT: no allocation. Cost: ScalarField::firstFall.

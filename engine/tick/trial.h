@@ -19,7 +19,7 @@ struct Trial {
   bool strays = false;  ///< True if the step led beyond the chosen parts.
   bool swept = true;    ///< True if the whole step was searched for surfaces.
   double reach = 0.0;   ///< Distance to which the reading at the start of the step is valid [m].
-  /// Offset of the path that met a surface from the proxy's own path [m].
+  /// Offset from the proxy's path to the swept path that met a surface [m].
   Vec3 lift = Vec3::Zero();
 };
 
