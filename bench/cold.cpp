@@ -36,7 +36,7 @@ class Sink final : public TickSink {
     if (tick.tick == 1) {
       begin_ = tick.time;
       own_ = ownTime();
-    } else if (tick.tick % 64 == 0) {  // only sometimes, because it is a system call
+    } else if (tick.tick % 64 == 0) {  // not in every tick, because ownTime() is a system call
       times_.cpu = ownTime() - own_;
       times_.seconds = tick.time - begin_;
     }

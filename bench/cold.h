@@ -33,14 +33,14 @@ struct LoopTimes {
 [[nodiscard]] LoopTimes runHaptic(Device& device, const std::shared_ptr<const Scene>& scene,
                                   const LoopParams& params, double seconds);
 
-/// Prints a table of loops: ticks, wake-ups, late ticks, and the loop's share of a core.
+/// Print the heading and a row of a table: ticks, wake-ups, late ticks, used share of a core.
 void printHead();
 void printRow(const std::string& loop, const LoopTimes& times);
 
-/// Core on which a Neighbour runs: the loop's "own" core, an "other" core, or "none".
+/// Cores for a Neighbour: the loop's ("own"), another core ("other"), or no Neighbour ("none").
 inline constexpr std::array kNeighbours{"own", "other", "none"};
 
-/// Returns the core for a loop that runs beside a Neighbour: the last core.
+/// Returns the number of the last core, on which a loop beside a Neighbour runs.
 [[nodiscard]] int loopCore();
 
 /// Reproducible other work: a thread runs through 4,096 pieces of code and 8 MB of memory in random

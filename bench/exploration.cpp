@@ -15,7 +15,7 @@ namespace palpate::bench {
 namespace {
 
 constexpr double kRate = 1000.0;  // [Hz]
-constexpr double kRadius = 0.04;  // [m], of the ball
+constexpr double kRadius = 0.04;  // [m], radius of the ball
 constexpr double kVoxel = 2e-3;   // [m]; the engine searches for a surface two voxels ahead
 constexpr double kTremor = 1e-4;  // [m], amplitude
 

@@ -16,8 +16,8 @@ struct RecordedBalance {
 
 /// A ball of radius 40 mm with a surface of strength 2 N, and a second mode at the same place.
 enum class Explored {
-  kSurfaceAndDrag,  ///< Viscosity with strength 0.3 N: a plane and a point.
-  /// A vortex along which the hand is guided with strength 0.7 N: a plane and a line, at any angle.
+  kSurfaceAndDrag,  ///< The second mode is viscosity with strength 0.3 N: a plane and a point.
+  /// The second mode follows a vortex with strength 0.7 N: a plane and a line, at any angle.
   kSurfaceAndStream,
 };
 

@@ -47,7 +47,7 @@ constexpr std::array<Family, 10> kFamilies = {{
     {"4 planes, drag, mu 0.6-1.5", 4, 0.6, 1.5, 1, 0, false},
 }};
 constexpr int kTicks = 60;  // per motion
-// [m]: largest distance between the proxy and the place where a plane is read.
+// [m]: largest error of a plane's position along its normal.
 constexpr double kReadOff = 1e-6;
 
 struct Plane {
@@ -99,7 +99,7 @@ struct Done {
   }
 };
 
-/// Checks a converged balance against Coulomb's law and the spring. Throws if they do not hold.
+/// Throws if a converged balance violates Coulomb's law or does not balance the spring.
 void judge(const Vec3& hand, double stiffness, const PrimitiveSet& set, const SolveResult& result,
            const std::vector<Vec3>& forces) {
   if (result.status != SolveStatus::kConverged) return;

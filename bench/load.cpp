@@ -62,7 +62,7 @@ double peakOfProcess() {
   return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts in kB
 }
 
-/// Runs `work` in a separate process, so that runs do not affect each other. Throws if it throws.
+/// Runs `work` in a new process, so that runs do not affect each other. Throws if `work` throws.
 template <class Work>
 Said inChild(const Options& options, Work work) {
   std::fflush(nullptr);
@@ -154,7 +154,7 @@ void warm(const path& file) {
 
 struct Runs {
   std::vector<double> ms;
-  std::vector<double> peak;  ///< Peak memory, less that of an idle process [MB].
+  std::vector<double> peak;  ///< Peak memory minus that of an idle process [MB].
 };
 
 void measure(const path& file, const Options& options) {

@@ -1,6 +1,6 @@
-/// Measures the cost of ticks on time. Runs the haptic thread over scenes at 1 and 10 kHz, in turns
-/// with a bare loop, beside the same other work (Neighbour in bench/cold.h). The thread sleeps
-/// until each tick, or wakes early and warms up its caches (LoopParams::early).
+/// Measures the cost of starting ticks on time. Runs the haptic thread over scenes at 1 and 10 kHz,
+/// in turns with a bare loop, beside the same other work (Neighbour in bench/cold.h). The thread
+/// sleeps until each tick, or wakes early and warms up its caches (LoopParams::early).
 ///
 ///     palpate_bench_loop SCENE... [--seconds S] [--turns N] [--neighbour own|other|none]
 #include <algorithm>

@@ -256,7 +256,7 @@ double timeNothing(const Options& options) {
   return feelSurface(motion, nothing, 0.5, options.way() / motion.lap).nanoseconds;
 }
 
-/// Measures the force noise on a scanned head's skin, with and without a proxy that is held back.
+/// Measures the force noise of a hand on a scanned head's skin, with both proxies of rubbing.h.
 ordered_json rubOn(const Options& options) {
   constexpr double kSkin = -300.0;  // [HU]
   constexpr double kScale = 1e-3;   // metres per unit of the scan: millimetres

@@ -19,8 +19,8 @@ struct Moved {
 /// How a surface method divides the hand's path in one tick.
 struct SurfaceRule {
   int substeps = 1;  ///< Number of parts of the hand's path.
-  /// Number of times that the normal is read again, half-way to the end of the last try. 1: the
-  /// explicit midpoint rule. More: approaches the implicit midpoint rule.
+  /// Number of repetitions of a sub-step, each with the normal half-way to the end of the previous
+  /// try. 1: the explicit midpoint rule. Larger numbers approach the implicit midpoint rule.
   int midpoints = 0;
 };
 

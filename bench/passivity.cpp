@@ -3,11 +3,10 @@
 /// with the energy tank. RUNS (default 20000) is the number of the tank's runs "at random" and
 /// "restarted"; other rows have a tenth. HANDS selects rows by a part of their name.
 ///
-/// Columns:
-/// - active: runs in which more energy came out than rounding explains.
-/// - broken: runs in which more energy came out than the tank allows, or its sum is too high.
-/// - acts: share of the ticks in which the controller changed the force.
-/// - takes: share of the force that the controller removed (an observer adds force).
+/// Columns: - active: runs in which more energy came out than rounding explains. - broken: runs in
+/// which more energy came out than the tank allows, or the tank's energy exceeded the energy put
+/// in. - acts: share of the ticks in which the controller changed the force. - takes: share of the
+/// force that the controller removed (an observer adds force).
 #include <algorithm>
 #include <atomic>
 #include <chrono>

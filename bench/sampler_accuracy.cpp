@@ -52,7 +52,7 @@ struct Analytic {
   std::function<Vec3(test::Random&)> place;
 };
 
-/// Voxels around the measured region. A voxel's influence falls by a factor 0.27 per voxel.
+/// Voxels around the measured region. In a cubic spline, a voxel's effect falls to 27 % per voxel.
 constexpr double kMargin = 16.0;
 /// Offset of the waves, so that voxels are not at zeros or maxima of the field.
 const Vec3 kOff(0.37, 0.21, 0.44);

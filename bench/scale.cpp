@@ -81,7 +81,6 @@ std::shared_ptr<const Volume> makeBall(double radius) {
   return throughAFile(grid);
 }
 
-/// Makes a cloud that is densest in its middle.
 std::shared_ptr<const Volume> makeCloud() {
   openvdb::initialize();
   const auto grid = openvdb::FloatGrid::create();

@@ -145,9 +145,8 @@ ordered_json findTruth(std::vector<Row>& rows) {
 struct Score {
   std::vector<std::vector<double>> times;  // per case, one per pass [ns]
   std::vector<double> cost;                // per case, mean of the middle half [ns]
-  std::vector<double> error;               // per case, at least the bound of the exact answer [m]
-  // Per case, distance to the answer that is taken as exact [m].
-  std::vector<double> apart;
+  std::vector<double> error;  // per case: max(apart, error bound of the exact answer) [m]
+  std::vector<double> apart;  // per case: distance to the exact answer [m]
   std::vector<double> iterations;
   std::size_t settled = 0;
   std::size_t claims = 0;  // answers with an error bound

@@ -26,7 +26,7 @@ constexpr double kLeast = 20.0;       // [N/m], at which the search starts
 
 /// Returns the largest stable stiffness below the first unstable try; 0 if kLeast is unstable.
 ///
-/// @param step   Factor from one tried stiffness to the next. Halving then refines to `ratio`.
+/// @param step   Factor between tried stiffnesses. Bisection then reduces it to `ratio`.
 double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
                      double most, double step, double ratio) {
   const auto rests = [&](double k) {

@@ -123,7 +123,7 @@ Run feel(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>
   return run;
 }
 
-/// Repeats the run, at most five times, until the machine does not keep the loop from its core.
+/// Repeats the run, at most five times, until no fault cuts it.
 Run feelWhole(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>& path,
               const BrickWindow* window) {
   constexpr int kMost = 5;

@@ -7,8 +7,8 @@
 
 namespace palpate::methods {
 
-/// Returns the sum of the primitives' forces, eqs (8), (9), (11) and (13), at the probe itself, f =
-/// sum f_i(probe), as the offset f/k.
+/// Returns the sum of the primitives' forces, eqs (8), (9), (11) and (13), at the probe, f = sum
+/// f_i(probe), as the offset f/k.
 ///
 /// The primitives replace the different force functions of the papers that section 1 cites. The
 /// answer equals the balance only if no kink lies between probe and proxy. The force jumps at a

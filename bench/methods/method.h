@@ -13,7 +13,7 @@ namespace palpate::methods {
 struct Balance {
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m]; the hand feels k times this.
   int iterations = 0;          ///< Evaluations of the potential or of f_res (Lundin et al.).
-  bool settled = false;        ///< The method's own stopping rule ended it before its limit.
+  bool settled = false;        ///< True if the method stopped before its iteration limit.
 };
 
 }  // namespace palpate::methods

@@ -12,14 +12,14 @@ namespace palpate::methods {
 struct SimplexParams {
   double size = 1e-3;          ///< Edge of the first simplex along the three axes [m].
   double tolerance = 1e-6;     ///< Stops when no vertex is farther than this from the best [m].
-  int max_evaluations = 1000;  ///< Checked once per round, so a shrink can exceed it by three.
+  int max_evaluations = 1000;  ///< Checked once per round, so the last round can exceed it by four.
 };
 
 struct SimplexResult {
   Vec3 best = Vec3::Zero();
   double value = 0.0;  ///< Value at `best`.
   int evaluations = 0;
-  bool settled = false;  ///< The simplex became smaller than `tolerance` before the limit.
+  bool settled = false;  ///< True if the simplex became smaller than `tolerance` before the limit.
 };
 
 /// Minimises `value(Vec3)`; coefficients 1 (reflect), 2 (expand), 1/2 (contract), 1/2 (shrink). RT:
