@@ -36,7 +36,7 @@ class Descriptor {
 
 /// Returns true if the system grants a read lease. Then programs that want to write must wait.
 bool lease(int file) {
-  // SIGURG signals a waiting program. The default signal would end this program.
+  // Selects SIGURG, which is ignored by default. The default signal, SIGIO, would end this program.
   if (fcntl(file, F_SETSIG, SIGURG) != 0 || fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
   (void)fcntl(file, F_SETOWN, 0);
   return true;

@@ -22,7 +22,7 @@ fs::path ownFolder() {
   link_map* map = nullptr;
   const bool known = dladdr1(reinterpret_cast<const void*>(&ownFolder), &info,
                              reinterpret_cast<void**>(&map), RTLD_DL_LINKMAP) != 0;
-  // The program itself has no name there.
+  // The link map has no name for the program itself.
   const bool is_library = known && map->l_name[0] != '\0';
   std::error_code ignored;
   return fs::canonical(is_library ? map->l_name : "/proc/self/exe", ignored).parent_path();

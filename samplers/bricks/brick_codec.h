@@ -50,7 +50,7 @@ class BrickCodec {
 
   /// Decompresses the object into `slot`. Returns false if the object does not contain a brick.
   [[nodiscard]] bool decompress(std::size_t bytes, std::span<std::byte> slot);
-  /// Returns true if the slot holds a brick of another place or another volume.
+  /// Returns true if the slot holds another brick, or a brick of another volume.
   [[nodiscard]] bool isOthers(const BrickId& id, std::span<const std::byte> slot) const;
   [[nodiscard]] bool isFinite(std::span<const std::byte> slot) const;
 

@@ -440,7 +440,7 @@ bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifes
          (entry.kind == BrickKind::kStored) == (entry.bytes > 0);
 }
 
-/// Reads the entries of a level. Throws VolumeError if they are not sorted by place.
+/// Reads the entries of a level. Throws VolumeError if they are not in the order of BrickId.
 std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest& manifest,
                                     std::int32_t level) {
   const auto count = reader.takeNumber<std::uint64_t>();

@@ -35,7 +35,8 @@ class BrickLevelSource {
  public:
   struct Cache {
     BrickWindow::Entry entry;  ///< Entry of the brick that contains the last cell.
-    bool whole = true;         ///< True if no brick was missing since this was last set to true.
+    bool whole = true;         ///< False after a read of a missing brick; the reader sets it to
+                               ///< true before it reads.
   };
 
   template <int W, bool Edges>
@@ -145,7 +146,7 @@ class BrickField : public Base {
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
     bool met = false;              ///< True if a tick has set `probe` and `velocity`.
     std::size_t hand = 0;
-    /// Return value of BrickWindow::enter; set while the reader is registered.
+    /// Value that BrickWindow::enter returned; set while the reader is registered.
     std::optional<std::uint32_t> side;
     Finest finest;  ///< Region of the finest level; used only while the reader is registered.
   };
@@ -254,8 +255,7 @@ class BrickField : public Base {
     return out;
   }
   /// Returns the share s of a level at a point: the minimum, over all bricks within kFade voxels,
-  /// of the brick's faded-in weight plus its distance / kFade. So s is continuous in space and
-  /// time.
+  /// of the brick's faded-in weight plus its distance / kFade. So s is continuous.
   [[nodiscard]] double shareAt(const At& at, int level, std::int64_t now) const noexcept {
     double least = arrived(at.entry, now);
     std::array<int, 3> side{};
@@ -309,15 +309,15 @@ class BrickField : public Base {
     if (!same) read.cache.cell.fill(kNoCell);
     read.level = 0;
   }
-  /// Returns the largest extent of a distance [m] along each axis of a level [voxels].
+  /// Returns the half-extents [voxels of a level] of the box around a ball of radius `distance`
+  /// [m].
   [[nodiscard]] Vec3 reachIn(int level, double distance) const noexcept {
     if (distance <= 0.0) return Vec3::Zero();
     const IndexMap& map = maps_[static_cast<std::size_t>(level)];
     return distance * map.index_from_world.rowwise().norm();
   }
   /// Calls `of(level, its cache)` if the box between two points, with `about` [m] around it, is in
-  /// the region of the finest level. Returns false if not, or if a brick was removed during the
-  /// call.
+  /// the region of the finest level. Returns false if not, or if a brick was removed meanwhile.
   template <class Of>
   [[nodiscard]] bool byFinest(const Vec3& p_W, const Vec3& q_W, double about, Cache& cache,
                               const Of& of) const noexcept {
@@ -383,7 +383,7 @@ class BrickField : public Base {
     return true;
   }
 
-  /// Reads the row at a point, and returns true if there is data. `coarse`: level 0 was not enough.
+  /// Returns true if there is data. `coarse`: a coarser level has contributed.
   [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
     bool inside = false;
     const auto straight = [&](const Level& level, typename Level::Cache& of) {

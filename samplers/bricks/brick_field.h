@@ -1,4 +1,4 @@
-/// A volume in bricks, placed in the hand's world, as a field of the engine.
+/// A volume in bricks, placed in W, as a field of the engine.
 #pragma once
 
 #include <memory>

@@ -101,7 +101,7 @@ void BrickFolder::fail(const std::string& name, int error) const {
 }
 
 void BrickFolder::lock() {
-  // Some network file systems have no locks, and so no protection against a second writer.
+  // On network file systems without locks, a second writer is not detected.
   if (::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
   throw Error(path_.string(), "another run is writing into it",
               "wait for the end of that run, or name another folder");

@@ -27,7 +27,7 @@ float rounded(double sum, const BrickFormat& format) noexcept {
   return format.half ? floatOfHalf(halfOfFloat(mean)) : mean;
 }
 
-/// Returns the places of a brick's children and of the bricks next to them, 4 along each axis.
+/// Returns the indices of a brick's children and of the bricks next to them, 4 along each axis.
 std::array<VoxelAt, 64> placesBelow(const BrickManifest& manifest, std::int32_t finer,
                                     const VoxelAt& at) {
   const BrickLevel& fine = manifest.levels()[static_cast<std::size_t>(finer)];
@@ -57,7 +57,7 @@ void spread(std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, std:
   from.swap(to);
 }
 
-/// Returns the Morton code of a place. Places with similar codes are near each other.
+/// Returns the Morton code of a brick's index. Bricks with similar codes are near each other.
 std::uint64_t mortonOf(const VoxelAt& at) noexcept {
   std::uint64_t code = 0;
   for (unsigned bit = 0; bit < 21; ++bit) {
@@ -70,7 +70,7 @@ std::uint64_t mortonOf(const VoxelAt& at) noexcept {
 
 constexpr std::size_t kBlockVoxels = std::size_t{kBlock} * kBlock * kBlock;
 
-/// Copies a finer halved brick into the block, at place `step` of its 4 x 4 x 4 bricks.
+/// Copies a finer halved brick into the block, at index `step` of its 4 x 4 x 4 bricks.
 void copyIntoBlock(const HalvedBrick& halved, const std::array<int, 3>& step,
                    std::size_t components, CoarserSpace& space) {
   // `begin` is the position of the finer brick's first voxel in the block. `low` and `high` bound
@@ -158,7 +158,7 @@ std::shared_ptr<const HalvedBrick> HalvedBricks::of(const VoxelAt& at) {
   std::shared_ptr<const HalvedBrick> halved = make(entry);
   if (halved->kind != BrickKind::kStored) return halved;
   const std::lock_guard lock(mutex_);
-  // Another thread may have made the same halved brick in the meantime.
+  // Another thread may have made the same halved brick since the look-up.
   if (by_place_.count(at) != 0) return halved;
   kept_.emplace_front(at, halved);
   by_place_[at] = kept_.begin();
@@ -214,7 +214,7 @@ bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set, Coarse
   const std::size_t components = finer.manifest().format().components();
   const auto places = placesBelow(finer.manifest(), finer.level(), at);
 
-  // In a sparse volume, all bricks often have the same single value.
+  // Saves time: in a sparse volume, all these bricks often have the same single value.
   const BrickEntry first = finer.manifest().entry({finer.level(), places[0]});
   const bool uniform = std::all_of(places.begin(), places.end(), [&](const VoxelAt& place) {
     const BrickEntry one = finer.manifest().entry({finer.level(), place});
@@ -244,7 +244,7 @@ std::vector<VoxelAt> coarserPlaces(const BrickManifest& manifest, std::int32_t f
   std::vector<std::pair<std::uint64_t, VoxelAt>> ordered;
   ordered.reserve(manifest.entries(finer).size());
   for (const BrickEntry& entry : manifest.entries(finer)) {
-    // An entry affects its parent, and neighbours of the parent: two places along each axis.
+    // An entry affects its parent, and neighbours of the parent: two indices along each axis.
     for (int n = 0; n < 8; ++n) {
       VoxelAt at{};
       bool there = true;

@@ -36,7 +36,7 @@ class HalvedBricks {
 
   /// Returns the manifest of the volume.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_.manifest(); }
-  /// Level of the halved bricks.
+  /// Returns the level of the halved bricks.
   [[nodiscard]] std::int32_t level() const noexcept { return level_; }
 
  private:
@@ -70,8 +70,8 @@ struct CoarserSpace {
                                 CoarserSpace& space, std::span<float> values,
                                 std::span<std::uint8_t> active);
 
-/// Returns the places of the next coarser level at which bricks may differ from the background. The
-/// order keeps neighbouring places near each other.
+/// Returns the bricks of the next coarser level that may differ from the background. The order
+/// keeps neighbours near each other.
 [[nodiscard]] std::vector<VoxelAt> coarserPlaces(const BrickManifest& manifest, std::int32_t finer);
 
 }  // namespace palpate

@@ -64,8 +64,8 @@ std::uint32_t BrickWindow::enter() const noexcept {
     const std::uint32_t side = pool_->side.load();
     pool_->in[side].readers.fetch_add(1);
     if (pool_->side.load() == side) return side;
-    // The loader has changed the side, and may not wait for this reader. It changes the side at
-    // most once per brick, so a further try soon succeeds.
+    // The loader has changed the side, so it may free slots without waiting for this reader. It
+    // changes the side at most once per brick, so a further try soon succeeds.
     pool_->in[side].readers.fetch_sub(1);
   }
 }

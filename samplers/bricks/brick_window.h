@@ -16,7 +16,7 @@
 
 namespace palpate {
 
-/// Limits of a window's memory, and the time that it looks ahead.
+/// Limits of a window's memory, and its look-ahead along the hands' paths.
 struct WindowParams {
   /// Memory for the pool, the tables and the fetches in progress [bytes].
   std::uint64_t budget = 256ULL << 20;
@@ -27,7 +27,7 @@ struct WindowParams {
   /// give equal forces in virtual time.
   bool waits = false;
 
-  /// True if all parameters are equal.
+  /// Returns true if all parameters are equal.
   [[nodiscard]] bool operator==(const WindowParams&) const = default;
 };
 
@@ -38,7 +38,7 @@ struct WindowState {
   /// Memory for the pool, the tables and the fetches in progress [bytes].
   std::uint64_t bytes = 0;
   std::uint64_t fetched = 0;  ///< Number of bricks fetched so far, including those at the start.
-  /// Number of bricks that could not be fetched yet. A coarser level is read in their place.
+  /// Number of bricks that could not be fetched yet. A coarser level is read instead.
   std::uint64_t failed = 0;
   bool locked = false;  ///< True if the pool is locked in memory.
   bool gone = false;    ///< Value of BrickWindow::lost().
@@ -48,7 +48,7 @@ struct WindowState {
 /// near a hand or its predicted path. The whole coarsest level is always loaded.
 ///
 /// Readers share the pool without a lock. To reuse a slot, the loader removes its brick from the
-/// tables and waits until all earlier readers have left. A reader that stays stops the loader.
+/// tables and waits until all earlier readers have left: a reader that stays blocks the loader.
 class BrickWindow {
  public:
   /// Number of hands that a window can follow. Further hands share the records of the first ones.
@@ -76,8 +76,8 @@ class BrickWindow {
     Vec3 probe = Vec3::Zero();     ///< Position of the probe.
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the probe.
   };
-  /// Reports where a hand is. Call it once in each tick: a hand without reports for 1 s is ignored.
-  /// RT: wait-free.
+  /// Reports the position and velocity of a hand. Call it once in each tick: a hand without reports
+  /// for 1 s is ignored. RT: wait-free.
   void aim(std::size_t hand, const Aim& at) const noexcept;
 
   /// Registers a reader. Bricks from later calls of entryAt() stay readable until leave(). Until
@@ -121,17 +121,15 @@ class BrickWindow {
     std::uint64_t bits_ = 0;
   };
 
-  /// Returns the number of changes of the tables. If it stays the same, so do all entries. RT: no
-  /// lock.
+  /// Returns the number of changes of the tables; equal numbers: equal entries. RT: no lock.
   [[nodiscard]] std::uint64_t changes() const noexcept;
 
   /// Returns the entry of the brick that contains cell (i, j, k) of a level. For a cell outside of
   /// the pyramid, this is the entry of the background. RT: no lock.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
-  /// Returns the time at which the brick in a slot arrived [ns of the steady clock]. For other
-  /// entries, and for bricks that arrived far from all proxies, returns a time long ago. RT: no
-  /// lock.
+  /// Returns the time at which the brick in a slot arrived [ns of the steady clock]; a time long
+  /// ago for other entries and for bricks that arrived far from all proxies. RT: no lock.
   [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
 
   /// A block of 4^3 voxels: pointers to its rows along the last axis, and its active bits in the

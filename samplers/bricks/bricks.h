@@ -30,7 +30,7 @@ inline constexpr std::size_t kBrickVoxels =
 /// Size of a brick's active bits, one for each voxel [bytes].
 inline constexpr std::size_t kBrickActiveBytes = kBrickVoxels / 8;
 
-/// A voxel in the index space of a level.
+/// Index of a voxel in the index space of a level.
 using VoxelAt = std::array<std::int32_t, 3>;
 
 /// Memory layout of a brick: the values (last axis fastest, components side by side), one active
@@ -50,11 +50,11 @@ struct BrickFormat {
   }
   /// Returns the size of a slab [bytes].
   [[nodiscard]] std::size_t slabBytes() const noexcept { return activeBegin() / kBrickEdge; }
-  /// Number of slabs of a brick, 69 to 73, including those for the bits and the identity.
+  /// Returns the number of slabs of a brick, 69 to 73, with those for the bits and the identity.
   [[nodiscard]] std::size_t slabs() const noexcept;
   /// Returns the size of a brick in memory [bytes].
   [[nodiscard]] std::size_t bytes() const noexcept { return slabs() * slabBytes(); }
-  /// True if the layouts are equal.
+  /// Returns true if the layouts are equal.
   [[nodiscard]] bool operator==(const BrickFormat&) const = default;
 };
 
@@ -96,12 +96,12 @@ class BrickView {
   const std::byte* slot_;
 };
 
-/// Place of a brick in the pyramid of levels.
+/// Index of a brick in the pyramid of levels.
 struct BrickId {
   std::int32_t level = 0;  ///< Level; 0 has the resolution of the given volume.
   VoxelAt at{};            ///< Index of the brick along each axis of the level, from 0.
 
-  [[nodiscard]] bool operator==(const BrickId&) const = default;  ///< True if the places are equal.
+  [[nodiscard]] bool operator==(const BrickId&) const = default;  ///< True for the same brick.
   /// Orders bricks by level, then by their indices, with the last axis varying fastest.
   [[nodiscard]] bool operator<(const BrickId& other) const noexcept {
     return level != other.level ? level < other.level : at < other.at;
@@ -156,7 +156,7 @@ class BrickManifest {
   [[nodiscard]] static BrickManifest parse(std::span<const std::byte> bytes,
                                            const std::string& called);
 
-  /// Returns the facts about level 0.
+  /// Returns the description of level 0.
   [[nodiscard]] const GridInfo& info() const noexcept { return info_; }
   /// Returns the format of every brick.
   [[nodiscard]] const BrickFormat& format() const noexcept { return format_; }
@@ -166,7 +166,7 @@ class BrickManifest {
   [[nodiscard]] const std::vector<BrickLevel>& levels() const noexcept { return levels_; }
   /// Returns the entries of a level in the order of BrickId. Bricks without one are background.
   [[nodiscard]] std::span<const BrickEntry> entries(std::int32_t level) const noexcept;
-  /// Returns true if the pyramid contains this place.
+  /// Returns true if the pyramid contains this brick.
   [[nodiscard]] bool has(const BrickId& id) const noexcept;
   /// Returns the entry of a brick; for a brick without an entry or outside of the pyramid, one of
   /// the background. RT: no allocation. Cost: logarithm of the number of entries.
@@ -203,15 +203,16 @@ class BrickManifest {
 /// Returns the name of a brick's object, relative to the folder of the volume: "0/1.2.3.0.0.0".
 [[nodiscard]] std::string brickObject(const BrickId& id, const BrickFormat& format);
 
-/// Result of a brick's fetch. After an error, other bricks can still be fetched.
+/// Result of a brick's fetch. After an error, other bricks can still be fetched. The remedy for
+/// kMissing, kCut, kDamaged and kOthers is to copy or write the volume again.
 enum class BrickStatus : std::uint8_t {
   kArrived,  ///< The slot contains the brick.
-  kUnknown,  ///< The pyramid does not contain this place. The caller made an error.
-  kMissing,  ///< The object does not exist: copy or write the volume again.
-  /// The object is shorter or longer than the manifest states: copy or write the volume again.
+  kUnknown,  ///< The pyramid does not contain this brick. The caller made an error.
+  kMissing,  ///< The object does not exist.
+  /// The object is shorter or longer than the manifest states.
   kCut,
-  kDamaged,  ///< The checksum or the content is wrong: copy or write the volume again.
-  /// The object contains a brick of another place or volume: copy or write the volume again.
+  kDamaged,  ///< The checksum or the content of the object is wrong.
+  /// The object contains another brick, or a brick of another volume.
   kOthers,
   kGone,        ///< The whole volume no longer exists. Do not retry.
   kUnreadable,  ///< The system reports an error. A retry may succeed.
@@ -266,8 +267,8 @@ class BrickSource {
   [[nodiscard]] virtual std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                          std::chrono::milliseconds patience) = 0;
 
-  /// Returns true if the finished volume at this place has the same manifest. After a loss, later
-  /// fetches read the returned volume. Cost: reads a small file.
+  /// Returns true if the source has the finished volume with the same manifest. If a lost volume
+  /// returns, later fetches read it. Cost: reads a small file.
   [[nodiscard]] virtual bool isThere() = 0;
 
   /// Fetches one brick at once, independently of all requests.

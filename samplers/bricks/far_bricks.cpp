@@ -98,7 +98,7 @@ struct FarBricks::State {
   mutable std::mutex mutex;
   std::condition_variable arrived;
   RequestQueue wishes;
-  /// Unused fetches. Together with the used ones there are as many as connections.
+  /// Unused fetches. There is one fetch for each connection.
   std::vector<FetchPtr> free;
   std::vector<FetchPtr> here;      ///< Complete fetches that next() has not yet taken.
   std::vector<BrickCodec> codecs;  ///< Codecs that no thread uses now.
@@ -138,7 +138,7 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));
   const auto known = std::min({body.size(), BrickFacts::headOf(body), kLongestHead});
   head.assign(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(known));
-  // Allocates all memory now. Later only the store does, and reports a lack of memory.
+  // Allocates all memory now. Later only the store allocates, and it reports a lack of memory.
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
     free.back()->request = store->make();
@@ -224,7 +224,7 @@ void FarBricks::State::come(FetchPtr fetch) {
   arrived.notify_one();
 }
 
-/// Starts fetches until all connections are in use, also by fetches that next() has not taken.
+/// Starts requested fetches until `free` is empty. next() returns a complete fetch to `free`.
 void FarBricks::State::beginFetches() {
   while (true) {
     FetchPtr fetch;
@@ -370,7 +370,7 @@ std::optional<BrickArrival> FarBricks::next(std::span<std::byte> slot,
 bool FarBricks::isThere() {
   state_->ask = true;
   state_->store->wake();
-  // `silent` is also true if the fetching thread waits, for example for a host's address.
+  // `silent` is also true if the fetching thread is blocked, for example by a name look-up.
   const Clock::duration since(state_->asked);
   const bool silent =
       since.count() != 0 && Clock::now().time_since_epoch() - since > state_->params.silent;

@@ -31,7 +31,7 @@ struct StoreParams {
 /// Value of ObjectRequest::why if memory is short.
 inline constexpr char kNoMemory[] = "the system has too little memory";
 
-/// A request for an object, and the result. The caller may reuse the object and its memory.
+/// A request for an object of the store, and its result. The caller may use an ObjectRequest again.
 struct ObjectRequest {
   virtual ~ObjectRequest() = default;
 
@@ -81,7 +81,7 @@ class ObjectStore {
   /// Makes a request object for this store. Any thread may call it.
   [[nodiscard]] virtual std::unique_ptr<ObjectRequest> make() = 0;
   /// Fetches an object and waits for the result. Any thread may call it, but not with a request
-  /// that is passed to begin() at any time.
+  /// that is ever passed to begin().
   virtual void get(const std::string& name, ObjectRequest& request) noexcept = 0;
   /// Starts a request. When the request has ended, ended() returns it. If the request fails at
   /// once, begin() returns false, and `request` contains the reason.

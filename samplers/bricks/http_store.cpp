@@ -59,7 +59,7 @@ bool takeNumber(std::string_view& text, std::uint64_t& number) noexcept {
   return error == std::errc();
 }
 
-/// Returns the body's length [bytes] if the header line states it; 0 for a range from a later byte.
+/// Returns the body's length [bytes] if the header line states it; 0 for a range not from byte 0.
 std::optional<std::uint64_t> statedLength(std::string_view line) noexcept {
   std::uint64_t first = 0;
   std::uint64_t number = 0;
@@ -108,7 +108,7 @@ std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void
   }
 }
 
-/// Initializes libcurl once a process, before any of its threads.
+/// Initializes libcurl once per process, before any of its threads.
 void beginCurl() {
   static const CURLcode begun = curl_global_init(CURL_GLOBAL_DEFAULT);
   if (begun != CURLE_OK)

@@ -14,7 +14,7 @@ namespace palpate {
 /// no cookie, and reads no password file.
 [[nodiscard]] std::unique_ptr<ObjectStore> makeHttpStore(const std::string& address,
                                                          const StoreParams& params = {});
-/// The function of the module palpate_http.so, which makeHttpStore() loads.
+/// Type of the function that the module palpate_http.so exports and makeHttpStore() calls.
 using HttpFactory = std::unique_ptr<ObjectStore>(const std::string& address,
                                                  const StoreParams& params);
 

@@ -25,7 +25,7 @@ struct PosixBricks::State {
   BrickManifest manifest;
 
   std::mutex mutex;
-  /// Open folder. It is opened again if the folder was removed and has returned.
+  /// The open folder. It is opened again if it was removed and restored.
   std::shared_ptr<const BrickFolder> folder;
   const bool finished;                ///< True if the folder had a manifest at the start.
   BrickFolder::Stamp manifest_stamp;  ///< Stamp of the manifest when it was last found valid.
@@ -110,7 +110,7 @@ std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
     }
     id = state_->wishes.begin();
   }
-  // Runs even if there was too little memory to read the brick.
+  // Ends the fetch even if read() throws for lack of memory.
   const auto end = [&](State* state) {
     const std::lock_guard lock(state->mutex);
     state->wishes.end(id);

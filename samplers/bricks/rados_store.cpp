@@ -27,7 +27,7 @@ void* load() {
   throw VolumeError(kLibrary, "it cannot be loaded", "install librados2, Ceph's client");
 }
 
-/// A function of librados, by its name.
+/// The address of a function of librados, which converts to any function type.
 struct Call {
   void* address;
   template <class Function>

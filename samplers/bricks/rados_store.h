@@ -10,7 +10,7 @@ namespace palpate {
 
 /// Makes a store for rados://[user@]pool/folder: the objects of a pool with names that begin with
 /// `folder/`. Cluster and key come from Ceph's configuration: CEPH_CONF, else /etc/ceph/ceph.conf
-/// and the other places of librados. The default user is admin.
+/// and the other default files of librados. The default user is admin.
 ///
 /// The first call loads librados.so.2 (7 ms, 13 threads). Throws VolumeError if the address is
 /// invalid, or if librados, the configuration, the user, the pool or the key is missing. Also

@@ -22,7 +22,6 @@ class RequestQueue {
 
   /// Replaces all requests by new ones, except for bricks with a fetch in progress.
   void set(std::vector<BrickWish> wishes) {
-    // Orders NaN as the lowest priority.
     for (BrickWish& wish : wishes) {
       if (std::isnan(wish.priority)) wish.priority = -std::numeric_limits<double>::infinity();
     }
@@ -35,8 +34,7 @@ class RequestQueue {
     wishes_ = std::move(wishes);
   }
   [[nodiscard]] bool empty() const noexcept { return wishes_.empty(); }
-  /// Removes the request of the highest priority, marks its fetch as begun and returns the brick.
-  /// The queue must not be empty.
+  /// Moves the request of the highest priority to the fetches in progress. The queue is not empty.
   [[nodiscard]] BrickId begin() {
     const BrickId id = wishes_.back().id;
     wishes_.pop_back();

@@ -26,7 +26,7 @@ constexpr int kMostMessages = 8;
 constexpr std::chrono::seconds kCheckInterval{1};
 /// If a hand has not reported for this time, the loader stops following it.
 constexpr std::chrono::seconds kSilent{1};
-/// Distance at which a proxy may read a brick before it reports again [voxels of level 0].
+/// A proxy may read bricks within this distance before its next report [voxels of level 0].
 constexpr double kNearProxy = 16.0;
 
 Vec3 toLevel(const Vec3& p_0, std::int32_t level) noexcept {
@@ -59,7 +59,7 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
   thread = std::thread([this] { run(); });
 }
 
-/// Returns true if a proxy is in a brick or near it, so that the brick must fade in.
+/// Returns true if a proxy is in a brick or near it: the brick must then fade in.
 bool BrickWindow::Loader::isNearProxy(const BrickId& id) const noexcept {
   const BrickLevel& level = pool.levels[static_cast<std::size_t>(id.level)];
   const double size = std::ldexp(1.0, id.level);
@@ -112,8 +112,8 @@ std::size_t BrickWindow::Loader::takeFree() {
   return slot;
 }
 
-/// Removes a brick from the tables: the longest unwanted one, else the farthest in `wanted` if `id`
-/// is nearer. Returns its slot, which readers may still read.
+/// Removes a brick from the tables: the one that has been unwanted for the longest time, else the
+/// farthest wanted one if `id` is nearer. Returns its slot, which readers may still read.
 std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   const auto key = [&](const BrickId& of, std::uint64_t last) {
     const auto found = wanted.find(of);
@@ -140,8 +140,7 @@ std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   return victim;
 }
 
-/// Requests the bricks nearest to the present and predicted positions of the hands. Distances are
-/// in bricks of the level.
+/// Requests the bricks nearest to the present and predicted positions of the hands [bricks].
 void BrickWindow::Loader::chooseRequests() {
   struct Place {
     Vec3 p;

@@ -68,17 +68,17 @@ struct BrickWindow::Loader {
   std::set<BrickId> awaited;         ///< Requested bricks that have neither arrived nor failed.
   detail::Retries<BrickId> failing;  ///< Bricks that cannot be fetched.
   bool doubt = false;                ///< True if the last check did not find the volume.
-  Clock::time_point checked_at;      ///< Time of the last checkVolume().
+  Clock::time_point checked_at;
   std::set<std::pair<BrickId, BrickStatus>> reported;  ///< Errors that reportOnce() has reported.
   std::map<BrickStatus, int> messages;                 ///< Number of errors of each kind.
-  /// The reports of a hand to the window.
+  /// State of the reports of one hand.
   struct Following {
     std::uint32_t beats = 0;  ///< Value of HandReport::beats at the last check.
     Clock::time_point at;     ///< Time at which the last report was noticed.
     bool alive = false;       ///< True if the loader follows the hand.
   };
   std::array<Following, kMostHands> following;
-  /// Number of callers in settle(). While there is one, no hand counts as silent.
+  /// Number of callers in settle(). While it is above 0, no hand counts as silent.
   int settling = 0;
   std::size_t pinned = 0;  ///< Number of bricks of the coarsest level, which are never removed.
   std::vector<std::string> troubles;  ///< Errors for takeTroubles().

@@ -81,7 +81,7 @@ struct BrickWindow::Pool {
   [[nodiscard]] std::byte* slotAt(std::size_t slot) const noexcept {
     return memory + slot * slot_bytes;
   }
-  /// Returns the place of a cell's brick in the level's table; std::nullopt outside of the level.
+  /// Returns the index of a cell's brick in the level's table; std::nullopt outside of the level.
   [[nodiscard]] std::optional<std::size_t> placeOf(std::int32_t level, int i, int j,
                                                    int k) const noexcept {
     const BrickLevel& of = levels[static_cast<std::size_t>(level)];
@@ -107,11 +107,12 @@ struct BrickWindow::Pool {
     return Entry(entry(id).load(std::memory_order_relaxed));
   }
 
-  /// Number of registered readers. Each count has its own cache line.
+  /// A counter with its own cache line.
   struct alignas(64) Count {
     std::atomic<std::uint32_t> readers{0};
   };
-  /// Number of readers that have entered on each side and not left.
+  /// Readers that have entered and not left, per side. The loader swaps the sides, and then waits
+  /// until the old side has no reader.
   mutable std::array<Count, 2> in;
   std::atomic<std::uint64_t> changes{0};
   std::vector<BrickLevel> levels;

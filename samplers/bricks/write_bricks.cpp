@@ -35,7 +35,7 @@ std::string contentsOf(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-/// Makes the folder if it is missing. Throws Error if it contains anything but these bricks.
+/// Returns what the folder contains; makes it if it is missing. Throws Error for other contents.
 Found lookInto(const fs::path& folder, std::uint64_t identity) {
   std::error_code error;
   if (!fs::exists(fs::symlink_status(folder, error))) {
@@ -175,7 +175,7 @@ class Writer {
   }
 
  private:
-  /// The entry of a brick that may differ from the background, and the brick's statistics.
+  /// An entry for the manifest, and the statistics of its brick.
   struct Row {
     BrickEntry entry;
     BrickStatistics statistics;
@@ -240,7 +240,7 @@ class Writer {
     });
   }
 
-  /// Makes and stores a brick. `fill` returns true if it set only the first voxel, for all voxels.
+  /// Makes and stores a brick. `fill` returns true if it set the first voxel only, for all voxels.
   template <class Fill>
   void make(const BrickId& id, Fill fill) {
     Space& space = spaces_.local();
@@ -322,8 +322,7 @@ class Writer {
     return false;
   }
 
-  /// Keeps the object of an earlier run if it is equal byte for byte: zstd may decompress a damaged
-  /// object to the same values.
+  /// Keeps an earlier run's object if it is equal byte for byte: zstd may decompress a damaged one.
   bool keep(const BrickId& id, Space& space) {
     std::size_t got = 0;
     const std::string name = brickObject(id, input_.format);

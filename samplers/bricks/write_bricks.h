@@ -56,7 +56,7 @@ struct BrickInput {
 
 /// Options of writeBricks.
 struct BrickOptions {
-  int compression = 3;  ///< Level of compression by zstd, 1 to 19.
+  int compression = 3;  ///< Compression level of zstd: 1 is the fastest, 19 the smallest.
   /// Receives the progress from 0 to 1, one call at a time. An exception ends the writing.
   std::function<void(double done)> progress;
   /// Process group that writes together into one shared folder; null for a single process.

@@ -29,7 +29,7 @@ class AnalyticScalarField final : public ScalarField {
 };
 
 /// A vector field from a formula for its value and Jacobian. The formula has the type
-/// VectorSample(const Vec3& p) noexcept; for its duties see AnalyticScalarField.
+/// VectorSample(const Vec3& p) noexcept, and the requirements of AnalyticScalarField.
 template <class Formula>
 class AnalyticVectorField final : public VectorField {
  public:

@@ -44,7 +44,7 @@ struct ArrayValues {
   }
 };
 
-/// Returns the median of the finite values on the six faces of an array; 0 if no value is finite.
+/// Returns the default background: the median of the finite values on the six faces, else 0.
 template <class GridT>
 double medianOfFaces(const ArrayValues<GridT>& values) {
   const std::array<std::int64_t, 3>& size = values.array.size;

@@ -30,10 +30,10 @@ struct VoxelArray {
   std::ptrdiff_t component_stride = 0;
   /// Columns: steps along i, j and k, in the array's unit of length.
   Mat3 axes = Mat3::Identity();
-  Vec3 origin = Vec3::Zero();   ///< Place of value (0, 0, 0), in the array's unit of length.
+  Vec3 origin = Vec3::Zero();   ///< Position of value (0, 0, 0), in the array's unit of length.
   std::string name = "values";  ///< Name of the volume, used in messages.
   bool level_set = false;  ///< True for signed distances, negative inside. The surface is at 0.
-  /// Value of places without data, and of array elements that are not data. If not set: zero for
+  /// Value outside of the array. Array elements with this value have no data. If not set: zero for
   /// vectors; for scalars the median on the array's six faces, as in `palpate import`.
   std::optional<double> background;
 };

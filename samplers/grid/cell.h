@@ -496,7 +496,7 @@ class SplineKernel {
     }
   }
 
-  /// kLine is even, so that loads of pairs of numbers match the earlier stores.
+  /// kLine is even, so that a load of two numbers matches an earlier store (store forwarding).
   static constexpr std::size_t kSide = kWidth;
   static constexpr std::size_t kLine = (kSide * kC + 1) / 2 * 2;
   static constexpr std::size_t kPlane = kSide * kLine;

@@ -212,7 +212,7 @@ typename OutGrid::Ptr gradientOf(const InGrid& in, const Mat3& index_from_file) 
 }
 
 /// Derives a property of a vector of three grids, at the voxels of the first grid. A voxel becomes
-/// inactive if any of the three grids has no data at its place.
+/// inactive if one of the grids has no data at the voxel's position.
 template <class OutGrid, class InGrid>
 typename OutGrid::Ptr ofComponents(const std::shared_ptr<const Volume>& volume, const InGrid& first,
                                    const Volume::Grid::Part& part, Derivation what) {
@@ -233,7 +233,7 @@ typename OutGrid::Ptr ofComponents(const std::shared_ptr<const Volume>& volume, 
   });
 }
 
-/// Makes the derived grid. The index space of the original grid is its world space.
+/// Makes the derived grid, in the index space of the original grid (identity map).
 template <class GridT>
 openvdb::GridBase::Ptr derivedGrid(const std::shared_ptr<const Volume>& volume, const GridT& grid,
                                    Derivation what) {

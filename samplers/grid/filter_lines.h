@@ -16,12 +16,12 @@
 
 namespace palpate::detail {
 
-/// The type in which filters add values of a tree.
+/// Type of a filter's sums.
 template <class TreeT>
 using SumOf =
     std::conditional_t<std::is_arithmetic_v<typename TreeT::ValueType>, double, openvdb::Vec3d>;
 
-/// Values of eight neighbouring lines. A row has the values of all lines at one place.
+/// Values of eight neighbouring lines. A row has the values of all lines at one position.
 template <class TreeT>
 using Lines = std::vector<std::array<SumOf<TreeT>, 8>>;
 
@@ -67,7 +67,7 @@ std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, i
 
 /// Filters the values in leaves along one axis, in place and in parallel. Calls filter(lines) for
 /// each group of eight lines through a run of leaves. The lines begin and end with 8 `pad` rows of
-/// the values beyond the run; what the filter writes there is not used.
+/// the values beyond the run; values that the filter writes there are ignored.
 /// @param reach  The widest gap within a run [voxels], at least 8 (pad - 1).
 template <class TreeT, class Filter>
 void filterLines(TreeT& tree, int axis, int reach, std::size_t pad, Filter filter) {

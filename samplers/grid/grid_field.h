@@ -70,11 +70,11 @@ class LeafOrTile {
   unsigned char tile_active_;
 };
 
-/// A block of W^3 voxels, read in place. Edges: whether it has rows at the rim along two axes.
+/// A block of W^3 voxels, read in place. If Edges is false, omits rows at the rim along two axes.
 ///
-/// Along each axis the block lies in one leaf or in two. The code avoids branches on that, which
-/// the processor could not predict. It finds all leaves before it reads them, so that the memory
-/// accesses overlap if the cache is cold.
+/// Along each axis the block lies in one leaf or in two. The code avoids branches on this, because
+/// the processor could not predict them. It finds all leaves before it reads them, so that the
+/// memory accesses overlap if the cache is cold.
 template <class Value, int W, bool Edges>
 class LeafBlock {
  public:
@@ -362,7 +362,7 @@ class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
       const auto r = static_cast<Eigen::Index>(c);
       v[r] = row[0];
       if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
-        // Beyond the data, the derivative is that of the nearest place with data.
+        // Beyond the data, the derivative is that of the nearest point with data.
         Vec3 q_W = p_W;
         const double weight = this->readers()[c].towardData(q_W);
         if (q_W != p_W) {

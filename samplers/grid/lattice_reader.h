@@ -184,8 +184,8 @@ class LatticeReader {
     return insideAt(t, cache.active);
   }
 
-  /// Moves p_W to the nearest place at which the slope uses only voxels with data. Returns its
-  /// weight: 1 among the voxels with data, falling to 0 one voxel beyond the last.
+  /// Moves p_W to the nearest place at which the slope uses only voxels with data. Returns the
+  /// slope's weight: 1 among the voxels with data, falling to 0 one voxel beyond the last.
   [[nodiscard]] double towardData(Vec3& p_W) const noexcept {
     const Vec3 p_I = map_(p_W);
     Vec3 to = p_I;
@@ -282,7 +282,7 @@ class LatticeReader {
       if (least > most) std::swap(least, most);
       const bool data = hasData(cache.active);
       if (least >= 0.0 || !data) {
-        // No fall here. After a cell without data, any value below the level counts as a fall.
+        // No fall in this cell. After a cell without data, any value below the level is a fall.
         above = above || (data && most > 0.0) || !data;
         out.behind = false;
       } else if (next > share || share == 0.0) {
@@ -461,8 +461,7 @@ class LatticeReader {
 
   static constexpr std::uint64_t kAll = ~std::uint64_t{0};
 
-  /// Returns the bits of voxels with data. Voxels at the block's edges, which are not used, count
-  /// too.
+  /// Returns the bits of voxels with data, and of the unused voxels at the block's edges.
   template <class Block>
   [[nodiscard, gnu::noinline]] std::uint64_t knownAbout(const std::array<int, 3>& cell,
                                                         const Block& block) const noexcept {

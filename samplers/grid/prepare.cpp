@@ -70,7 +70,7 @@ bool describeValues(const openvdb::GridBase& base, GridInfo& info) {
   return true;
 }
 
-/// Describes the values of a grid that a hand cannot feel. They are NaN if they are unknown.
+/// Describes the values of a grid of a type that fields do not read; NaN: unknown.
 void describeOther(const openvdb::GridBase& base, GridInfo& info) {
   info.lowest = info.highest = info.mean = info.background =
       std::numeric_limits<double>::quiet_NaN();

@@ -216,8 +216,7 @@ struct ActiveBoxes {
   openvdb::CoordBBox now;
 };
 
-/// Returns the standard deviations along i, j and k [voxels]. Throws VolumeError if one of them is
-/// too large or not a number.
+/// Returns the standard deviations along i, j and k [voxels]. Throws VolumeError if one is invalid.
 [[nodiscard]] inline Vec3 deviationsOf(const openvdb::GridBase& grid, const SmoothWidth& width,
                                        const std::string& name) {
   const openvdb::Vec3d edges = grid.voxelSize();
@@ -234,7 +233,6 @@ struct ActiveBoxes {
   return voxels;
 }
 
-/// Smooths a grid, and writes how far it moved the values.
 template <class GridT>
 void smoothValues(GridT& grid, const SmoothWidth& width, GridInfo& info) {
   const Vec3 deviations = deviationsOf(grid, width, info.name);

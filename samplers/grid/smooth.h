@@ -27,13 +27,11 @@ auto sizeOf(const T& value) noexcept {
   }
 }
 
-/// Number of leaves that smoothing may add beside the faces of tiles, besides ten for each leaf:
-/// they take about 0.5 GB for floats.
+/// Largest number of leaves that smoothing adds, besides ten for each leaf (0.5 GB of floats).
 inline constexpr std::size_t kMostAdded = 250'000;
 
-/// Adds leaves along one axis, wherever a filter changes values that are not in leaves. Beside a
-/// change of the value, `count` leaves are added in both directions. Throws an exception of OpenVDB
-/// if tiles would need too many.
+/// Adds leaves along one axis, wherever a filter changes values that are not in leaves: `count` in
+/// both directions beside a change of the value. Throws openvdb::ValueError if tiles need too many.
 template <class TreeT>
 void addLeavesAlong(TreeT& tree, int axis, int count) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -119,15 +117,15 @@ void applyGaussian(TreeT& tree, int axis, double deviation) {
   });
 }
 
-/// Builds the band of a level set again, from smoothed values: voxels closer to the surface than
-/// the band is wide become active, and their values distances. Throws an exception of OpenVDB if
-/// the voxels are not cubes.
+/// Rebuilds the band of a level set from smoothed values: voxels closer to the surface than the
+/// band is wide become active, and get distances. Throws openvdb::ValueError if the voxels are not
+/// cubes, or if the background is not above zero.
 template <class GridT>
 void rebuildBand(GridT& grid) {
   using Value = typename GridT::ValueType;
   const Value band = grid.background();
   if (!(band > Value(0))) OPENVDB_THROW(openvdb::ValueError, "its background is not above zero");
-  // The tracker's constructor would throw too, but leaks then.
+  // The tracker's constructor would throw too, but leaks memory then.
   if (!grid.hasUniformVoxels()) OPENVDB_THROW(openvdb::ValueError, "its voxels are not cubes");
   using Leaf = typename GridT::TreeType::LeafNodeType;
   openvdb::tools::LevelSetTracker<GridT> tracker(grid);
@@ -188,7 +186,7 @@ Change compare(TreeT& tree, const TreeT& before, bool activate) {
   return all;
 }
 
-/// Smooths a grid by a Gaussian. Returns how far it moved the active values.
+/// Smooths a grid by a Gaussian. Returns the changes of the active values.
 /// @param deviations  Standard deviations along i, j and k, 0 to kMostSmooth [voxels].
 /// @param from_mesh   True if inactive voxels have no data, and stay inactive.
 template <class GridT>

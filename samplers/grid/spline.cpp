@@ -78,7 +78,7 @@ void filterAlong(TreeT& tree, int axis, double pole) {
   constexpr std::size_t kSize = Leaf::DIM;
   detail::filterLines(tree, axis, kSplineReach, 1, [pole](detail::Lines<TreeT>& c) {
     const std::size_t end = c.size() - kSize;
-    // The tiles before and after the run.
+    // Filter states in the constant tiles before and after the run.
     const Sum before = c.front()[0] * (1.0 / (1.0 - pole));
     const Sum after = c.back()[0] * (1.0 / (1.0 - pole));
     std::array<Sum, kSize> last;
@@ -156,7 +156,7 @@ void continueOutward(TreeT& tree) {
   }
 }
 
-/// @param active_only  True if inactive voxels have no data (DataEnds).
+/// Returns a grid's coefficients. `active_only`: inactive voxels have no data (DataEnds).
 template <class GridT>
 typename GridT::Ptr coefficientsOf(const GridT& grid, int degree, bool active_only) {
   typename GridT::Ptr coefficients = grid.deepCopy();

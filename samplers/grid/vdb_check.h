@@ -16,8 +16,7 @@ namespace palpate {
 /// position must fit. OpenVDB itself does not check: it reads zeros beyond the end of a truncated
 /// file, and a flipped bit can make it allocate gigabytes or crash. Every file that passes can be
 /// read. Values may be wrong, because the format has no checksum. Memory: 64 bytes per leaf.
-/// Members throw VolumeError if the file is truncated or damaged, or its version too old or too
-/// new.
+/// Members throw VolumeError if the file is truncated or damaged, or its version is not supported.
 class VdbCheck {
  public:
   /// Checks everything before the trees. A file without a table of contents is checked completely.

@@ -1,4 +1,4 @@
-/// Makes a field of the engine from a grid that is placed in the hand's world.
+/// Makes a field of the engine from a grid that is placed in W.
 #pragma once
 
 #include <cstdint>
@@ -23,7 +23,7 @@ struct Placement {
   }  ///< Maps a point p_F of the file's world space to p_W [m].
   [[nodiscard]] bool operator==(const Placement& other) const noexcept {
     return scale == other.scale && rotation == other.rotation && translate == other.translate;
-  }  ///< True if all numbers of both placements are equal.
+  }  ///< Returns true if all numbers of both placements are equal.
 };
 
 /// Returns a placement that puts the centre of the bounds at W's origin and makes their longest
@@ -54,7 +54,7 @@ struct Sampling {
                              ///< scalar takes its differences [voxels], > 0 to 1. Only 1/2 and 1
                              ///< are exact for quadratics. For vectors the distance is always 1.
 
-  /// True if all options are equal.
+  /// Returns true if all options are equal.
   [[nodiscard]] bool operator==(const Sampling&) const = default;
 };
 

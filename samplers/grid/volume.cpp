@@ -226,7 +226,7 @@ class VdbFile {
   [[nodiscard]] const std::vector<std::string>& vectors() const noexcept { return vectors_; }
   /// Returns all names. A vector of three grids appears once, in place of its first component.
   [[nodiscard]] std::vector<std::string> listed() const {
-    // Name to list in place of each component, or an empty name.
+    // Name to list in place of each component; empty: none.
     std::unordered_map<std::string, std::string> instead;
     for (const std::string& vector : vectors_) {
       const auto parts = componentsOf(vector);
@@ -260,9 +260,9 @@ class VdbFile {
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      // After the last part, a waiting writer is not an error. kept() records the time anyway.
+      // After the last part, a lost lease does no harm. kept() is called for its time stamp.
       if (!steady_->kept() && done < 1.0) throwTaken();
-      // The system searches the whole file, so this is not done for every small grid.
+      // The system scans the whole mapped file, so this is not done for every small grid.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);
       if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
       if (options.progress) options.progress(begun + share * done);
@@ -320,7 +320,7 @@ class VdbFile {
     return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
   }
 
-  /// Returns true if a hand can feel grids of this type. Their leaves are read in parallel.
+  /// Returns true if fields can read grids of this type. Their leaves are read in parallel.
   [[nodiscard]] static bool isNumberType(const std::string& type) {
     return type == openvdb::FloatGrid::gridType() || type == openvdb::DoubleGrid::gridType() ||
            type == openvdb::Vec3SGrid::gridType() || type == openvdb::Vec3DGrid::gridType();
@@ -425,7 +425,7 @@ LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptio
   return result;
 }
 
-/// Runs inParallel apart from other tasks, so that threads bound the number of open files.
+/// Runs inParallel isolated from other tasks, so that each thread has at most one open file.
 template <class Body>
 void inParallelAlone(std::size_t count, Body body) {
   tbb::this_task_arena::isolate([&] { inParallel(count, body); });

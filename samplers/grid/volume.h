@@ -19,7 +19,7 @@ struct SmoothWidth {
   double sigma = 0.0;          ///< [voxels, or file]; 0: no smoothing. At most kMostSmooth voxels.
   bool in_file_units = false;  ///< True if `sigma` has the file's unit of length.
 
-  /// True if the widths are equal.
+  /// Returns true if the widths are equal.
   [[nodiscard]] bool operator==(const SmoothWidth&) const = default;
 };
 
@@ -44,15 +44,14 @@ struct Smoothing {
 struct GridInfo {
   std::string name;  ///< Name, unique in the file. Grids of equal names are density[0], density[1].
   std::string type;  ///< OpenVDB's value type, such as float or vec3s; "3 x float" for three grids.
-  /// Class of the grid. It determines where there are data (makeVdbField).
+  /// Class of the grid. It determines which positions have data (makeVdbField).
   GridClass grid_class = GridClass::kUnknown;
   bool vector = false;  ///< True for a vector, in one grid or in three.
   bool half = false;    ///< True if the file stores 16 bits per number. They are read as 32 bits.
   Vec3 voxel = Vec3::Zero();        ///< Edges of a voxel [file].
   std::uint64_t active_voxels = 0;  ///< Number of active voxels, including those in tiles.
-  /// Box of the centres of active voxels [file]; empty if no voxel is active. If the grid was
-  /// smoothed, these are the voxels that were active before, so smoothing does not change the place
-  /// of a volume.
+  /// Box of the centres of active voxels [file]; empty if no voxel is active. Smoothing does not
+  /// change this box, so that it does not move a volume.
   Box bounds;
   std::uint64_t memory = 0;  ///< Memory of the grid [bytes].
   double lowest = 0.0;       ///< Lowest active value; for a vector, the smallest magnitude.
@@ -141,14 +140,14 @@ struct LoadOptions {
                                                        const std::string& grid,
                                                        const LoadOptions& options = {});
 
-/// One of several volumes to load together.
+/// A volume that loadVolumes() loads.
 struct VolumeRequest {
   std::filesystem::path file;  ///< A .vdb file.
   std::string grid;            ///< Name of the grid; empty for the only grid of the file.
   NonFinite non_finite = NonFinite::kRefuse;  ///< Value for LoadOptions::non_finite.
   SmoothWidth smooth;                         ///< Value for LoadOptions::smooth.
 
-  /// True if the requests are equal.
+  /// Returns true if the requests are equal.
   [[nodiscard]] bool operator==(const VolumeRequest&) const = default;
 };
 

@@ -23,7 +23,7 @@ struct FrameTimes {
   std::vector<double> times;
   bool repeat = false;  ///< True if the sequence repeats; else the last frame stays.
 
-  /// True if all times are equal.
+  /// Returns true if all times are equal.
   [[nodiscard]] bool operator==(const FrameTimes&) const = default;
 };
 
@@ -38,7 +38,7 @@ struct SequenceParams {
   /// forces in virtual time.
   bool waits = false;
 
-  /// True if all options are equal.
+  /// Returns true if all options are equal.
   [[nodiscard]] bool operator==(const SequenceParams&) const = default;
 };
 
@@ -61,7 +61,7 @@ struct PlayMoment {
   double share = 0.0;     ///< Share of frame `high`, 0 to 1.
   double position = 0.0;  ///< Play position [frames]. Missing frames count as well.
 
-  /// True if all members are equal.
+  /// Returns true if all members are equal.
   [[nodiscard]] bool operator==(const PlayMoment&) const = default;
 };
 
@@ -88,11 +88,11 @@ class FrameSequence {
   [[nodiscard]] const std::shared_ptr<const Volume>& first() const noexcept { return first_; }
   /// Returns the field of the first frame.
   [[nodiscard]] const FieldPtr& firstField() const noexcept { return first_field_; }
-  /// Frame that encloses the data of all frames, in W.
+  /// Returns the frame that encloses the data of all frames, in W.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
-  /// Times of the frames.
+  /// Returns the times of the frames.
   [[nodiscard]] const FrameTimes& times() const noexcept { return when_; }
-  /// Value of SequenceParams::waits.
+  /// Returns SequenceParams::waits.
   [[nodiscard]] bool waits() const noexcept { return params_.waits; }
 
   /// Returns the blend of available frames at a time [s]. RT: no allocation. Cost: binary search.

@@ -19,9 +19,8 @@ using Hold = FrameSequence::Hold;
 
 /// Duration of the fade after a jump of play [s].
 constexpr double kJump = 0.05;
-/// Largest distance of the moment shown in the last tick from the moment that the rate of play
-/// implies [frames]. The share of the shown moment weights the distance. A larger distance counts
-/// as a jump.
+/// Largest distance between the moment shown in the last tick and the moment that the rate of play
+/// implies, weighted by the share of the shown moment [frames]. A larger distance is a jump.
 constexpr double kLittle = 0.005;
 /// Longest wait for frames in virtual time [s].
 constexpr double kPatience = 60.0;
@@ -73,7 +72,7 @@ std::uint64_t nextReader() noexcept {
   return ++count;
 }
 
-/// The frame is not marked as a distance, because a blend of two distances is not a distance.
+/// Does not mark the frame as a distance, because a blend of two distances is not a distance.
 FieldFrame frameOf(const FrameSequence& sequence) {
   FieldFrame frame = sequence.frame();
   frame.distance = false;

@@ -26,7 +26,8 @@ constexpr double kMostStretch = 10.0;
 /// Number of floats stored for each node and frame: u and the rate of u.
 constexpr std::size_t kNumbers = 2 * kLanes;
 
-/// Weights of three neighbouring nodes, and their derivatives, at t from the middle, |t| <= 1/2.
+/// Quadratic B-spline weights of three neighbouring nodes, with their first and second derivatives.
+/// `t`: distance from the middle node, |t| <= 1/2 [nodes].
 struct Weights {
   explicit Weights(double t)
       : value{0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)},
@@ -36,8 +37,7 @@ struct Weights {
   std::array<double, 3> bend{1.0, -2.0, 1.0};
 };
 
-/// Place of a time among the frames: weights of u and of its rate in two frames, and the weights'
-/// derivatives by time.
+/// Weights of u and of its rate in two neighbouring frames, and the weights' time derivatives.
 struct Moment {
   std::size_t frame = 0;  ///< The earlier of the two frames.
   std::array<double, 4> value{1.0, 0.0, 0.0, 0.0};
@@ -75,7 +75,6 @@ class GridWarp final : public Warp {
       if (within != i) w[a].slope = w[a].bend = {};
     }
     const Moment moment = momentAt(time);
-    // The sums are floats, like the stored coefficients.
     const auto lanes = [](const float* at) { return Lanes(Eigen::Map<const Lanes>(at)); };
     std::array<float, 4> of{};
     std::array<float, 4> by_time{};
@@ -207,8 +206,8 @@ class GridWarp final : public Warp {
   }
 
   /// Computes the coefficients of the spline of one frame, axis by axis. Along each line of nodes,
-  /// c[i-1] / 8 + 6 c[i] / 8 + c[i+1] / 8 = u[i], with c[-1] = 2 c[0] - c[1] at the ends, so that
-  /// the curvature is zero there.
+  /// c[i-1] / 8 + 6 c[i] / 8 + c[i+1] / 8 = u[i]. At the ends c[-1] = 2 c[0] - c[1], so that the
+  /// curvature is zero.
   void take(const std::vector<float>& u, std::size_t frame) {
     std::vector<double> c(u.begin(), u.end());
     const std::array<std::size_t, 3> size{static_cast<std::size_t>(size_[0]),
@@ -253,7 +252,7 @@ class GridWarp final : public Warp {
     for (std::size_t i = last; i-- > 1;) line[i * stride] -= sweep[i] * line[(i + 1) * stride];
   }
 
-  /// Returns a coefficient. Beyond the lattice, coefficients are reflected at the outermost nodes.
+  /// Returns a coefficient. Beyond each face of the lattice, c[-1] = 2 c[0] - c[1].
   [[nodiscard]] double reflected(const std::vector<double>& c, std::array<int, 3> node,
                                  const std::array<std::size_t, 3>& stride,
                                  std::size_t component) const {
@@ -320,7 +319,8 @@ class GridWarp final : public Warp {
     }
   }
 
-  /// Checks the warp at one place and time. Returns the speed of the material there [m/s].
+  /// Throws SceneError if the warp is invalid at x, `part` / kParts frames after the start. Returns
+  /// the speed of the material there [m/s].
   double speedAt(const Vec3& x, std::size_t part, const std::string& path) const {
     const std::size_t frame = part / kParts;
     double time = times_.empty() ? 0.0 : times_[frame];
