@@ -26,7 +26,7 @@ std::unique_ptr<Device> makeSimulated(ArmParams arm, const HandTarget& target,
 }
 
 std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
-  // In real time, applies the limits of an arm that could hurt a hand.
+  // In real time, a simulated arm gets the limits of a real arm.
   ArmParams arm;
   arm.hand = options.realtime;
   return makeSimulated(arm, options.target, options);

@@ -17,9 +17,9 @@ struct DeviceOptions {
   HandTarget target;     ///< Target that a simulated hand follows.
   HandTarget mouse;      ///< Target that the mouse in a window sets; may be empty.
   HandTarget client;     ///< Target that a client of the program's server sets; may be empty.
-  /// The loop runs in real time. An arm needs this; a simulated arm then gets an arm's limits.
+  /// The loop runs in real time. A real arm needs this; a simulated arm then gets its limits.
   bool realtime = false;
-  bool passive = false;                         ///< The energy tank limits the force.
+  bool passive = false;                         ///< Use of the tank: TankUse::kAct.
   double refill = 0.0;                          ///< TankParams::refill [W].
   std::function<void(const std::string&)> say;  ///< Receives messages for the user; may be empty.
   /// Returns true if the program should end; polled while an arm is awaited. May be empty.

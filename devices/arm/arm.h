@@ -13,20 +13,19 @@
 
 namespace palpate {
 
-/// Results of `palpate devices --test`, as bounds that are safe for passivity and stability. Zeros
-/// mean not measured.
+/// Measurements of `palpate devices --test`; all zero if the arm was not measured.
 struct MeasuredArm {
-  double viscous = 0.0;  ///< [N s/m], a lower bound for all axes with motors.
-  double coulomb = 0.0;  ///< [N], a lower bound for all axes with motors.
-  /// Delay from a reading to its force [s], the middle of its possible range.
+  double viscous = 0.0;  ///< Viscous friction [N s/m]; a lower bound for all axes with motors.
+  double coulomb = 0.0;  ///< Coulomb friction [N]; a lower bound for all axes with motors.
+  /// Delay from reading a position to applying its force [s]; middle of the uncertainty range.
   double delay = 0.0;
-  double doubt = 0.0;  ///< Half the width of the delay's range [s].
-  double mass = 0.0;   ///< [kg], the smallest of the masses measured along the axes.
+  double doubt = 0.0;  ///< Half the width of the uncertainty range of `delay` [s].
+  double mass = 0.0;   ///< Mass [kg]; the smallest of the masses along the axes.
 };
 
 /// Limits of an arm that has not passed `palpate devices --test`.
-inline constexpr double kUntestedForce = 1.0;        ///< [N]
-inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
+inline constexpr double kUntestedForce = 1.0;        ///< Largest force [N].
+inline constexpr double kUntestedStiffness = 100.0;  ///< Largest stiffness of a coupling [N/m].
 
 /// Applies the limits of an untested arm, and notes them in DeviceInfo::source.
 inline void holdUntested(DeviceInfo& info) {
@@ -35,22 +34,22 @@ inline void holdUntested(DeviceInfo& info) {
   info.source += "; untested: limited to 1 N and 100 N/m until palpate devices --test has passed";
 }
 
-/// Functions and settings of the program that opens an arm. All members may be empty.
+/// Functions and settings that a program passes when it opens an arm. The functions may be empty.
 struct ArmHost {
   /// Prints an instruction for the user. Another thread calls it when a lost arm returns.
   std::function<void(const std::string&)> say = nullptr;
-  /// Returns true if the program should end; this also ends every wait for the user.
+  /// Returns true if the program must end. All waits for the user then end, too.
   std::function<bool()> stop = nullptr;
   /// The arm's measured friction, for the energy tank; zeros if it is unknown.
   MeasuredArm measured = {};
-  /// Use of the energy tank. If too little is known of the arm's friction, the tank is off.
+  /// Use of the energy tank. If the arm's friction is unknown, the tank is off.
   TankUse tank = TankUse::kObserve;
   double refill = 0.0;  ///< TankParams::refill [W].
-  /// The arm is being tested. A PID device then has its full gain; all other limits hold.
+  /// True during `palpate devices --test`. A PID device then has its full gain; other limits hold.
   bool tests = false;
   /// Largest weight at the tip that the motors may carry before the arm has passed its test [N].
   double carries = 1.0;
-  /// Clock for the age of reports and writes [ns], called in ticks. Tests replace it.
+  /// Clock for the ages of reports and writes [ns]. Ticks call it. Tests replace it.
   std::int64_t (*now)() noexcept = nowNs;
 };
 
@@ -59,11 +58,11 @@ struct ArmIdentity {
   std::string name;  ///< Profile's name, or `plugin:NAME`.
   /// Serial number, or the port where the arm is plugged in. Empty: both are unknown.
   std::string own;
-  std::uint64_t fingerprint = 0;  ///< fingerprintOf() the whole description.
+  std::uint64_t fingerprint = 0;  ///< fingerprintOf() of the arm's whole description.
   bool numbered = true;           ///< True: `own` is a serial number. False: it is a port.
 };
 
-/// Returns a fingerprint of a text, such as an arm's description or name: FNV-1a.
+/// Returns the FNV-1a hash of a text, such as an arm's description or name.
 [[nodiscard]] constexpr std::uint64_t fingerprintOf(std::string_view text) noexcept {
   std::uint64_t print = 14695981039346656037ULL;
   for (const char c : text) print = (print ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
@@ -81,22 +80,21 @@ struct ArmTraffic {
 struct ArmTraits {
   bool drives = true;             ///< The arm has motors.
   Mat3 moves = Mat3::Identity();  ///< Projector onto the directions of W in which the arm can move.
-  Vec3 down_W = -Vec3::UnitZ();   ///< Direction in which masses fall.
-  double input_rate = 1000.0;     ///< Positions per second [Hz].
-  double stiffness = 0.0;         ///< Largest coupling stiffness of the tested arm [N/m].
-  double workspace_radius = 0.0;  ///< [m]
+  Vec3 down_W = -Vec3::UnitZ();   ///< Direction of gravity in W, a unit vector.
+  double input_rate = 1000.0;     ///< Rate of new positions [Hz].
+  double stiffness = 0.0;         ///< Largest coupling stiffness that the tested arm allows [N/m].
+  double workspace_radius = 0.0;  ///< Radius of a ball about the origin of W [m].
   bool carries = false;           ///< The motors carry the arm's own weight.
 };
 
-/// An arm with a hand on it.
+/// A device that is an arm: adds the arm's traits and diagnostics to Device.
 class Arm : public Device {
  public:
-  /// Constant while the arm is open.
+  /// Returns the arm's traits, which are constant while the arm is open.
   [[nodiscard]] virtual const ArmTraits& traits() const noexcept = 0;
-  /// Returns why the last read() was not ready, with a remedy; empty if it was ready. Call it on
-  /// the thread that calls read().
+  /// Returns why the last read() was not ready, with a remedy; else "". Call it on read()'s thread.
   [[nodiscard]] virtual std::string whyNotReady() const = 0;
-  /// Returns the tip's travel per count of each encoder, at the last reading [m]; empty: unknown.
+  /// Returns the tip's travel per count of each encoder in the last pose [m]; empty: unknown.
   [[nodiscard]] virtual std::vector<double> steps() const = 0;
   /// Returns the counts since the opening. Call it on the thread that calls read().
   [[nodiscard]] virtual ArmTraffic traffic() const = 0;

@@ -25,13 +25,13 @@ namespace palpate {
 struct Guardian::Shared {
   struct Loop {
     std::atomic<std::uint64_t> heart{0};
-    /// Counts the turns of this loop's watcher.
+    /// Incremented by this loop's watcher in each pass.
     std::atomic<std::uint64_t> pulse{0};
     std::atomic<std::uint32_t> cuts{0};
   };
   std::array<Loop, kMostLoops> loops;
   std::atomic<std::uint32_t> stops{0};
-  /// Counts the turns of the guardian, the process that starts the watchers.
+  /// Incremented in each pass by the guardian, the process that starts the watchers.
   std::atomic<std::uint64_t> pulse{0};
   std::atomic<bool> over{false};      ///< The program has ended.
   std::atomic<bool> punctual{false};  ///< The guardian has a real-time priority.
@@ -96,8 +96,7 @@ class Message {
   msghdr head_{};
 };
 
-/// Moves both descriptors above 2. If the program was started with one of 0 to 2 closed, that
-/// number must stay free.
+/// Moves both descriptors above 2, because standApart() replaces the descriptors 0 to 2.
 bool aboveStandard(std::array<int, 2>& ends) noexcept {
   bool good = true;
   for (int& end : ends) {
@@ -109,7 +108,7 @@ bool aboveStandard(std::array<int, 2>& ends) noexcept {
   return good;
 }
 
-/// Detaches from the program's signals and terminal. Returns true if real-time priority is given.
+/// Detaches from the program's signals and terminal. Returns true if it got real-time priority.
 bool standApart(int socket) noexcept {
   setsid();
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGTTIN, SIGTTOU, SIGPIPE,
@@ -142,14 +141,14 @@ extern "C" void zeroThenGoOn(int signal) {
   if (Guardian* guardian = the_guardian.load()) guardian->zero();
   const bool livable =
       signal == SIGINT || signal == SIGTERM || signal == SIGHUP || signal == SIGQUIT;
-  // A second request ends the program, which may hang. Requests closer than this count as one,
-  // because a terminal and a parent process may both send one.
+  // If the program hangs, a second request ends it. Requests within kAtOnce count as one, because a
+  // terminal and a parent process may both send one.
   constexpr std::int64_t kAtOnce = 500'000'000;  // [ns]
   if (livable && the_flag != nullptr && *the_flag == 0) {
     *the_flag = 1;
     asked_at = nowNs();
   } else if (!livable || nowNs() - asked_at > kAtOnce) {
-    // Takes the default action. SIGTSTP keeps the handler, because it may come again.
+    // Takes the default action. SIGTSTP keeps the handler, for the next stop.
     struct sigaction usual {};
     usual.sa_handler = SIG_DFL;
     if (signal == SIGTSTP) {
@@ -204,7 +203,7 @@ Guardian::~Guardian() {
   the_guardian.compare_exchange_strong(self, nullptr);
   if (getpid() == maker_) {
     shutdown(socket_, SHUT_RDWR);   // the child then makes its watchers write zero, and ends
-    constexpr int kPatience = 300;  // [ms] for the child to end: a device may block it
+    constexpr int kPatience = 300;  // [ms]: longest wait for the child, which a device may block
     for (int ms = 0; waitpid(child_, nullptr, WNOHANG) == 0; ++ms) {
       if (ms == kPatience) {
         kill(child_, SIGKILL);
@@ -265,7 +264,7 @@ void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
 }
 
 void Guardian::zero() noexcept {
-  if (getpid() != maker_) return;  // this is a forked copy of the program
+  if (getpid() != maker_) return;  // called in a fork of the program
   shared_->stops.fetch_add(1, std::memory_order_relaxed);
 }
 
@@ -287,13 +286,13 @@ void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
 void Guardian::guard(int socket) noexcept {
   shared_->punctual = standApart(socket);
   std::array<pid_t, kMostLoops> watchers{};
-  // Does not wait for the end: a watcher may hang in a driver, and other arms need this process.
+  // Does not wait for the watcher: it may hang in a driver, and this process must serve other arms.
   const auto end = [](pid_t& watcher) {
     if (watcher > 0) kill(watcher, SIGKILL);
     watcher = 0;
   };
   for (;;) {
-    constexpr int kLook = 5;  // [ms]: longest time between two turns
+    constexpr int kLook = 5;  // [ms]: longest time between two passes
     shared_->pulse.fetch_add(1, std::memory_order_relaxed);
     // Forgets ended watchers: the system may give their numbers to other processes.
     for (pid_t gone = 0; (gone = waitpid(-1, nullptr, WNOHANG)) > 0;) {
@@ -318,7 +317,7 @@ void Guardian::guard(int socket) noexcept {
     close(descriptor);
   }
   shared_->over = true;
-  constexpr int kLast = 1200;  // [ms]: longer than the time for which a watcher tries
+  constexpr int kLast = 1200;  // [ms]: longer than kTries, for which a watcher tries to write zero
   for (int ms = 0; ms < kLast; ++ms) {
     bool busy = false;
     for (pid_t& watcher : watchers) {
@@ -341,16 +340,16 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
   zero.size = size;
   std::copy(bytes, bytes + size, zero.bytes.begin());
   Shared::Loop& loop = shared_->loops[slot];
-  constexpr std::int64_t kLook = 1000000;  // [ns] between two turns
+  constexpr std::int64_t kLook = 1000000;  // [ns] between two passes
   // [ns]: time for which a watcher tries to write zero after the program's end.
   constexpr std::int64_t kTries = 1000000000;
   constexpr auto kStill = static_cast<std::int64_t>(1e9 * kGuardTime);
-  // [ns]: without a pulse for this time, the parent process has ended or hangs.
+  // [ns]: if the guardian's pulse stops for this time, the guardian has ended or hangs.
   constexpr std::int64_t kAlone = 25000000;
   std::uint64_t beats = loop.heart;
   std::uint32_t stops = shared_->stops;
-  bool beating = false;  // the loop has run since the force was last taken off
-  bool wanted = false;   // zero must be written, and the device has not taken it yet
+  bool beating = false;  // the loop has ticked since its force was last set to zero
+  bool wanted = false;   // zero force must still be written to the device
   std::int64_t alive = nowNs();
   std::uint64_t pulse = 0;
   std::int64_t kept_at = alive;
@@ -361,7 +360,7 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
     if (std::exchange(pulse, shared_->pulse.load(std::memory_order_relaxed)) != pulse) {
       kept_at = now;
     }
-    // If the parent stands still, stops the pulse, so that the loop cuts the force. Only the parent
+    // If the guardian hangs, stops this pulse, so that the loop cuts its force. Only the guardian
     // can start a watcher for an arm that is plugged in again.
     if (now - kept_at < kAlone) loop.pulse.fetch_add(1, std::memory_order_relaxed);
     if (const std::uint64_t seen = loop.heart.load(std::memory_order_relaxed); seen != beats) {
@@ -373,7 +372,7 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
       stops = seen;
       wanted = true;
     }
-    // Repeats the zero, because a loop that stands still may still write its last force.
+    // Repeats the zero, because a loop that hangs may still write its last force.
     if (now - alive >= kStill) {
       if (beating) loop.cuts.fetch_add(1, std::memory_order_relaxed);
       wanted = true;

@@ -1,4 +1,4 @@
-/// A child process that takes the force off a hand if its program dies, stops or hangs.
+/// A child process that sets the force of an arm to zero if its program dies, stops or hangs.
 #pragma once
 
 #include <array>
@@ -12,17 +12,16 @@
 
 namespace palpate {
 
-/// For each watched loop, writes zero force within kGuardTime of the loop's last tick, or at once
-/// if the program has died. Tries until the device has taken the zero, and repeats it while the
-/// loop stands still. Each device has its own watching process, so a device that hangs does not
-/// delay another. If the guardian took a loop's force off, the loop reports Fault::kLate. If the
-/// guardian shows no sign of life, the loop is cut (Fault::kUnguarded).
+/// Writes zero force to a watched loop's device if the loop has not ticked for kGuardTime, or at
+/// once if the program has died. Repeats a failed write, and repeats the zero while the loop hangs.
+/// Each device has its own watching process, so a device that hangs does not delay another. If the
+/// guardian has zeroed a loop's force, the loop reports Fault::kLate. If the guardian hangs, the
+/// loop cuts its force (Fault::kUnguarded).
 ///
-/// The child is a fork() of the process. Make the guardian in main(), not in a library, before any
-/// thread is started.
+/// The child is a fork() of the process: construct it in main() before any thread is started.
 class Guardian {
  public:
-  /// Time without a tick until zero is written [s]. The force is zero by 20 ms.
+  /// Time without a tick after which zero is written [s]. The force is zero by 20 ms.
   static constexpr double kGuardTime = 0.015;
   /// Largest number of loops at a time; each has its own watching process.
   static constexpr std::size_t kMostLoops = 8;
@@ -43,7 +42,7 @@ class Guardian {
   /// again, call this before the loop gives force. Throws DeviceError as watch().
   void renew(const LoopWatch& loop, const ZeroForce& zero);
 
-  /// Stops watching a loop that has ended; another loop may then take its place.
+  /// Stops watching a loop that has ended. Its slot is then free for another loop.
   void forget(const LoopWatch& loop);
 
   /// Cuts every loop's force and makes the child write zero force, within 2 ms. Callable from any
@@ -70,7 +69,7 @@ class Guardian {
   Shared* shared_ = nullptr;
   int socket_ = -1;
   int child_ = -1;
-  int maker_;  ///< Id of the process that made the guardian.
+  int maker_;  ///< Id of the process that constructed the guardian.
   std::array<bool, kMostLoops> used_{};
 };
 

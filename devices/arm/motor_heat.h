@@ -12,7 +12,7 @@ namespace palpate {
 /// last command stays for kHold. A motor starts at the limit, because its earlier use is unknown.
 class MotorHeat {
  public:
-  /// Longest time that a command may stay after the program stops [s].
+  /// Longest time for which the last command may stay on after the program stops [s].
   static constexpr double kHold = 0.02;
 
   /// @param continuous  Command that the motor can hold forever, in any unit; 0: no limit.
@@ -20,7 +20,7 @@ class MotorHeat {
   MotorHeat(double continuous, double heating) noexcept
       : continuous_(continuous), heating_(heating), heat_(continuous * continuous) {}
 
-  /// Updates the heat for `dt` [s] with the last command. RT: no allocation.
+  /// Advances the heat by `dt` [s] at the last command. RT: no allocation.
   void pass(double dt) noexcept PALPATE_NONBLOCKING;
   /// Returns the largest command that is allowed now, up to `peak`. RT: no allocation.
   [[nodiscard]] double allows(double peak) const noexcept PALPATE_NONBLOCKING;

@@ -6,12 +6,12 @@
 
 namespace palpate {
 
-/// Allows the next force one period after the last one was allowed, or at once if the last force
-/// was a period or more late. So at most T rate + 2 forces are sent in any time T.
+/// Keeps an average rate. A late force does not delay the next one, but at most one period is made
+/// up. So at most T rate + 2 forces are sent in any time T.
 class Pace {
  public:
   /// @param rate  Largest number of forces per second [Hz], > 0.
-  /// @param now   Present time [ns], as in the other functions of this class.
+  /// @param now  Current time [ns]; all calls must use the same clock.
   Pace(double rate, std::int64_t now) noexcept
       : period_(static_cast<std::int64_t>(1e9 / rate)), from_(now) {}
 

@@ -27,10 +27,10 @@ constexpr double kMoved = 0.002;   // [m]: an arm that moved farther has followe
 constexpr double kBegun = 0.0003;  // [m]: smallest motion that exceeds encoder steps and trembling
 constexpr double kPushed = 0.012;  // [m]: length of a push
 constexpr double kLongest = 2.0;   // [s]: longest time in a phase
-constexpr double kStill = 0.002;   // [m/s]: a slower arm counts as standing
+constexpr double kStill = 0.002;   // [m/s]: a slower arm counts as resting
 constexpr double kBack = 1.5;      // [s] for the spring to bring the arm back
 constexpr double kSpring = 15.0;   // [N/m], of the spring that brings the arm back
-constexpr double kDamper = 1.5;    // [N s/m], of the damper beside that spring
+constexpr double kDamper = 1.5;    // [N s/m], of the damper parallel to this spring
 constexpr double kSmooth = 0.01;   // [s]: time constant of the velocity filter
 // Cosine between push and motion; at a larger angle the returning spring would add energy.
 constexpr double kStraight = 0.9;
@@ -38,9 +38,9 @@ constexpr double kLightest = 0.02;  // [kg], of a real arm; a smaller mass shows
 constexpr double kHeaviest = 2.0;
 constexpr double kAlike = 5.0;   // largest ratio between the masses along a real arm's axes
 constexpr double kRuler = 0.1;   // largest relative error of a measurement with a ruler
-constexpr double kAxis = 0.999;  // cosine of the turn up to which an axis keeps its letter
+constexpr double kAxis = 0.999;  // cosine of the largest turn at which an axis keeps its plain name
 constexpr int kRuns = 6;
-constexpr std::int8_t kFall = -1;  // number of the run for samples before the pushes
+constexpr std::int8_t kFall = -1;  // `run` of samples before the pushes
 constexpr int kLatest = 20;        // largest delay of a force [samples]
 constexpr std::size_t kMostSamples = 60000;
 const char* const kAxes = "xyz";
@@ -59,7 +59,7 @@ std::string inWords(const Vec3& v) {
   return words + ")";
 }
 
-/// Reports masses that differ more between driven axes than on a real arm.
+/// Adds a problem if the masses along the driven axes differ more than on a real arm.
 void compareMasses(SelfTestResult& result) {
   double light = std::numeric_limits<double>::infinity();
   double heavy = 0.0;
@@ -87,8 +87,8 @@ ArmAxes axesWithin(const Mat3& projector) {
   const auto rank = (solver.eigenvalues().array() > 0.5).count();
   ArmAxes axes;
   if (rank == 3) return axes;
-  // A plane is described by its normal, a line by its direction. The smallest rotation turns the
-  // nearest axis onto this vector.
+  // A plane is described by its normal, a line by its direction. The axes turn by the smallest
+  // angle that brings the nearest axis onto this vector.
   Vec3 one = solver.eigenvectors().col(rank == 2 ? 0 : 2);
   Eigen::Index next = 0;
   one.cwiseAbs().maxCoeff(&next);
@@ -251,7 +251,7 @@ Vec3 SelfTest::opposeMotion() noexcept {
 
 void SelfTest::awaitStandstill() noexcept {
   if (!(velocity_.norm() < kStill && inPhase() > 0.1) && !(inPhase() > kLongest)) return;
-  // An arm that moved in another direction than the push is not brought back.
+  // If the arm moved in another direction than the push, the spring could add energy.
   if (trusted_) {
     enter(Phase::kReturn);
   } else {
@@ -299,10 +299,10 @@ std::vector<SelfTest::Way> SelfTest::fall() const {
 }
 
 SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResult& result) const {
-  // The equation of motion, integrated twice: m (x - x0 - v0 t) + b int (x - x0) + c int (time
-  // ahead - time back) - bias t^2 / 2 = int impulse. One row per sample since the arm began to
-  // move. Differentiated positions would magnify the encoders' error. Each push has its own
-  // unknowns x0 and v0.
+  // The equation of motion, integrated twice, because differentiated positions would magnify the
+  // encoders' error. ahead and back: time of motion in + and - direction.
+  // m (x - x0 - v0 t) + b int (x - x0) + c int (ahead - back) - bias t^2 / 2 = int impulse
+  // One row per sample since the arm began to move. Each push has separate unknowns x0 and v0.
   constexpr int kUnknown = 8;
   using Row = Eigen::Matrix<double, kUnknown, 1>;
   Eigen::Matrix<double, kUnknown, kUnknown> normal =
@@ -333,7 +333,7 @@ SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResu
     double area = 0.0;
     for (std::size_t i = start + 1; i + kHalf < path.size(); ++i) {
       const double dt = path[i].time - path[i - 1].time;
-      // The older force acts for the share `part` of the sample, the newer one for the rest.
+      // For the fraction `part` of the sample period the older force acts, then the newer one.
       const double older = path[i - back - 1].force;
       const double newer = path[i - back].force;
       pushed += impulse * dt +
@@ -414,7 +414,7 @@ void SelfTest::fitDelay(const std::vector<Way>& ways, AxisResult& result) const 
 std::string SelfTest::weigh(SelfTestResult& result) const {
   AxisResult fell;
   fitDelay(fall(), fell);
-  // If the arm only falls, friction and weight cannot be separated, but their difference is known.
+  // If the push did not stop the falling arm, only its weight minus Coulomb friction is known.
   result.held = caught_ && !far_;
   result.weight = result.held ? fell.bias : fell.bias - fell.coulomb;
   std::string words = "released, it moves to " + inWords(result.falls) + " by itself";

@@ -1,4 +1,4 @@
-/// Tests with small forces whether an arm goes where it is pushed, and measures its friction.
+/// Tests with small forces whether an arm moves in their direction, and measures its friction.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 
 namespace palpate {
 
-/// The axes of W, turned as little as possible into the directions in which the arm can move.
+/// The axes of W, rotated by the smallest angle into the directions in which the arm can move.
 struct ArmAxes {
   /// Columns are the unit vectors of x, y, z; orthonormal.
   Mat3 along = Mat3::Identity();
@@ -29,7 +29,7 @@ struct SelfTestParams {
   double force = 0.5;  ///< Largest force [N].
   /// Distance from the start at which the test ends [m].
   double travel = 0.04;
-  /// Direction in which the arm's masses fall, a unit vector; zero: unknown.
+  /// Direction of gravity, a unit vector; zero: unknown.
   Vec3 down = Vec3::Zero();
   double input_rate = 0.0;  ///< Expected positions per second [Hz]; 0: the rate is not checked.
   /// Longest allowed pause between two positions [s]; 0: pauses are not checked.
@@ -40,9 +40,9 @@ struct SelfTestParams {
 struct AxisResult {
   /// The arm has a motor for this axis. If false, the fields below are not set.
   bool driven = false;
-  bool moved = false;      ///< A force up to the largest moved the arm.
-  double breakaway = 0.0;  ///< [N], force at which the arm began to move, mean of both directions.
-  /// Cosine between push and motion, the smaller of the two directions; 1: aligned.
+  bool moved = false;      ///< A force of at most SelfTestParams::force moved the arm.
+  double breakaway = 0.0;  ///< Force at which the arm began to move [N]; mean of both directions.
+  /// Cosine of the angle between push and motion, for the worse direction; 1: aligned.
   double along = 0.0;
   double mass = 0.0;           ///< m [kg] of m v' = F - b v - c sign(v) + bias.
   double viscous = 0.0;        ///< b [N s/m].
@@ -60,7 +60,7 @@ struct AxisResult {
 /// Results of a test. The arm has passed if `problems` is empty.
 struct SelfTestResult {
   std::array<AxisResult, 3> axes;  ///< Along the columns of SelfTestParams::axes.
-  /// Reported path divided by the path that the user measured along the axis; 0: not measured.
+  /// Reported path divided by the path that the user measured with a ruler; 0: not measured.
   std::array<double, 3> scale{};
   /// Direction in which the released arm moves by itself, a unit vector; zero: it stays.
   Vec3 falls = Vec3::Zero();
@@ -77,29 +77,29 @@ struct SelfTestResult {
 
 /// A test that computes, in each tick, the force to apply. Uses no clock and no device.
 ///
-/// The user has two seconds to let go of the arm, and the arm must rest for one second. If the arm
-/// falls, the test pushes it back, which gives its weight, and ends. Otherwise the test pushes
-/// along +x, -x, +y, ... in turn, if the arm has motors there. Each push grows by 0.4 N/s until the
-/// arm has moved by 2 mm. The largest force then stays on until 12 mm, and is reversed until the
-/// arm stands. If the arm has moved in the direction of its pushes, a weak spring brings it back.
-/// The friction is a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to
-/// all samples in motion, with the delay of F that fits best. RT: next() does not allocate.
+/// The user has 2 s to let go of the arm, and the arm must rest for 1 s. If the arm falls, the test
+/// pushes it back, computes its weight from this motion, and ends. Otherwise the test pushes along
+/// +x, -x, +y, ... in turn, if the arm has motors there. Each push grows by 0.4 N/s until the arm
+/// has moved by 2 mm. The largest force then acts up to 12 mm, and is reversed until the arm stops.
+/// If the arm has moved in the direction of its pushes, a weak spring brings it back. The friction
+/// comes from a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to all
+/// samples in motion. It uses the delay of F that fits best. RT: next() does not allocate.
 class SelfTest {
  public:
   /// Allocates the memory that next() fills.
   explicit SelfTest(const SelfTestParams& params = {});
 
-  /// Returns the force to apply; zero when the test is done.
+  /// Returns the force to apply in W [N]; zero when the test is done.
   ///
   /// @param hand  Position and its age.
   /// @param now   Time [s], ascending.
-  /// @param sent  Force that limitForce let through after the previous call [N].
+  /// @param sent  Force that limitForce permitted after the previous call [N].
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
-  /// True if the test has ended and applies no more force.
+  /// Returns true if the test has ended and applies no more force.
   [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
-  /// True if next() was called at least once.
+  /// Returns true if next() was called at least once.
   [[nodiscard]] bool begun() const noexcept { return started_; }
-  /// Returns the result after done(). Not for a tick: fits every axis for about sixty delays.
+  /// Returns the result; call it after done(). Not for a tick: fits every axis for about 60 delays.
   [[nodiscard]] SelfTestResult result() const;
 
  private:
@@ -109,16 +109,15 @@ class SelfTest {
     Vec3 position, force;
     std::int8_t run;
   };
-  /// One push, or the fall before the pushes.
+  /// The recorded motion of one push, or of the fall before the pushes.
   struct Way {
-    /// The state at one time.
     struct Point {
       double time,   ///< Time since the test began [s].
           position,  ///< Distance from SelfTest::home_, along the path [m].
           force;     ///< Force that was sent, along the path [N].
     };
     std::vector<Point> path;
-    std::size_t start = 0;  ///< The arm moves by itself from this index on.
+    std::size_t start = 0;  ///< First sample of the fit; earlier motion may be the hand's.
   };
   [[nodiscard]] Vec3 axis() const noexcept;
   [[nodiscard]] std::vector<Way> pushes(int axis) const;
@@ -144,7 +143,7 @@ class SelfTest {
   /// Fits one or two paths with the force delayed by `late` samples, which may be a fraction.
   Left fit(const std::vector<Way>& ways, double late, AxisResult& result) const;
   void fitDelay(const std::vector<Way>& ways, AxisResult& result) const;
-  /// Returns the problem of an arm that falls, as text; sets SelfTestResult::weight.
+  /// Sets SelfTestResult::weight. Returns the problem of an arm that falls, as text.
   [[nodiscard]] std::string weigh(SelfTestResult& result) const;
   [[nodiscard]] double period() const noexcept {
     return (now_ - began_) / static_cast<double>(ticks_);
@@ -153,7 +152,7 @@ class SelfTest {
   void judgeAxis(int a, SelfTestResult& result) const;
   /// `where`: direction of the push, as text.
   void checkDirection(std::size_t run, const std::string& where, SelfTestResult& result) const;
-  /// Returns an empty text if the fit is good.
+  /// Returns the problem of a fit as text; empty if the fit is good.
   [[nodiscard]] std::string fitTrouble(const AxisResult& axis) const;
 
   SelfTestParams params_;
@@ -169,8 +168,8 @@ class SelfTest {
   double still_since_ = 0.0;
   bool caught_ = false;  ///< The falling arm came to rest or turned back.
   Vec3 from_ = Vec3::Zero();
-  Vec3 position_ = Vec3::Zero();  ///< Position in the last tick [m].
-  Vec3 velocity_ = Vec3::Zero();  ///< Velocity in the last tick [m/s].
+  Vec3 position_ = Vec3::Zero();
+  Vec3 velocity_ = Vec3::Zero();
   double level_ = 0.0;
   bool trusted_ = true;
   bool far_ = false;
@@ -190,9 +189,8 @@ class SelfTest {
 
 /// Compares the path `way` [m] that the arm reports with the distance `length` [m] by which a user
 /// has moved its tip along the axis. Returns the problem as text; empty if the difference is within
-/// a ruler's error. The pushes cannot find this problem: the arm still moves in the direction of
-/// the push, but renders a wrong stiffness. If the signs of both encoders and motors are wrong, the
-/// arm renders a mirrored world.
+/// a ruler's error. The pushes cannot find a wrong scale, which gives a wrong stiffness. If the
+/// signs of both encoders and motors are wrong, the arm renders a mirrored world.
 [[nodiscard]] std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes,
                                        int axis);
 

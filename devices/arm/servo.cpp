@@ -33,7 +33,7 @@ Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
   still_ = hand.position == arm_.hand.position ? still_ + passed : 0.0;
   arm_.hand = hand;
   if (arm_.info().hand)
-    arm_.hand.still = std::max(still_, hand.still);  // still_ if hand.still is NaN
+    arm_.hand.still = std::max(still_, hand.still);  // std::max returns still_ for NaN
   TickTime time;
   time.now = now_;
   time.dt = dt;

@@ -22,8 +22,7 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   /// Throws DeviceError if a number is out of range.
   Servo(DeviceInfo arm, double rate);
 
-  /// Runs one tick. The servo must send the returned force unchanged. In a cycle without this call
-  /// the servo must send zero.
+  /// Runs one tick. The servo must send the returned force unchanged, and zero without this call.
   ///
   /// @param hand  Reading in W [m], as HandState; usually only the position. Put a fault of the arm
   ///              into HandState::fault, the position's age into HandState::age. While the position
@@ -65,8 +64,8 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   HapticLoop loop_;
   double period_;
   double now_ = 0.0;
-  double still_ = 0.0;  ///< How long the position has been the same [s].
-  /// Time for which the caller's clock has not advanced, as a sum of periods [s].
+  double still_ = 0.0;  ///< Time since the position last changed [s].
+  /// Time for which `dt` has been too small or not finite, as a sum of periods [s].
   double stood_ = 0.0;
 };
 

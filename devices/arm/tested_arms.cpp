@@ -20,7 +20,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Returns an empty object if the file cannot be read.
+/// Returns the content of testedArmsFile(); an empty object if the file cannot be read.
 Json tested() {
   std::ifstream in(testedArmsFile());
   constexpr int kDeepest = 8;
@@ -38,7 +38,7 @@ std::string printOf(const ArmIdentity& arm) {
   return fmt::format("{:016x}", arm.fingerprint);
 }
 
-/// Returns null if the arm has not passed its test with the present description.
+/// Returns the arm's record; null if it has not passed its test with the present description.
 Json recordOf(const ArmIdentity& arm) {
   if (arm.own.empty()) return nullptr;
   const Json json = tested();
@@ -46,7 +46,7 @@ Json recordOf(const ArmIdentity& arm) {
   if (record == json.end() || !record->is_object()) return nullptr;
   const auto print = record->find("profile");
   const bool same = print != record->end() && *print == printOf(arm);
-  // Records of earlier versions hold a number here, for one axis only. They do not count.
+  // Earlier versions stored `scale` as one number, for one axis only. These records do not count.
   const auto scale = record->find("scale");
   return same && scale != record->end() && scale->is_array() ? *record : Json();
 }
@@ -54,7 +54,7 @@ Json recordOf(const ArmIdentity& arm) {
 constexpr double kMostDelay = 0.02;  // [s], largest delay that the test can find
 constexpr double kSure = 3.0;        // standard errors on each side of a measured delay
 
-/// Writes the whole file, or leaves it unchanged.
+/// Replaces testedArmsFile(), or leaves it unchanged.
 void write(const Json& json) {
   const std::filesystem::path file = testedArmsFile();
   std::error_code error;
@@ -128,8 +128,8 @@ MeasuredArm measuredArm(const ArmIdentity& identity) {
   measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
   measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
   measured.mass = std::max(0.0, *std::min_element(mass.begin(), mass.end()));
-  // Half a millisecond for effects that the fit does not model: friction other than b and c, the
-  // amplifiers' lag, and the times within a tick at which the arm is read and written.
+  // [s]: for friction other than b and c, the amplifiers' lag, and the times of reading and writing
+  // in a tick, which the fit does not model.
   constexpr double kUnknown = 0.5e-3;
   double early = kMostDelay;
   double late = 0.0;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::size_t kLongest = 4096;   // longest report [bytes]
 constexpr std::size_t kShown = 64;       // bytes of a report that are printed
-constexpr std::size_t kMostReads = 512;  // reports read per call
+constexpr std::size_t kMostReads = 512;  // largest number of reports read per call
 
 double seconds(std::int64_t ns) {
   return 1e-9 * static_cast<double>(ns);

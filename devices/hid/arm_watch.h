@@ -12,11 +12,11 @@
 
 namespace palpate {
 
-/// Reads an arm's reports by a profile and prints their values. Use each object on one thread only.
+/// Decodes an arm's reports by a profile and formats their values. Use each object on one thread.
 ///
-/// Computes joints as HidDevice, but without homing. Places the first value of a counter that wraps
-/// as near as possible to the middle of the hand's world. With home_at_open, the first reports give
-/// the home pose.
+/// Computes joints like HidDevice, but without homing: a counter that wraps begins with the turn
+/// that brings the tip nearest to the origin of W. With home_at_open, the first reports give the
+/// home pose.
 class ArmWatch {
  public:
   /// Slow (milliseconds), because it calls factsOf().
@@ -24,7 +24,7 @@ class ArmWatch {
 
   /// Reads all waiting reports. Returns kGone if the device was unplugged.
   ///
-  /// @param now  [ns]
+  /// @param now  Time of the call [ns].
   [[nodiscard]] ReadStatus take(ReportPort& port, std::int64_t now);
 
   /// Returns lines of text: each report with its bytes, its age and its rate since the last call;
@@ -56,12 +56,12 @@ class ArmWatch {
   bool numbered_ = false;
   std::vector<Kind> kinds_;  ///< Kinds of the profile in its order, then others.
   std::vector<Unwrapped> counters_;
-  /// Raw values near which the first reading of each counter is placed.
+  /// Raw value to which the first reading of each counter must be nearest.
   std::vector<double> about_;
   std::vector<double> home_raw_;  ///< First raw values of the joints' fields.
   std::vector<bool> seen_;
   Joints joints_{};
-  std::int64_t passed_by_ = 0;  ///< Reports of further kinds, after kMostStrange unknown kinds.
+  std::int64_t passed_by_ = 0;  ///< Reports that are not shown: kMostStrange kinds are already.
   std::int64_t span_ = 0;       ///< Time of the last call of picture() [ns].
   bool begun_ = false;
   std::vector<std::byte> buffer_;

@@ -15,9 +15,9 @@ namespace {
 constexpr double kMostStep = 5e-3;  // [m]: largest travel of the tip for one count
 // Largest ratio of the needed motor value to the limit of the motor's field.
 constexpr double kMostAsked = 20.0;
-// Share of the motor's continuous limit; contact forces need the rest.
+// Largest share of a motor's continuous limit for the arm's weight; contact forces need the rest.
 constexpr double kMostCarried = 0.5;
-constexpr double kSame = 1e-4;  // [m]: places closer than this count as equal
+constexpr double kSame = 1e-4;  // [m]: positions closer than this count as equal
 
 /// Checks that fields of motors have no "rest", and that other fields have no "scale" or "offset".
 void checkOutput(const JsonNode& fields, const HidProfile& profile) {
@@ -33,8 +33,8 @@ void checkOutput(const JsonNode& fields, const HidProfile& profile) {
   }
 }
 
-/// If the arm itself reports that it is homed, the first reading is the value nearest to the middle
-/// of the hand's world. So one more turn of a counter must bring the tip out of the world.
+/// If the arm homes itself, palpate takes the turn of each counter that brings the tip nearest to
+/// the origin of W. This is right only if one more turn would move the tip out of the workspace.
 void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileFacts& facts) {
   if (profile.home_at_open || !profile.home.empty()) return;  // homing determines the turn
   const ArmPose middle = profile.kinematics->at(facts.middle);
@@ -45,7 +45,7 @@ void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileF
     const double range =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits));
     const double way = range * middle.jacobian[i].norm();
-    // A range of a whole turn leads to the same place.
+    // A counter's range of a whole turn of the joint leads to the same position.
     Joints turned = facts.middle;
     turned[i] += range;
     const bool same =
@@ -65,7 +65,7 @@ void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileF
 
 void checkFacts(const JsonNode& root, const HidProfile& profile) {
   const ProfileFacts facts = factsOf(profile);
-  constexpr double kReached = 1e-3;  // [m]
+  constexpr double kReached = 1e-3;  // [m]: at this distance the tip counts as at the origin of W
   if (!(facts.off <= kReached)) {
     const std::string why =
         std::isfinite(facts.off)
@@ -106,7 +106,7 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
       strongest = &motor;
     }
   }
-  // A motor across the force needs little torque, so only the largest share is checked.
+  // A motor that moves the tip across the force needs little torque: checks the largest share only.
   if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
     root.child("kinematics")
         .child("joints")
@@ -184,7 +184,7 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
                 "remove it and \"heating\", or the limits of the joints");
     }
   }
-  // A counter that wraps starts at zero wherever the arm was switched on, so it needs homing.
+  // A counter that wraps starts at zero in any pose of the arm, so it needs homing.
   const bool homed = profile.home_at_open || !profile.home.empty() ||
                      std::any_of(profile.flags.begin(), profile.flags.end(), [](const HidFlag& f) {
                        return f.means == HidFlag::Means::kHomed;

@@ -15,8 +15,8 @@ inline constexpr double kLeastAsked = 1e-3;
 
 void checkRates(const JsonNode& root, const HidProfile& profile, bool drives);
 
-/// Checks that no report counter shares bits with a joint or a flag. These do not change while the
-/// arm is still, so new reports would count as repetitions.
+/// Checks that no report counter shares bits with a joint or a flag. These bits do not change while
+/// the arm rests, so its new reports would count as repetitions.
 void checkSequences(const JsonNode& input, const HidProfile& profile);
 
 /// Checks closing time, limits, homing, motors, output fields and physical numbers.

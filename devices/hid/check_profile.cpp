@@ -91,7 +91,7 @@ HidReportSpec reportOf(const FileReport& file, const Node& node, bool output) {
   return report;
 }
 
-/// The fields must not share a bit, and the report must fit into a guardian's buffer.
+/// Returns the output report. Its fields share no bit, and it fits into a guardian's buffer.
 HidReportSpec outputOf(const FileReport& file, const Node& node) {
   HidReportSpec report = reportOf(file, node, true);
   constexpr std::size_t kMostOut = ZeroForce::kMostBytes - 1;
@@ -348,8 +348,8 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
   }
 }
 
-/// Until the device's descriptor is known, positions are shares of the travel and forces are shares
-/// of the full force.
+/// Reads the axes of a PID device. Until the device's descriptor is known, positions are fractions
+/// of the travel and forces are fractions of the full force.
 void takePid(const Node& root, HidProfile& profile) {
   const Node axes = root.child("pid").child("axes");
   std::vector<PidAxisSpec>& all = profile.pid;
@@ -400,7 +400,7 @@ void takePid(const Node& root, HidProfile& profile) {
   }
   profile.input[0].size = profile.output->size = 4 * all.size();
   profile.kinematics = makeSlides(directions);
-  // A device sends one report per axis, so the axes share the reports per second.
+  // Each force needs one report per axis, so the axes share the reports per second.
   profile.output_rate /= static_cast<double>(all.size());
 }
 

@@ -5,8 +5,8 @@
 
 namespace palpate {
 
-/// Resolves field names and checks that the numbers are consistent, which detects wrong units.
-/// Throws the error of `root`, which names the path of the wrong entry.
+/// Returns the profile with its field names resolved. Checks that its numbers are consistent, to
+/// detect wrong units. Throws the error of `root`, which names the path of the wrong entry.
 ///
 /// @param root  JSON of the file from which `file` was read.
 [[nodiscard]] HidProfile checkedProfile(ProfileFile file, const JsonNode& root);

@@ -18,7 +18,7 @@ constexpr std::size_t kMostFields = 1024;  // items that describe fields
 constexpr std::size_t kMostUsages = 1024;  // usages of one item
 constexpr std::size_t kDeepest = 32;       // levels of nested collections
 
-/// Tag and type of a short item, without its length (6.2.2.4, 6.2.2.7 and 6.2.2.8).
+/// Tag and type of a short item, without its length (HID 1.11: 6.2.2.4, 6.2.2.7, 6.2.2.8).
 enum Tag : std::uint8_t {
   kInputTag = 0x80,
   kOutputTag = 0x90,
@@ -71,7 +71,7 @@ std::pair<std::int64_t, std::int64_t> range(const Item& least, const Item& most)
   return {low, low < 0 ? most.withSign() : static_cast<std::int64_t>(most.value)};
 }
 
-/// The standard defines four bits with a sign, but most devices write a whole number.
+/// HID 1.11 defines four bits with a sign, but most devices write a signed byte.
 int exponentOf(const Item& item) {
   const auto whole = static_cast<int>(std::clamp<std::int64_t>(item.withSign(), -8, 15));
   return whole > 7 ? whole - 16 : whole;
@@ -91,7 +91,7 @@ class Locals {
     if (item.tag == kLastUsageTag) first_.reset();
     return true;
   }
-  /// A short usage gets the page that is set at the main item (6.2.2.8).
+  /// A usage of 1 or 2 bytes gets the page that is set at the main item (HID 1.11, 6.2.2.8).
   [[nodiscard]] std::vector<DescribedUsages> usages(std::uint32_t page) const {
     const auto whole = [&](const Item& item) {
       return item.length == 4 ? item.value : page << 16U | item.value;
@@ -240,7 +240,7 @@ std::optional<std::uint32_t> DescribedFields::placeOf(std::uint32_t usage) const
 
 namespace {
 
-/// Returns no value if the bytes end within the item.
+/// Removes the first item from `bytes`. Returns no value if the bytes end within the item.
 std::optional<Item> takeItem(std::span<const std::byte>& bytes) {
   const auto first = std::to_integer<std::uint8_t>(bytes[0]);
   if (first == kLongItem) {

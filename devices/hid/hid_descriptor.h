@@ -65,7 +65,7 @@ struct HidDescriptor {
 };
 
 /// Parses a report descriptor (Device Class Definition for HID 1.11, 6.2.2). Any bytes are safe.
-/// Cost: O(bytes), apart from collections.
+/// Cost: O(bytes), and for each field O(enclosing collections).
 ///
 /// Returns no value if the bytes describe no report or are invalid. Invalid are: an item that is
 /// cut off, a pop without a push, an end without a begin, a report number 0. Also invalid are a

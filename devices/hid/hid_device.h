@@ -71,7 +71,7 @@ class HidDevice final : public Arm {
   [[nodiscard]] double given() const noexcept override { return given_; }
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
-  /// Returns the profile that the constructor got.
+  /// Returns the profile that was passed to the constructor.
   [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }
   [[nodiscard]] const ArmTraits& traits() const noexcept override { return traits_; }
   [[nodiscard]] std::string whyNotReady() const override;
@@ -85,7 +85,7 @@ class HidDevice final : public Arm {
   [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
   /// Returns the counts since the opening, without the profile's steps. Callable from any thread.
   [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
-  /// Returns how often the device was plugged in since the opening; the first time counts.
+  /// Returns how often the device was plugged in since the opening, plus one for the opening.
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
 
  private:
@@ -175,21 +175,21 @@ class HidDevice final : public Arm {
   std::atomic<int> guard_{-1};
   std::atomic<std::uint32_t> plugging_{1};
 
-  // Used by the thread that finds the device again; the haptic thread reads it after that.
+  // `mended_` is used by the thread that finds the device again, then by the haptic thread.
   HidInput mended_;
   /// Palpate cannot home the arm: only its user can bring it to its home pose.
   bool homeless_ = false;
 
-  // Used by the haptic thread.
+  // Members for the haptic thread only.
   HidInput input_;
   std::vector<Unwrapped> counters_;
-  /// For counters that wrap: raw value near which the first reading is placed.
+  /// For counters that wrap: raw value to which the first reading must be nearest.
   std::vector<double> about_;
   bool ticked_ = false;
   /// Raw values of joints in the home pose, if the profile has home_at_open.
   std::vector<double> home_raw_;
-  std::vector<bool> flags_in_;          ///< The report has a flag.
-  std::vector<std::int64_t> flags_at_;  ///< Time of its last report [ns], or kNever.
+  std::vector<bool> flags_in_;          ///< For each report: it has a flag.
+  std::vector<std::int64_t> flags_at_;  ///< For each report: its last time [ns], or kNever.
   bool heard_ = false;
   std::uint32_t plugging_seen_ = 1;
   std::int64_t heard_at_ = 0;    ///< Time of the last report [ns].
@@ -227,7 +227,7 @@ class HidDevice final : public Arm {
 
   std::thread writer_;
   std::thread mender_;
-  /// For the waits of the thread that finds the device again; no tick locks it.
+  /// No tick locks it. The thread that finds the device again waits with it.
   std::mutex mend_mutex_;
   std::condition_variable mend_;
 };

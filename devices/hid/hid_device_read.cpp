@@ -12,8 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr std::int64_t kWriteTime = 20000000;  // [ns]: a write that takes longer is blocked
-// [s]: longest time for which one read moves a rate-controlled position or raises the carried
-// weight.
+// [s]: longest time for which one read moves a rate-controlled position or raises the weight.
 constexpr double kLongestStep = 0.02;
 
 }  // namespace
@@ -88,7 +87,7 @@ HandState HidDevice::read() noexcept {
   applyFlags(hand);
   lookAtFlags(now, hand);
   lookAtWrites(now, hand);
-  // The carried weight rises as slowly as a force after a start, and ends at once.
+  // The motors take up the weight as slowly as a force grows after a start, and release it at once.
   upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= profile_.limits.stale;
   const double step = std::min(dt, kLongestStep) / kEngage;
   carried_share_ = carries_ && upright_ ? std::min(1.0, carried_share_ + step) : 0.0;
@@ -102,8 +101,8 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
     plugging_seen_ = plugging;
     adoptMended(now);
   }
-  // The arm may have moved since the opening. If the arm itself reports that it is homed, its
-  // counters restart here. If it was homed at the opening, they are followed from then on.
+  // The arm may have moved since the opening. If the arm homed itself, its counters start with the
+  // first tick. If palpate homed it at the opening, the counters continue from there.
   if (!std::exchange(ticked_, true) && !profile_.home_at_open && profile_.home.empty()) {
     forgetCounters();
   }

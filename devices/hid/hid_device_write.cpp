@@ -74,8 +74,8 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
     room[i] = std::max(end, 0.0);
     if (std::abs(raw[i]) > room[i]) share = std::min(share, room[i] / std::abs(raw[i]));
   }
-  // Does the same if a motor is too hot for its part of the force beside the carried weight. The
-  // reduction acts at once; the force returns as slowly as after a start.
+  // Also reduces all motors if a motor's heat does not permit its part of the force in addition to
+  // the weight. The reduction acts at once; the force returns as slowly as after a start.
   cool_ = std::min(1.0, cool_ + dt / kEngage);
   const auto unit = [&](std::size_t i) {
     return std::abs(profile_.output->fields[*profile_.joints[i].to].scale);

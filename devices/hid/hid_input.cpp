@@ -7,9 +7,9 @@ namespace palpate {
 
 namespace {
 
-// Reports that wait in a full ring; the kernel keeps 63 and drops later ones.
+// Waiting reports at which the kernel's ring counts as full; it keeps 63 and drops later ones.
 constexpr std::size_t kFullRing = 60;
-constexpr std::size_t kMostReads = 128;  // reports read per call
+constexpr std::size_t kMostReads = 128;  // largest number of reports read per call
 
 }  // namespace
 

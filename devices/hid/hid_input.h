@@ -17,9 +17,9 @@ class HidInput {
  public:
   explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to the profile. Allocates.
 
-  /// Reads all waiting reports. Returns kReport if, since the last kReport, every report with a
-  /// joint's field has come. Returns kNothing if one is missing, or if the kernel's ring had
-  /// overflowed, because its reports were old. RT: as ReportPort::read.
+  /// Reads all waiting reports. Returns kReport if every report with a joint's field has come since
+  /// the last kReport. Returns kNothing if one of them is missing, or if the kernel's ring had
+  /// overflowed: the waiting reports are then old and are discarded. RT: as ReportPort::read.
   [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
   /// Returns true if this report has come since forget() and since the last overflow of the ring.
   [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
@@ -31,7 +31,7 @@ class HidInput {
     return values_[first_[field.report] + field.field];
   }
 
-  /// Returns to the state before the first report, but keeps the counts.
+  /// Resets to the state before the first report, but keeps the counts.
   void forget() noexcept;
   /// Copies the values of another input of the same profile. RT: no allocation.
   void adopt(const HidInput& other) noexcept;
@@ -58,8 +58,8 @@ class HidInput {
   std::size_t head_ = 0;
   std::vector<std::size_t> first_;  ///< Index of each report's fields in values_.
   std::vector<double> values_;
-  std::vector<bool> joints_in_;  ///< The report has a joint's field.
-  std::vector<bool> fresh_;      ///< The report has come since takeNewest() last returned kReport.
+  std::vector<bool> joints_in_;  ///< For each report: it has a joint's field.
+  std::vector<bool> fresh_;      ///< For each report: it has come since the last kReport.
   std::vector<bool> came_;
   std::vector<bool> known_;
   Counts counts_;

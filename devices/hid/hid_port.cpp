@@ -29,7 +29,7 @@ namespace palpate {
 
 namespace {
 
-/// Serialises listing, opening and closing, because these calls free hidapi's global error text.
+/// Mutex for listing, opening and closing, because these calls free hidapi's global error text.
 std::mutex& turn() {
   static std::mutex mutex;
   return mutex;
@@ -41,8 +41,8 @@ std::multiset<std::string>& openHere() {
   return paths;
 }
 
-/// Has two handles, one to read and one to write. Two threads must not share a handle, because
-/// hidapi frees its error text on every failure.
+/// Has one hidapi handle to read and one to write. Two threads must not share a handle, because
+/// hidapi frees the handle's error text on every failure.
 class HidPort final : public ReportPort {
  public:
   HidPort(const std::string& path, const Say& say) : path_(path) {
@@ -108,7 +108,7 @@ std::ifstream sysFile(const std::string& path, const char* name) {
   return std::ifstream("/sys/class/hidraw/" + node + "/device/" + name, std::ios::binary);
 }
 
-/// Reads /sys, where every user may read. hidapi has a function for this only since 0.14.
+/// Returns the descriptor from /sys, which every user may read. hidapi offers this only since 0.14.
 std::vector<std::byte> descriptorOf(const std::string& path) {
   std::array<char, HID_MAX_DESCRIPTOR_SIZE> bytes{};
   std::ifstream in = sysFile(path, "report_descriptor");
@@ -197,7 +197,7 @@ int openNode(const std::string& path, int access) {
   throw DeviceError(path, std::strerror(error), "plug the arm in again");
 }
 
-/// Only reads. The kernel gives each reader its own ring of reports.
+/// A port that cannot write. The kernel gives each reader its own ring of reports.
 class ReadPort final : public ReportPort {
  public:
   explicit ReadPort(int node) : node_(node) {}
@@ -235,7 +235,7 @@ std::vector<HidDeviceName> listHid() {
 }
 
 std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say) {
-  // hidapi 0.13.1 does not handle files of other kinds.
+  // openNode() rejects files of other kinds, which hidapi 0.13.1 does not handle.
   close(openNode(path, O_RDWR));
   return std::make_unique<HidPort>(path, say);
 }

@@ -1,4 +1,4 @@
-/// Sends and receives reports of one device, by hidapi or in a test.
+/// Sends and receives the reports of one device.
 #pragma once
 
 #include <cstddef>
@@ -29,10 +29,9 @@ class ReportPort {
   ReportPort& operator=(const ReportPort&) = delete;
   virtual ~ReportPort() = default;
 
-  /// Reads the oldest waiting report, with its number first if the device numbers its reports.
-  /// Never blocks.
+  /// Reads the oldest waiting report, with its number first if reports are numbered. Never blocks.
   ///
-  /// @param to    Room for the longest report; a longer report is cut off.
+  /// @param to  Buffer for a report; a report that is longer than the buffer is cut off.
   /// @param size  Length of the report [bytes].
   ///
   /// RT: no allocation except when the device is gone; a system call or two (3 us).
@@ -53,8 +52,7 @@ class ReportPort {
                                         [[maybe_unused]] std::size_t& size) noexcept {
     return false;
   }
-  /// Returns another descriptor that accepts the bytes of write(), for a guardian; -1: not
-  /// available.
+  /// Returns another descriptor that accepts the bytes of write(), for a guardian; -1: none.
   [[nodiscard]] virtual int guardDescriptor() const noexcept { return -1; }
 };
 

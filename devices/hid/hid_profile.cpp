@@ -40,7 +40,7 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
 
 namespace {
 
-/// Returns all texts after "name" in a file that may not be valid JSON: profile and buttons.
+/// Returns all values of "name" in a file that may be invalid JSON, for profile and buttons.
 std::set<std::string> namesIn(const std::filesystem::path& file) {
   constexpr const char* kKey = "\"name\"";
   std::ifstream in(file);
@@ -96,7 +96,7 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
     HidProfile profile = parseHidProfile(text, std::string("palpate's own ") + name);
     const bool replaced = std::any_of(profiles.begin(), profiles.end(),
                                       [&](const HidProfile& p) { return p.name == profile.name; });
-    // If an invalid file of the user has this name, the user does not want palpate's numbers.
+    // The user's invalid file of this name is meant to replace palpate's profile.
     if (!replaced && broken.count(profile.name) == 0) profiles.push_back(std::move(profile));
   }
   return profiles;

@@ -42,9 +42,9 @@ struct FieldRef {
   std::size_t field = 0;   ///< Index in HidReportSpec::fields.
 };
 
-/// A field that reports a state of the arm while it has a value.
+/// A state of the arm, which holds while an input field has a given value.
 struct HidFlag {
-  /// The state while the flag is up, and its effect on the force.
+  /// The state, and its effect on the force.
   enum class Means : std::uint8_t {
     kHomed,      ///< The encoders know the arm's position. Until then the force is zero.
     kEnabled,    ///< The user holds the dead-man switch. Otherwise the force is zero.
@@ -53,8 +53,8 @@ struct HidFlag {
     kOpen,       ///< Fault::kSwitch.
   };
   FieldRef field;       ///< The field to compare.
-  double equals = 1.0;  ///< Its raw number while the flag is up.
-  /// State of the arm. The first two are conditions for a force, the others are faults.
+  double equals = 1.0;  ///< Raw number of the field while the state holds.
+  /// kHomed and kEnabled are conditions for a force; the others are faults.
   Means means = Means::kHomed;
 };
 
@@ -62,9 +62,9 @@ struct HidFlag {
 /// torque divided by ratio. The number sent is the motor's torque divided by the torque constant.
 struct HidJoint {
   FieldRef from;  ///< Field of its encoder. Fields of two joints share no bits.
-  /// Field units per joint unit; its sign is that of the direction.
+  /// Field units per joint unit; negative if they count in opposite directions.
   double ratio = 1.0;
-  /// Joint position when the field is zero, or in the home pose [rad or m].
+  /// Joint position at field value 0; with home_at_open, in the home pose [rad or m].
   double home = 0.0;
   std::optional<std::size_t> to;  ///< Output field of its motor; empty: the joint has no motor.
   double torque_constant = 1.0;   ///< [N m per unit of the output field]
@@ -75,19 +75,19 @@ struct HidJoint {
 
 /// A mass that the arm's motors carry.
 struct HidMass {
-  double mass = 0.0;                ///< [kg]
+  double mass = 0.0;                ///< Mass [kg].
   std::optional<std::size_t> link;  ///< Link of the kinematics; empty: at the tip.
   Vec3 centre = Vec3::Zero();       ///< Centre of mass in the link's frame (Kinematics::on) [m].
 };
 
-/// A button; it is pressed while its field has the value.
+/// A button, which is pressed while its field has a given value.
 struct HidButton {
   std::string name;     ///< Name in HandleInfo::buttons.
   FieldRef field;       ///< The field to compare.
   double equals = 1.0;  ///< Its raw number while it is pressed.
 };
 
-/// An encoder of the handle, or a joint of the arm that turns it.
+/// A rotation of the handle: that of an encoder of the handle, or that of a joint of the arm.
 struct HidTurn {
   std::optional<std::size_t> joint;  ///< Index in HidProfile::joints; if set, `from` is unused.
   FieldRef from;                     ///< Field of its encoder: angle = value / ratio + home.
@@ -102,12 +102,12 @@ struct HidHandle {
   /// Turns from the arm's frame to the handle's, in order: R_D = R(axis 1, angle 1) R(axis 2, angle
   /// 2) ... Empty: the orientation is not measured.
   std::vector<HidTurn> orientation;
-  std::optional<HidTurn> gripper;  ///< How far it is open; its axis is unused.
+  std::optional<HidTurn> gripper;  ///< Opening of the gripper; the turn's axis is unused.
 };
 
 /// A step of a sequence that a device needs before or after its use.
 struct HidStep {
-  /// Action: send a report, wait for a field, pause, send a feature report.
+  /// Action: send a report, wait for a field's value, pause, or send a feature report.
   enum class Kind : std::uint8_t { kSend, kWait, kPause, kFeature };
   Kind kind = Kind::kPause;  ///< Action of this step; decides which of the members below are used.
   /// kSend: raw values of output fields; all other fields are at rest.
@@ -133,21 +133,21 @@ struct PidAxisSpec {
 
 /// Limits of the arm, in SI units; required if the arm has motors.
 struct HidLimits {
-  double force = 0.0;             ///< [N]
-  double slew = 2000.0;           ///< [N/s]
-  double stiffness = 0.0;         ///< [N/m]
-  double damping = 0.0;           ///< [N s/m]
-  double workspace_radius = 0.0;  ///< [m]
+  double force = 0.0;             ///< Largest force [N].
+  double slew = 2000.0;           ///< Largest growth of the force [N/s].
+  double stiffness = 0.0;         ///< Largest stiffness of a coupling [N/m].
+  double damping = 0.0;           ///< Largest damping of a coupling [N s/m].
+  double workspace_radius = 0.0;  ///< Radius of a ball about the origin of W [m].
   /// Largest age of a position [s]. A silent 3D mouse keeps its velocity for this time.
   double stale = 0.05;
-  double speed = 3.0;  ///< [m/s]
+  double speed = 3.0;  ///< Largest speed of a hand on the arm [m/s].
   /// Force at the tip that the arm can hold forever [N]; 0: `force`, unless joints have limits
   /// (HidJoint::continuous).
   double continuous = 0.0;
   double heating = 0.0;  ///< Time constant of the motors' heat [s].
 };
 
-/// Longest total time of waits and pauses in "close" [s]; a program that ends waits for them.
+/// Longest total time of waits and pauses in "close" [s]; a program waits for them before it ends.
 inline constexpr double kLongestClose = 5.0;
 
 /// One arm, as read and checked by parseHidProfile.
@@ -177,7 +177,7 @@ struct HidProfile {
   /// For rate control, in which a position means a velocity: the velocity at position 1 of the
   /// kinematics [m/s]. 0: no rate control.
   double rate_control = 0.0;
-  /// Rotation from the arm's axes to those of the hand's world.
+  /// Rotation from the arm's frame D to W.
   Mat3 world_from_device = Mat3::Identity();
   Vec3 origin_D = Vec3::Zero();  ///< [m], for p_W = world_from_device (p_D - origin_D).
   std::vector<HidMass> masses;   ///< Masses that its motors carry; may be empty.
@@ -213,7 +213,7 @@ struct KnownArm {
   double force,           ///< Peak force [N].
       stiffness,          ///< Largest stiffness of a coupling [N/m].
       damping,            ///< Largest damping of a coupling [N s/m].
-      workspace_radius;   ///< [m]
+      workspace_radius;   ///< Radius of the workspace [m].
   std::string transport;  ///< Interface by which it could be driven.
   std::string source;     ///< Source of the numbers, and file of the source.
 };

@@ -25,10 +25,10 @@ struct ReportField {
   double least = 0.0;         ///< Lowest raw number; output values are limited to it.
   double most = 0.0;          ///< Highest raw number; output values are limited to it.
   bool bounded = false;       ///< The profile or the descriptor gives both limits.
-  bool wraps = false;         ///< The field is a counter that starts again after its last value.
+  bool wraps = false;         ///< The field is a counter that wraps around after its highest value.
   double rest = 0.0;          ///< Output: raw number that is sent if no value is set.
 
-  /// Returns the smallest report that contains this field [bytes].
+  /// Returns the size of the smallest report that contains this field [bytes].
   [[nodiscard]] std::size_t end() const noexcept { return (bit + bits + 7) / 8; }
 };
 
@@ -40,14 +40,14 @@ struct ReportField {
 void putRaw(std::span<std::byte> report, const ReportField& field,
             double raw) noexcept PALPATE_NONBLOCKING;
 
-/// Extends a counter of `bits` bits. It must move by less than half its range between two readings.
+/// Unwraps a counter of `bits` bits, which must move by less than half its range between readings.
 class Unwrapped {
  public:
-  /// Returns the extended count. The first one is as near to `about` as its bits permit.
+  /// Returns the extended count. The first count after forget() is the one nearest to `about`.
   [[nodiscard]] double follow(double raw, std::uint32_t bits,
                               double about) noexcept PALPATE_NONBLOCKING;
   void forget() noexcept { known_ = false; }  ///< The next reading counts as the first one again.
-  /// At least one reading has come since forget().
+  /// Returns true if a reading has come since forget().
   [[nodiscard]] bool known() const noexcept { return known_; }
 
  private:

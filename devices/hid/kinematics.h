@@ -1,4 +1,4 @@
-/// Computes an arm's tip from its joints, and the motors' torques for a force at the tip.
+/// Computes an arm's tip position from its joints, and the motors' torques for a force at the tip.
 ///
 /// Frame D is the arm's own: the model defines its axes and origin. Right-handed, metres, radians.
 #pragma once
@@ -15,12 +15,12 @@ namespace palpate {
 
 /// Largest number of joints with motors; these joints come first.
 inline constexpr std::size_t kMotors = 3;
-/// Joints of a model, in order; surplus entries are unused.
+/// Joint positions of a model [rad or m], in order; surplus entries are unused.
 using Joints = std::array<double, kMostJoints>;
 
 /// The tip's position and its derivatives at given joints.
 struct ArmPose {
-  Vec3 position_D = Vec3::Zero();  ///< [m]
+  Vec3 position_D = Vec3::Zero();  ///< Position of the tip [m].
   /// Column i: d position / d joint i [m/rad], dimensionless for a sliding joint.
   std::array<Vec3, kMostJoints> jacobian = standing();
   /// False if the links cannot meet at these joints, or if a parallel arm's motors cannot hold its
@@ -44,13 +44,13 @@ class Kinematics {
   virtual ~Kinematics() = default;
 
   [[nodiscard]] virtual std::size_t joints() const noexcept = 0;  ///< Returns 1 to kMostJoints.
-  /// Returns the tip's pose, finite for finite joints. RT: no allocation; under 0.5 us.
+  /// Returns the tip's position and Jacobian, finite for finite joints. RT: no allocation, 0.5 us.
   [[nodiscard]] virtual ArmPose at(const Joints& joints) const noexcept PALPATE_NONBLOCKING = 0;
 
   /// Returns the number of moving links, from the base; see the factory functions for their frames.
   [[nodiscard]] virtual std::size_t links() const noexcept = 0;
   /// Returns the position and Jacobian of a point fixed to a link, such as a centre of mass.
-  /// `place` is in the link's frame.
+  /// `place` is in the link's frame [m].
   ///
   /// @pre link < links().
   [[nodiscard]] virtual ArmPose on(std::size_t link, const Vec3& place,

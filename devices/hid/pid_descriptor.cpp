@@ -16,14 +16,14 @@ using Way = DescribedReport::Way;
 constexpr std::uint32_t kMostSideBySide = 64;
 constexpr std::uint32_t kButtons = 0x090000;
 
-/// Returns no value if the field cannot be read or written as one number.
+/// Returns field i; no value if the field cannot be read or written as one number.
 std::optional<ReportField> fieldAt(const DescribedFields& of, std::uint32_t i) {
   if (of.bits > 32) return std::nullopt;
   ReportField field;
   field.bit = of.bit + i * of.bits;
   field.bits = of.bits;
   field.type = of.least < 0 ? ReportField::Type::kSigned : ReportField::Type::kUnsigned;
-  // A descriptor may give a range that does not fit into the field's bits.
+  // Limits the range to the field's bits, because a descriptor may give a larger range.
   const double half = std::ldexp(1.0, static_cast<int>(of.bits) - 1);
   const bool with_sign = of.least < 0;
   const double low = with_sign ? -half : 0.0;

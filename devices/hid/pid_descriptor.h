@@ -60,7 +60,7 @@ struct PidField {
   bool unit = false;
 };
 
-/// One of several choices, such as "start": a number in an array, or a bit of its own.
+/// One of several choices, such as "start": a number in an array field, or a separate bit.
 struct PidChoice {
   ReportField at;
   double raw = 1.0;
@@ -75,7 +75,7 @@ struct PidReport {
   [[nodiscard]] const PidChoice* choice(std::uint32_t usage) const noexcept;  ///< Null: not found.
 };
 
-/// A field of a report that the device sends by itself.
+/// A field of an input report.
 struct PidInput {
   std::uint8_t report = 0;  ///< Report number; 0: not numbered.
   ReportField at;

@@ -68,7 +68,7 @@ void PidDevice::describe(double duration, const MeasuredArm& measured, double ga
   for (const PidAxisSpec& axis : profile.pid) {
     info_.limits.peak = std::min(info_.limits.peak, std::abs(axis.force));
   }
-  // A position may be one input period old; the report of the last axis comes after all others.
+  // A position may be one input period old; the last axis gets its report an output period later.
   const double period = 1.0 / info_.output_rate;
   double delay = 1.0 / profile.input_rate + period;
   if (measured.viscous > 0.0) delay = measured.delay + measured.doubt;

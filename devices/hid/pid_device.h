@@ -18,8 +18,8 @@ namespace palpate {
 /// own descriptor gives the reports. An effect lasts PidPort::duration(), so the force ends by
 /// itself if the program is gone. If duration() is 0, only a report ends the force.
 ///
-/// Actuators that are switched off, and lost power, are Fault::kPower; an open safety switch is
-/// Fault::kSwitch. When the fault is over, the force grows from zero as at the start.
+/// Switched-off actuators and lost power are Fault::kPower; an open safety switch is
+/// Fault::kSwitch. After the fault, the force grows from zero as at the start.
 class PidDevice final : public Arm {
  public:
   /// Gain of an untested device that has a gain field. It scales every force.
@@ -33,8 +33,8 @@ class PidDevice final : public Arm {
   PidDevice(const HidProfile& profile, std::span<const std::byte> descriptor,
             std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
 
-  /// Never changes. DeviceInfo::output_rate follows from the time that the device's reports take.
-  /// max_stiffness is the passivity bound of docs/stability.md for that delay.
+  /// Returns the description, which never changes. DeviceInfo::output_rate follows from the time
+  /// that reports take; max_stiffness is the passivity bound of docs/stability.md for that delay.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override { arm_->write(force); }

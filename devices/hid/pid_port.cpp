@@ -42,7 +42,7 @@ void choose(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_
   }
 }
 
-/// Sets all bits of a field, which means "none" for every range.
+/// Sets all bits of a field. In fields of PID reports this value means "none".
 void putNone(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_t usage) {
   const PidField* field = report.find(usage);
   if (field == nullptr) return;
@@ -64,7 +64,7 @@ double secondsACount(const PidField& field) {
   return step > 0.0 && std::isfinite(step) ? step : 1e-3;
 }
 
-/// Returns the shortest duration of at least PidPort::kDuration. The largest number means forever.
+/// Returns the shortest duration >= PidPort::kDuration [counts]; the largest count means forever.
 double durationIn(const PidField& field) {
   const double wanted = std::ceil(PidPort::kDuration / secondsACount(field) - 1e-9);
   const double least = std::max(1.0, field.at.least);
@@ -293,7 +293,7 @@ void PidPort::measure() {
 }
 
 void PidPort::undo() noexcept {
-  // Ignores refusals, because the device may be gone. Stops all effects first.
+  // Continues after a failed report, because the device may be gone. Stops all effects first.
   (void)control(pid::kStopAll);
   for (Effect& effect : effects_) {
     if (effect.stop.empty()) continue;

@@ -46,7 +46,7 @@ struct PidParams {
 /// durations 0 and the largest possible one as infinite; these two are never sent.
 class PidPort final : public ReportPort {
  public:
-  /// Wanted duration() [s]; it is rounded up to counts.
+  /// Intended duration() [s]; rounded up to counts of the device's duration field.
   static constexpr double kDuration = 0.5;
   static constexpr double kMostDuration = 2.0;  ///< Longest accepted duration() [s].
 
@@ -68,9 +68,9 @@ class PidPort final : public ReportPort {
   }
   [[nodiscard]] int guardDescriptor() const noexcept override { return port_->guardDescriptor(); }
 
-  /// Returns how long an effect lasts [s]; 0: forever, because the device has no durations.
+  /// Returns how long an effect lasts [s]; 0: forever, because the device has no duration field.
   [[nodiscard]] double duration() const noexcept { return duration_; }
-  /// Returns the median time to send one magnitude report, measured at the opening [s].
+  /// Returns the median time that sending one magnitude report took in the constructor [s].
   [[nodiscard]] double writeTime() const noexcept { return write_time_; }
 
  private:
@@ -109,8 +109,7 @@ class PidPort final : public ReportPort {
   std::int64_t enabled_ = 0;  ///< Last time the actuators were enabled [ns].
 };
 
-/// Returns the report, with its number, that alone stops the force; empty if write() cannot send
-/// it.
+/// Returns the report, with its number, that alone stops the force; empty if it cannot be sent.
 [[nodiscard]] std::vector<std::byte> stoppingReport(const PidMap& map);
 
 }  // namespace palpate

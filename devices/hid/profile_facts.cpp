@@ -49,7 +49,7 @@ double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   return off;
 }
 
-/// Returns the projector onto the directions of levers with this sum of squares.
+/// Returns the projector onto the directions in which the tip moves, given the sum of J J^T.
 Mat3 within(const Mat3& squares) {
   constexpr double kNone = 0.01;  // share of the longest lever; shorter levers count as zero
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(squares);
@@ -124,7 +124,7 @@ ProfileFacts factsOf(const HidProfile& profile) {
   // Starts at the home pose, then at poses around it in which the first three joints differ.
   constexpr double kApart = 0.8;  // [rad]; [m] for a sliding joint
   constexpr int kWide = 5;
-  constexpr double kThere = 1e-6;  // [m]: the tip is then at the place
+  constexpr double kThere = 1e-6;  // [m]: the tip then counts as being at the origin of W
   const std::size_t turned = std::min<std::size_t>(3, arm.joints());
   const int starts = static_cast<int>(std::pow(kWide, turned));
   for (int start = 0; start < starts && !(facts.off < kThere); ++start) {
@@ -167,7 +167,7 @@ ProfileFacts factsOf(const HidProfile& profile) {
 
 namespace {
 
-/// The inverse of jointAt(), for an arm without home_at_open.
+/// Returns the raw number for which jointAt() returns `value`, for an arm without home_at_open.
 double rawAt(const HidProfile& profile, std::size_t joint, double value) {
   const HidJoint& of = profile.joints[joint];
   const ReportField& field = profile.input[of.from.report].fields[of.from.field];

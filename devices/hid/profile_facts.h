@@ -8,41 +8,39 @@
 
 namespace palpate {
 
-/// One motor, when the tip is in the middle of the hand's world.
+/// One motor, when the tip is at the origin of W.
 struct MotorFact {
   std::size_t joint = 0;  ///< Index in HidProfile::joints.
   std::string field;      ///< Its output field.
-  /// Value for the profile's force in the worst direction, in the output's units (often amperes).
+  /// Output value for the profile's force in the worst direction [unit of the field, often A].
   double asked = 0.0;
   double room = 0.0;  ///< Limit of the field: the smaller of the limits for both signs.
   /// Value that the motor can hold forever, at most `room`: HidJoint::continuous, or `room`.
   double continuous = 0.0;
-  double carries = 0.0;  ///< Value that carries the profile's masses, in the unit of `asked`.
+  double carries = 0.0;  ///< Output value that carries the profile's masses [unit of the field].
 };
 
 /// Results of factsOf. Unless a member's comment says otherwise, all joints are at `middle`.
 struct ProfileFacts {
   Vec3 home_W = Vec3::Zero();  ///< The tip when every joint is at its `home` [m].
-  /// Joints at which the tip is in the middle of the hand's world, or as near as possible.
+  /// Joints at which the tip is at the origin of W, or as near to it as the search came.
   Joints middle{};
-  /// Distance from the middle of the hand's world to the nearest place that the search reached [m].
-  /// Infinite: the search reached no place, and the members below are for the home pose.
+  /// Distance from the origin of W to the tip at `middle` [m]. Infinite: the search failed, and the
+  /// members below are for the home pose.
   double off = 0.0;
-  /// Travel of the tip if each integer field moves by one count [m]. This is twice the largest
-  /// position error there.
+  /// Travel of the tip if each integer field moves by one count [m]: twice the largest error.
   double step = 0.0;
-  /// One entry for each joint with a motor, in the order of the joints.
+  /// Motors in the order of their joints; a joint without a motor has no entry.
   std::vector<MotorFact> motors;
-  Vec3 carried_W = Vec3::Zero();  ///< Force at the tip with which its motors carry its masses [N].
-  /// Projector onto the directions of the hand's world in which the joints move the tip, from poses
-  /// around the middle. A planar arm has the directions of its plane; most arms have all.
+  Vec3 carried_W = Vec3::Zero();  ///< Force at the tip by which the motors carry the masses [N].
+  /// Projector onto the directions in W in which the joints move the tip, from poses around the
+  /// middle. A planar arm has the directions of its plane; most arms have all.
   Mat3 moves = Mat3::Identity();
   Mat3 drives = Mat3::Identity();  ///< Like `moves`, but with the joints that have motors only.
 };
 
-/// Finds the joints that bring the tip to the middle of the hand's world, by damped Gauss-Newton
-/// from many start poses. Then finds the directions in which the tip can move there. Takes
-/// milliseconds.
+/// Finds the joints that bring the tip to the origin of W, by damped Gauss-Newton from many start
+/// poses. Then finds the directions in which the tip can move there. Takes milliseconds.
 ///
 /// @pre profile.kinematics is set, and profile.joints has one entry for each of its joints.
 [[nodiscard]] ProfileFacts factsOf(const HidProfile& profile);
@@ -52,8 +50,8 @@ struct ProfileFacts {
 /// Returns each joint's raw number in the home pose, directly after the `home` steps.
 [[nodiscard]] std::vector<double> rawAtHome(const HidProfile& profile);
 
-/// Returns a joint's value [rad], or [m] for a sliding joint, for a raw number that was extended
-/// beyond its field's ends. `home_raw`: raw number in the home pose, for home_at_open.
+/// Returns a joint's value [rad], or [m] for a sliding joint, for a raw number that Unwrapped has
+/// extended. `home_raw`: raw number in the home pose, for home_at_open.
 [[nodiscard]] double jointAt(const HidProfile& profile, std::size_t joint, double raw,
                              double home_raw) noexcept PALPATE_NONBLOCKING;
 

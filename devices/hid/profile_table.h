@@ -36,7 +36,7 @@ struct FileReport {
   double stale = 0.0;
 };
 
-/// A flag with the names of its fields; checkedProfile resolves the names.
+/// A flag with the name of its field; checkedProfile resolves the name.
 struct FileFlag {
   HidFlag flag;
   std::string field;

@@ -58,7 +58,7 @@ class DocumentReader final : public Json::json_sax_t {
   }
 
  private:
-  /// Also sets `next_` to the value's place.
+  /// Stores a value; `next_` then points to it.
   bool add(Json value) {
     if (!open_.empty() && open_.back()->is_array()) {
       auto& elements = open_.back()->get_ref<Json::array_t&>();
@@ -81,7 +81,7 @@ class DocumentReader final : public Json::json_sax_t {
   }
 
   Json document_;
-  Json* next_ = &document_;  ///< Place of the next value, unless it is an element of an array.
+  Json* next_ = &document_;  ///< Receives the next value, unless it is an element of an array.
   std::vector<Json*> open_;  ///< Open objects and arrays, outermost first.
   std::optional<std::string> repeated_;
   std::string error_;

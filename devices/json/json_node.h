@@ -39,7 +39,7 @@ class JsonNode {
   [[nodiscard]] JsonNode need(const std::string& key) const;
   [[nodiscard]] JsonNode element(std::size_t i) const;
 
-  /// Checks that this is an object with no other keys than `keys` and `also`. Errors list `keys`.
+  /// Checks that this is an object whose keys are all in `keys` or `also`. Errors list `keys` only.
   const JsonNode& object(const std::vector<std::string>& keys,
                          const std::vector<std::string>& also = {}) const;
   [[nodiscard]] double number() const;
@@ -76,7 +76,7 @@ class JsonNode {
   JsonRaise raise_;
 };
 
-/// Rejects repeated keys. Reports a syntax error in one line.
+/// Parses a text. Rejects repeated keys. Reports a syntax error in one line.
 [[nodiscard]] Json parseJson(const std::string& text, const std::string& source, JsonRaise raise);
 
 }  // namespace palpate

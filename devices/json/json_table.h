@@ -171,8 +171,8 @@ template <class T>
 [[nodiscard]] JsonSchema jsonFileSchema(const char* title, const char* description,
                                         const JsonSchema& object, const JsonSchema& definitions);
 
-/// The keys that an object may have, one row each, and the member of Spec that gets the value. Rows
-/// are read in order, the rows of a choice last.
+/// A row is a key that an object may have, with its type and the member of Spec that gets its
+/// value. Rows are read in order, the rows of a choice last.
 template <class Spec>
 class JsonObject {
  public:
@@ -201,14 +201,14 @@ class JsonObject {
                      }});
     return *this;
   }
-  /// Adds a required (mustHold) or optional (mayHold) object with rows for the same Spec.
+  /// Adds a required (mustHold) or optional (mayHold) inner object whose rows fill the same Spec.
   JsonObject& mayHold(const char* key, const JsonObject& object, const char* description) {
     return hold(key, object, description, false);
   }
   JsonObject& mustHold(const char* key, const JsonObject& object, const char* description) {
     return hold(key, object, description, true);
   }
-  /// Rejects keys, such as likely mistakes, with their own error.
+  /// Rejects keys that are likely mistakes, with the given error.
   JsonObject& refuse(std::vector<const char*> keys, const char* why, const char* remedy) {
     for (const char* key : keys) refusals_.push_back({key, why, remedy});
     return *this;
@@ -360,7 +360,7 @@ class JsonObject {
     return keys;
   }
 
-  /// Returns null if the object has no choices.
+  /// Returns the choice that the file selects; null if the object has no choices.
   [[nodiscard]] const Choice* choiceOf(const JsonNode& node) const {
     if (choices_.empty()) return nullptr;
     std::vector<std::string> words;

@@ -32,7 +32,7 @@ void give(T* theirs, const T& ours) {
               size - kHead);
 }
 
-/// The entries have the size that the host's version knows.
+/// Returns entry i. The entries have the size that the host's version knows.
 inline palpate_plugin_found* at(palpate_plugin_found* found, int i) {
   return reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) +
                                                  static_cast<std::size_t>(i) * found->size);
@@ -83,8 +83,7 @@ struct Frame {
     }
   }
 
-  /// Converts the handle's orientation to a quaternion w, x, y, z in W. The handle's axes are
-  /// renamed as the arm's, so the identity in D becomes the identity in W.
+  /// Converts the handle's rotation to a quaternion w, x, y, z in W. Maps the identity to itself.
   void toW(const double (&turned_D)[3][3], double (&q)[4]) const {
     double r[3][3] = {};
     for (int i = 0; i < 3; ++i) {

@@ -2,7 +2,7 @@
 // SDK, libdhd. Build it as in docs/plugins.md. Not yet tried on an arm.
 //
 // Threads: the SDK does not permit two threads to use one arm at the same time. So after the arm is
-// prepared, one thread makes all calls: in each turn it reads, then it sends. `stop` sets a flag
+// prepared, one thread makes all calls: in each pass it reads, then it sends. `stop` sets a flag
 // for this thread, and waits until the thread has sent a zero. If the SDK hangs, the arm's own
 // watchdog takes the force off.
 #include <atomic>
@@ -154,7 +154,7 @@ int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
   f.stiffness = arm.model->stiffness;
   f.damping = arm.model->damping;
   f.workspace_radius = arm.model->radius;
-  f.rate = 1000.0;  // lower bound: the SDK exchanges data up to 4,000 times a second
+  f.rate = 1000.0;  // conservative: the SDK can exchange data 4,000 times a second
   f.watchdog = arm.watched ? kWatchdog * 125e-6 : 0.0;
   f.buttons = 1;
   copy(f.source, arm.model->source);
@@ -241,7 +241,7 @@ int find(palpate_plugin_found* found, int room) {
   const int count = dhdGetDeviceCount();
   for (int i = 0; i < count && i < room; ++i) {
     palpate_plugin_found f{};
-    // Only an arm that no other program has open gives its name.
+    // The SDK gives the name of an arm only if no other program has the arm open.
     const bool ours = open_arm != nullptr && open_arm->id == i;
     const int id = ours ? i : dhdOpenID(static_cast<char>(i));
     if (id >= 0) {

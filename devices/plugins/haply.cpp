@@ -36,7 +36,7 @@ constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Longest wait for the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Longest wait for the user [ns].
-/// In this time after opening, no message goes to the user [ns].
+/// Time after the opening in which a silent arm is not reported to the user [ns].
 constexpr std::int64_t kFirstAnswer = 1'000'000'000;
 constexpr std::int64_t kStopTime = 15'000'000;  ///< Longest wait for the service thread [ns].
 constexpr std::int64_t kStopPoll = 100'000;     ///< Time between two checks in stop() [ns].
@@ -84,7 +84,7 @@ class Using {
   Using& operator=(const Using&) = delete;
 };
 
-/// Waits for an answer of the service. Empty `why` means success.
+/// Waits for the first list of arms and returns it. Empty `why` means success.
 Inventory ask(std::string& why) {
   const std::int64_t since = machineNow();
   Inventory inventory = service->inventory();
@@ -212,7 +212,7 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
       tell(error, room, name + wanted);
       return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_FAILED;
     }
-    // The service's first answer takes a moment, so a silent arm is not reported before.
+    // The service's first answer may come late, so a silent arm is not reported before.
     const bool early = device.line.away && machineNow() - since < kFirstAnswer;
     if (!early && wanted != said) {
       if (host.say != nullptr) host.say((name + wanted).c_str());
@@ -235,7 +235,7 @@ int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
   const Reading& reading = device.line.readings.current();
   palpate_plugin_reading all{};
   all.taken = reading.taken;
-  // A moved, turned or scaled workspace does not give the hand's positions.
+  // In a moved, turned or scaled workspace, the positions are not those of the hand.
   const bool ready = device.line.ready == 1 && device.line.calibrated != 0 &&
                      device.line.powered != 0 && !reading.arm.transformed;
   if (ready) all.state |= PALPATE_PLUGIN_READY;

@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Returns the depth of brackets outside of strings. The text need not be JSON.
+/// Returns the largest depth of brackets outside of strings. The text need not be JSON.
 int nesting(std::string_view bytes) {
   int depth = 0;
   int deepest = 0;
@@ -36,7 +36,7 @@ int nesting(std::string_view bytes) {
   return deepest;
 }
 
-/// Returns null if the member is missing, or if `of` is not an object.
+/// Returns a member of an object; null if it is missing, or if `of` is not an object.
 const Json* member(const Json* of, const char* name) {
   if (of == nullptr || !of->is_object()) return nullptr;
   const auto found = of->find(name);
@@ -165,7 +165,7 @@ bool readGrip(std::string_view id, const Json& of, GripState& out) {
   return true;
 }
 
-/// Skips devices without a valid id, and devices for which `out` has no room.
+/// Reads a list of devices. Skips those without a valid id, and those for which `out` has no room.
 template <class Device, std::size_t N, class Read>
 void readList(const Json* list, std::array<Device, N>& out, std::size_t& count, Read read) {
   if (list == nullptr) return;

@@ -1,6 +1,6 @@
 /// Private to devices: reads and writes the messages of Haply's Inverse Service.
 ///
-/// The service's JSON has three generations. The message itself shows its generation. Sources:
+/// The service's JSON has three versions (generations); each message shows its own. Sources:
 ///   3.5  docs.haply.co/inverseSDK: "WebSocket Protocol", "Control Commands", "Basis Permutation",
 ///        "Mount & Workspace Transforms", "Simulation Channel". A message has `session_id`,
 ///        `config` has `preset`, `basis` and `mount`; a force is `set_cursor_force.vector`.
@@ -10,7 +10,7 @@
 ///        no publication of its force message, so this generation gets no force.
 ///
 /// Vectors are in the service's own axes (p_D): x right, y forward, z up, right-handed ("Basis
-/// Permutation"). The hand's world has the same axes but another origin.
+/// Permutation"). W has the same axes but another origin.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@ namespace palpate::haply {
 
 using Triple = std::array<double, 3>;
 
-/// [bytes]; a state with two arms has about 2,000.
+/// Longest accepted message [bytes]; a state with two arms has about 2,000.
 inline constexpr std::size_t kMessageLimit = 65536;
 inline constexpr int kDepthLimit = 16;  ///< Largest depth of nesting; a state has 6.
 /// Largest number of arms that are read from a message; further arms are ignored.
@@ -33,7 +33,7 @@ inline constexpr double kFarthest = 2.0;   ///< [m] along an axis; larger values
 inline constexpr double kFastest = 100.0;  ///< [m/s] along an axis; larger values are invalid.
 inline constexpr double kWidest = 3600.0;  ///< Largest magnitude of a joint's angle [deg].
 
-/// A device's id. Safe to send back: it has only letters, digits and `_.:-`.
+/// A device's id. It has only letters, digits and `_.:-`, so it is safe in a message.
 struct DeviceId {
   std::array<char, 48> text{};  ///< Zero-terminated.
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
@@ -62,11 +62,11 @@ struct ArmConfig {
 struct ArmState {
   DeviceId id;
   bool placed = false;
-  Triple position_D{};       ///< [m]
+  Triple position_D{};       ///< Position of the tip [m].
   Triple velocity_D{};       ///< [m/s]; zeros if the message gives no velocity.
   Triple joints{};           ///< [rad]; zeros if the message gives no joints.
   bool transformed = false;  ///< The arm's workspace was moved, turned or scaled.
-  // 1: true; 0: false; -1: the message does not say.
+  // 1: true; 0: false; -1: not in the message.
   std::int8_t powered = -1;
   std::int8_t ready = -1;
   std::int8_t calibrated = -1;
@@ -90,7 +90,7 @@ struct Message {
   std::array<GripState, kMaxGrips> grips;
 };
 
-/// Result of readMessage(). `out` has content only for kState.
+/// Result of readMessage(). `out` is valid only for kState.
 enum class Verdict : std::uint8_t {
   kState,  ///< The message has lists of devices, which may be empty.
   kOther,  ///< The message is JSON without lists of devices.

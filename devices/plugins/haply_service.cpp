@@ -178,7 +178,7 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
   if (!last) return;
   // A message that cannot be read also counts as an answer, so the next message may be sent.
   answered_ = true;
-  // The first message of a connection may come without a request.
+  // The first message of a connection may come without a request, so it must not exceed asked_.
   got_ = std::min(got_ + 1, asked_);
   answered_at_ = machineNow();
   if (!too_long_) message(partial_);

@@ -29,8 +29,7 @@ namespace palpate::haply {
 inline constexpr std::int64_t kForceHolds = 40'000'000;
 /// Time without a valid position until the force is zero, by the host's clock [ns].
 inline constexpr std::int64_t kSilence = 30'000'000;
-/// Time between two messages after an answer [ns]. This and the next three times are by the
-/// machine's clock.
+/// Time between two messages after an answer, by the machine's clock, as the next three [ns].
 inline constexpr std::int64_t kPeriod = 500'000;
 /// Time between two messages, if the first was not answered [ns].
 inline constexpr std::int64_t kAskAgain = 5'000'000;
@@ -103,7 +102,7 @@ struct Address {
 /// `anywhere` is set. On failure returns false and sets `why` to the cause and the remedy.
 bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& why);
 
-/// The connection. Make it, use it and destroy it on the main thread.
+/// The connection. Construct, use and destroy it on the main thread.
 class Service {
  public:
   /// @param now  The host's clock; called on any thread.

@@ -56,7 +56,7 @@ class Newest {
 struct Order {
   double force[3] = {};      ///< In W [N].
   double share = 0.0;        ///< Share of the arm's weight that the motors also carry.
-  std::int64_t written = 0;  ///< [ns]
+  std::int64_t written = 0;  ///< Time of the write [ns].
   std::uint32_t stops = 0;   ///< Number of stops when this order was written.
 };
 

@@ -42,7 +42,7 @@ struct Arm {
   char model[64] = {};
   palpate_plugin_facts facts{};
   double middle[3] = {};  // middle of the workspace, in the API's axes [mm]
-  HDint style = 0;        // way in which the arm is calibrated
+  HDint style = 0;        // the API's calibration style
   HDSchedulerHandle callback = 0;
   bool runs = false;
   Newest<palpate_plugin_reading> readings;
@@ -136,7 +136,7 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
                                  position[2] - arm.middle[2]};
   kFrame.toW(from_middle, kMillimetre, r.position);
   kFrame.toW(velocity, kMillimetre, r.velocity);
-  // Column by column, as in OpenGL.
+  // The API stores matrices column by column, as OpenGL does.
   double turned[3][3];
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) turned[i][j] = transform[4 * j + i];
@@ -147,7 +147,7 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
   return HD_CALLBACK_CONTINUE;
 }
 
-// Called before the scheduler runs.
+// Reads the arm's properties. Call it before the scheduler runs.
 void describe(Arm& arm) {
   copy(arm.serial, hdGetString(HD_DEVICE_SERIAL_NUMBER));
   copy(arm.model, hdGetString(HD_DEVICE_MODEL_TYPE));

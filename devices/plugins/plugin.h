@@ -120,13 +120,13 @@ typedef struct palpate_plugin_reading {
   double gripper;        /**< Opening angle [rad]. */
   double joints[6];      /**< [rad], or [m] for a sliding joint. */
   uint32_t buttons;      /**< Bit i: button i is pressed. */
-  uint32_t zero;         /**< Zero. */
+  uint32_t zero;         /**< Reserved: zero. */
 } palpate_plugin_reading;
 
 /** A force for the motors. */
 typedef struct palpate_plugin_force {
   uint32_t size;    /**< Size of this struct [bytes]. */
-  uint32_t zero;    /**< Zero. */
+  uint32_t zero;    /**< Reserved: zero. */
   double force[3];  /**< Force on the hand [N]: finite, at most facts.force, grows no faster than
                          facts.slew. */
   double torque[3]; /**< Zero in this version [N m]. */
@@ -135,7 +135,7 @@ typedef struct palpate_plugin_force {
 /** An open arm. The plug-in makes it, and may have more data behind these members. */
 typedef struct palpate_plugin_device {
   uint32_t size; /**< Size of this struct [bytes]. */
-  uint32_t zero; /**< Zero. */
+  uint32_t zero; /**< Reserved: zero. */
   void* data;    /**< For the plug-in's own use. */
 
   /** Fills in the arm's facts. Called after open, before all other functions. [main] */
@@ -167,7 +167,7 @@ typedef struct palpate_plugin_device {
 /** Finds and opens arms of one kind. */
 typedef struct palpate_plugin_factory {
   uint32_t size; /**< Size of this struct [bytes]. */
-  uint32_t zero; /**< Zero. */
+  uint32_t zero; /**< Reserved: zero. */
   /** Fills in up to `room` plugged-in arms. The caller sets the `size` of each entry, which is also
    *  the distance to the next entry. Returns the number of arms; negative if unknown. [main] */
   int (*find)(palpate_plugin_found* found, int room);
@@ -181,7 +181,7 @@ typedef struct palpate_plugin_entry {
   uint32_t size;       /**< Size of this struct [bytes]. */
   uint32_t major;      /**< PALPATE_PLUGIN_MAJOR when it was compiled. */
   uint32_t minor;      /**< PALPATE_PLUGIN_MINOR when it was compiled. */
-  uint32_t zero;       /**< Zero. */
+  uint32_t zero;       /**< Reserved: zero. */
   const char* name;    /**< Purpose, as text for the user. */
   const char* version; /**< Version of the plug-in. */
   const char* licence; /**< Licence of the plug-in and of the libraries that it needs. */
@@ -203,7 +203,7 @@ typedef struct palpate_plugin_entry {
 /** @see PALPATE_PLUGIN_WEIGHT */
 typedef struct palpate_plugin_weight {
   uint32_t size; /**< Size of this struct [bytes]. */
-  uint32_t zero; /**< Zero. */
+  uint32_t zero; /**< Reserved: zero. */
   /** Sets the share of the weight that is carried from the next write on, 0 to 1. palpate raises it
    *  in steps, from 0 to 1 in half a second, and sets 0 at once. [haptic] */
   void (*carry)(palpate_plugin_device* device, double share);
@@ -217,7 +217,7 @@ typedef struct palpate_plugin_weight {
 /** @see PALPATE_PLUGIN_HEAT */
 typedef struct palpate_plugin_heat {
   uint32_t size; /**< Size of this struct [bytes]. */
-  uint32_t zero; /**< Zero. */
+  uint32_t zero; /**< Reserved: zero. */
   /** Returns the share of the last written force that the motors have given in its direction, 0 to
    *  1; less than 1 if the motors would grow too hot. [haptic] */
   double (*given)(palpate_plugin_device* device);

@@ -189,7 +189,7 @@ HandState PluginArm::read() noexcept {
     hand.fault = Fault::kWrite;
   }
   given_ = news_.given >= 0.0 ? std::min(news_.given, 1.0) : 0.0;
-  // The carried weight rises as slowly as a force after a start, and ends at once.
+  // The motors take up the weight as slowly as a force grows after a start, and release it at once.
   upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= info_.watch.stale;
   const double step = std::min(dt, kLongestStep) / kEngage;
   order_.carry = carries_ && upright_ ? std::min(most_carried_, order_.carry + step) : 0.0;

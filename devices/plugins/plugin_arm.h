@@ -34,7 +34,7 @@ namespace palpate {
 ///
 /// Faults:
 /// - Fault::kWrite: a write was not taken within 20 ms plus a period, or the plug-in's process has
-///   refused an order that no gate can have let through.
+///   refused an order that violates the gate's limits.
 /// - Fault::kGone: the plug-in has ended, or the arm is unplugged.
 /// - Fault::kNotFinite: numbers are not finite.
 /// - Fault::kLate: the plug-in's process has taken the force off because orders came late.

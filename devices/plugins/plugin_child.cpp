@@ -83,7 +83,7 @@ PluginChild::PluginChild(const std::filesystem::path& program,
 }
 
 bool PluginChild::lives() {
-  // If the program ignores SIGCHLD, this number may already be another process's.
+  // If the program ignores SIGCHLD, process_ may be another process by now; waitpid() then fails.
   int what = 0;
   const pid_t changed = process_ > 0 ? waitpid(process_, &what, WNOHANG | WUNTRACED) : 0;
   if (changed > 0 && WIFSTOPPED(what)) {

@@ -38,7 +38,7 @@ class OwnedDescriptor {
   int own_ = -1;
 };
 
-/// The socket preserves message boundaries. Throws DeviceError.
+/// Returns two connected sockets, which preserve message boundaries. Throws DeviceError.
 [[nodiscard]] std::pair<OwnedDescriptor, OwnedDescriptor> pluginSocketPair();
 
 [[nodiscard]] std::filesystem::path programBeside();
@@ -73,14 +73,14 @@ enum class PluginReceived : std::uint8_t {
   kNothing,
   kEnd,  ///< The other side has closed the socket.
 };
-/// `message` is empty if the socket is empty, or if the message is invalid.
+/// Receives a message, which is empty if the socket is empty or the message is invalid.
 [[nodiscard]] PluginReceived receivePluginMessage(int control,
                                                   std::optional<PluginMessage>& message);
 
 enum class PluginAnswer : std::uint8_t {
-  kAll,      ///< The process has sent all its messages.
-  kLate,     ///< The time `patience` has passed.
-  kEnded,    ///< The process has ended.
+  kAll,   ///< The process has sent all its messages.
+  kLate,  ///< The time `patience` has passed.
+  kEnded,
   kStopped,  ///< `stop` has returned true.
 };
 /// Calls `take` with each message except kDone, and `stop` (may be empty) at least every

@@ -21,7 +21,7 @@ namespace {
 constexpr std::size_t kErrorRoom = 1024;
 constexpr const char* kEnding = ".so";
 
-/// The host for the C functions below: that of the newest plug-in.
+/// Host of the plug-in that was loaded last; the C functions below use it.
 PluginHost& hostNow() {
   static PluginHost host;
   return host;

@@ -16,11 +16,10 @@ namespace palpate {
 /// colons), the user's own ($XDG_DATA_HOME/palpate/plugins or ~/.local/share/palpate/plugins), and
 /// ../lib/palpate/plugins of the program.
 [[nodiscard]] std::vector<std::filesystem::path> pluginFolders();
-/// Returns the sorted names of the plug-ins. If a name occurs in several folders, the first is
-/// used.
+/// Returns the sorted names of the plug-ins. Of files with equal names, the first is used.
 [[nodiscard]] std::vector<std::string> pluginNames();
-/// Throws DeviceError if the file does not exist, or if other users may write it. For a missing
-/// file, the error lists the existing plug-ins.
+/// Returns the plug-in's file. Throws DeviceError if the file does not exist (the error lists the
+/// existing plug-ins), or if other users may write it.
 [[nodiscard]] std::filesystem::path pluginFile(const std::string& name);
 
 struct PluginHost {

@@ -28,7 +28,7 @@ bool sendPluginMessage(int socket, PluginMessage::Kind kind, std::span<const std
       static_cast<std::uint32_t>(std::min<std::size_t>(bytes.size(), PluginMessage::kMostBytes));
   std::memcpy(message.bytes.data(), bytes.data(), message.size);
   const std::size_t size = PluginMessage::kHead + message.size;
-  // Drops a line for the user if the program does not read, so that the plug-in does not block.
+  // If the program does not read, drops lines for the user, so that the plug-in does not block.
   const int how = MSG_NOSIGNAL | (kind == PluginMessage::kSay ? MSG_DONTWAIT : 0);
   return send(socket, &message, size, how) == static_cast<ssize_t>(size);
 }

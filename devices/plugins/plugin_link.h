@@ -34,7 +34,7 @@ struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   // Written by the plug-in's process.
   alignas(64) Seqlock<PluginNews> news;
-  /// Counts turns of the haptic thread in the plug-in's process.
+  /// Incremented by the haptic thread of the plug-in's process in each pass: a heartbeat.
   std::atomic<std::uint64_t> heart{0};
 };
 
@@ -48,11 +48,11 @@ enum : int {
 struct PluginMessage {
   enum Kind : std::uint32_t {
     kSay,     ///< A line for the user.
-    kPlugin,  ///< The plug-in's purpose, version and licence, one line each.
+    kPlugin,  ///< Three lines: the plug-in's purpose, version and licence.
     kFound,   ///< A palpate_plugin_found.
     kFacts,   ///< A palpate_plugin_facts, then a double: PluginPort::carries.
-    kDone,    ///< The list is complete, or the arm is ready.
-    kFailed,  ///< Subject, reason and remedy of an error, one line each.
+    kDone,    ///< All arms are listed, or the arm is ready.
+    kFailed,  ///< An error as three lines: subject, reason and remedy.
   };
   static constexpr std::size_t kMostBytes = 4096;
   std::uint32_t kind = kSay;

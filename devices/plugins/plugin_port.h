@@ -14,13 +14,13 @@ inline constexpr double kPluginSlew = 2000.0;
 
 /// An order to a plug-in's arm, one per tick.
 struct PluginOrder {
-  palpate_plugin_force force{sizeof(palpate_plugin_force), 0, {}, {}};  ///< Force to give.
-  double carry = 0.0;        ///< Share of the arm's weight to carry.
-  std::uint32_t number = 0;  ///< Number of this order; orders are counted.
+  palpate_plugin_force force{sizeof(palpate_plugin_force), 0, {}, {}};  ///< Force on the hand.
+  double carry = 0.0;        ///< Share of the arm's weight that the motors carry, 0 to 1.
+  std::uint32_t number = 0;  ///< Sequence number.
   std::uint32_t zero = 0;    ///< Always zero.
 };
 
-/// News of a plug-in's arm, as the plug-in reported them, not yet checked.
+/// State of a plug-in's arm as the plug-in reported it, not yet checked.
 struct PluginNews {
   /// The newest reading.
   palpate_plugin_reading reading{sizeof(palpate_plugin_reading), 0, 0, {}, {}, {}, 0.0, {}, 0, 0};
@@ -52,11 +52,11 @@ class PluginPort {
 
   /// Returns false, and leaves `news` unchanged, if the arm is gone. RT: no allocation.
   [[nodiscard]] virtual bool read(PluginNews& news) noexcept PALPATE_NONBLOCKING = 0;
-  /// Passes on an order. RT: no allocation.
+  /// Sends an order to the arm. RT: no allocation.
   virtual void write(const PluginOrder& order) noexcept PALPATE_NONBLOCKING = 0;
   /// Returns the zero force for a guardian; empty if another process cannot reach the arm.
   [[nodiscard]] virtual ZeroForce zeroForce() const noexcept { return {}; }
-  /// Returns how often the arm has been opened; the first time counts.
+  /// Returns how often the arm has been opened, including the first time.
   [[nodiscard]] virtual std::uint32_t openings() const noexcept { return 1; }
 };
 

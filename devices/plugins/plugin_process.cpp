@@ -27,7 +27,7 @@ namespace palpate {
 namespace {
 
 constexpr double kEnds = 1.0;  // [s] for a process to end after a request
-// [s]: a process hangs if its haptic thread makes no turn for this time.
+// [s]: a process hangs if its haptic thread makes no pass for this time.
 constexpr double kHung = 0.5;
 constexpr int kTriesAgain = 500;             // [ms] between two attempts to start a process
 constexpr std::array<std::byte, 4> kZero{};  // message of a guardian; any message means zero force
@@ -187,7 +187,7 @@ class ProcessPort final : public PluginPort {
 
   [[nodiscard]] bool over() const noexcept { return quit_ || (host_.stop && host_.stop()); }
 
-  /// Ignores exceptions of the user's callback.
+  /// A callback must not end this thread, so its exceptions are dropped.
   void tell(const std::string& words) noexcept {
     try {
       if (host_.say && words != told_) host_.say("plugin:" + file_.stem().string() + ": " + words);

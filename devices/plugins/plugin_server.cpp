@@ -79,12 +79,12 @@ void PluginServer::give(std::int64_t now) noexcept {
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
     device_.carry(stopped ? 0.0 : order_.carry);
     news_.wrote = device_.write(stopped ? none : order_.force);
-    // A result below 0 reports kWrite, not kLate: for an unsound order, or a plug-in that hung.
+    // A negative result reports kWrite, not kLate: for an unsound order, or a plug-in that hung.
     if (!sound || (stopped && blamed_)) news_.wrote = -1;
     news_.written = order_.number;
     news_.given = stopped ? 0.0 : device_.given();
     drives_ = !stopped && !zero;
-    // A stop() during the write may have preceded the force, so the force is taken off again.
+    // If stop() was called during the write, the force may have been sent after the zero.
     if (!stopped && stopped_) takeOff();
     link_.news.store(news_);
   } else if (drives_ && now - ordered_at_ > nsOf(kSilent)) {
@@ -153,7 +153,7 @@ PluginServer::Look PluginServer::look(std::int64_t now) noexcept {
 
 namespace {
 
-/// For signal handlers: a crash handler takes the force off before the process ends.
+/// The open arm, for signal handlers: they take the force off before the process ends.
 std::atomic<const PluginDevice*> the_device{nullptr};
 
 /// Longest time for stop(). If it hangs, this process ends, and the next one takes the force off.
@@ -181,7 +181,7 @@ extern "C" void stopAtExit() {
   }
 }
 
-/// A stack overflow is also a crash, so signal handlers need a separate stack.
+/// An alternative stack for signal handlers: after a stack overflow the normal stack is unusable.
 class HandlerStack {
  public:
   HandlerStack() : memory_(65536) {
@@ -202,7 +202,7 @@ class HandlerStack {
   std::vector<std::byte> memory_;
 };
 
-/// Ignores SIGPIPE, which a write to a closed socket or pipe causes.
+/// Makes signals that end the process stop the arm first. Ignores SIGPIPE (writes to closed pipes).
 void catchCrashes() {
   struct sigaction action {};
   action.sa_handler = stopThenEnd;
@@ -241,7 +241,7 @@ void keepDescriptors() {
   }
 }
 
-/// Claims an arm by a name in the kernel that vanishes with the process.
+/// Claims an arm by an abstract socket name, which the kernel frees when the process ends.
 class Claim {
  public:
   Claim(const std::string& plugin, const std::string& serial) {
@@ -294,7 +294,7 @@ palpate_plugin_facts sendFacts(const PluginDevice& device) {
   return facts;
 }
 
-/// Write-protects the program's part of the memory. Throws DeviceError.
+/// Maps the shared memory and write-protects the program's part. Throws DeviceError.
 PluginLink& mapLink() {
   void* memory =
       mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, kPluginMemory, 0);
@@ -362,7 +362,6 @@ void watchServer(PluginServer& server) {
     over = ((ends[0].revents | ends[1].revents) & (POLLHUP | POLLERR)) != 0;
     const PluginServer::Look look = server.look(nowNs());
     if (look == PluginServer::Look::kStop) stopInTime(server);
-    // The haptic thread hangs inside the plug-in.
     if (look == PluginServer::Look::kEnd) _exit(3);
   }
 }
@@ -421,7 +420,7 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     (void)becomeRealtime({}, StayAwake(false));
     server.loop();
   });
-  // Waits for the first turn, because locking the memory may take a while.
+  // Waits for the loop's first pass, because locking the memory may take a while.
   while (link.heart == 0 && !programEnded()) std::this_thread::yield();
   (void)sendPluginMessage(kPluginControl, PluginMessage::kDone, std::string());
   watchServer(server);

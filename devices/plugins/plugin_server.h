@@ -10,8 +10,8 @@
 
 namespace palpate {
 
-/// Checks that a magnitude grows no faster than its slew limit. A tick may be late by
-/// WatchLimits::late; its growth may then come at once.
+/// Checks that a magnitude grows no faster than its slew limit. A tick may come late by
+/// WatchLimits::late; the growth for this time is then accepted at once.
 class GrowthCheck {
  public:
   /// @param slew  Largest growth per second, > 0.
@@ -35,7 +35,7 @@ class GrowthCheck {
 /// fresh and the tick never waits.
 class PluginServer {
  public:
-  static constexpr std::int64_t kLead = 100'000;  ///< [ns]
+  static constexpr std::int64_t kLead = 100'000;  ///< Lead of a reading [ns].
   /// Longest time without an order before the force becomes zero [s].
   static constexpr double kSilent = 0.015;
 
@@ -50,7 +50,7 @@ class PluginServer {
         force_growth_(slew),
         period_(static_cast<std::int64_t>(1e9 * period)) {}
 
-  /// Runs until end(). Waits between turns. RT, if the plug-in's functions are.
+  /// Runs until end(). Waits between passes. RT, if the plug-in's functions are.
   void loop() noexcept;
   [[nodiscard]] bool done() const noexcept { return done_; }
   /// Ends loop(). Callable from any thread.
@@ -58,24 +58,24 @@ class PluginServer {
   /// The action that the state of loop() requires.
   enum class Look : std::uint8_t {
     kTurns,  ///< No action: loop() is running.
-    kStop,   ///< Call stop(), because loop() has made no turn for kSilent. Returned once.
-    kEnd,    ///< End this process, because loop() has made no turn for kHung.
+    kStop,   ///< Call stop(): loop() has made no pass for kSilent. Returned once.
+    kEnd,    ///< End this process: loop() has made no pass for kHung.
   };
-  /// Checks loop(). Call it about every millisecond, on another thread. If loop() makes no turns
+  /// Checks loop(). Call it about every millisecond, on another thread. If loop() makes no passes
   /// while these calls are punctual, the plug-in hangs: the program reports Fault::kWrite and its
   /// force stays off. If the calls are late too, the program reports Fault::kLate.
   [[nodiscard]] Look look(std::int64_t now) noexcept;
-  static constexpr double kHung = 0.2;  ///< [s]
+  static constexpr double kHung = 0.2;  ///< Time without a pass after which loop() hangs [s].
   /// Keeps the force at zero until an order of zero force comes. Callable from any thread.
   void stop() noexcept;
 
  private:
   void give(std::int64_t now) noexcept;
-  /// Returns false for an order that the program's last gate cannot have let through: the plug-in's
-  /// code may have changed it. Call it once for each order.
+  /// Returns false for an order beyond the limits of the program's gate: the plug-in's code may
+  /// have overwritten it. Call it once for each order.
   [[nodiscard]] bool isSound(const PluginOrder& order, std::int64_t now) noexcept;
   void read() noexcept;
-  /// Takes off force and carried weight, on the haptic thread, so after any order in progress.
+  /// Sets force and carried weight to zero, on the haptic thread: no older order can follow.
   void takeOff() noexcept;
   [[nodiscard]] std::int64_t nextReading(std::int64_t now) noexcept;
 
@@ -95,14 +95,14 @@ class PluginServer {
   PluginNews news_;
   std::uint32_t seen_ = 0;
   bool drives_ = false;          ///< The last force that was passed on was not zero.
-  std::int64_t ordered_at_ = 0;  ///< [ns]
+  std::int64_t ordered_at_ = 0;  ///< Time of the last order [ns].
   std::int64_t ticked_at_ = 0;
 
   // Used by look() only.
   static constexpr double kPunctual = 0.005;  ///< Longest pause between two punctual calls [s].
   std::uint64_t beat_ = 0;
-  std::int64_t beat_at_ = 0;    ///< [ns]
-  std::int64_t looked_at_ = 0;  ///< [ns]
+  std::int64_t beat_at_ = 0;    ///< Time of the last pass of loop() that look() saw [ns].
+  std::int64_t looked_at_ = 0;  ///< Time of the last call of look() [ns].
   /// Time since `beat_at_` in which look() was called late [ns].
   std::int64_t held_up_ = 0;
   bool hung_ = false;

@@ -24,7 +24,7 @@ class Seqlock {
     std::memcpy(words.data(), &value, sizeof(T));
     const std::uint32_t begun = count_.load(std::memory_order_relaxed) | 1U;
     count_.store(begun, std::memory_order_relaxed);
-    // Releases each word after the odd count.
+    // Release: a reader that sees a new word also sees the odd count.
     for (std::size_t i = 0; i < kWords; ++i) {
       words_[i].store(words[i], std::memory_order_release);
     }
@@ -38,7 +38,7 @@ class Seqlock {
       const std::uint32_t before = count_.load(std::memory_order_acquire);
       if ((before & 1U) != 0) continue;
       Words words;
-      // Acquires each word before the count is read again.
+      // Acquire: the count is read again after all words.
       for (std::size_t k = 0; k < kWords; ++k) {
         words[k] = words_[k].load(std::memory_order_acquire);
       }

@@ -38,7 +38,7 @@ std::istream& openInput(const std::string& file, std::ifstream& holder) {
   if (std::filesystem::is_directory(file, error)) {
     throw Error(file, "it is a folder", "give a file");
   }
-  // Reading a device may never end, and opening a pipe may block forever.
+  // Rejects devices and pipes, because opening or reading one could block forever.
   if (std::filesystem::exists(file, error) && !std::filesystem::is_regular_file(file, error)) {
     throw Error(file, "it is a pipe or a device", "give a file, or - for standard input");
   }

@@ -21,7 +21,7 @@ class Recorder {
   static constexpr double kWritten = 0.05;  ///< Longest time until a tick is in the file [s].
   static constexpr double kSynced = 1.0;    ///< Longest time until a tick is on the disk [s].
 
-  /// Creates a temporary file beside `file`, with its header. Throws Error if it cannot be written.
+  /// Creates a temporary file in the folder of `file`, with its header. Throws Error if this fails.
   Recorder(std::filesystem::path file, const RecordedSetting& setting);
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
@@ -41,7 +41,7 @@ class Recorder {
   // Called by the scene thread.
   /// Adds a scene. Call it before the scene is published.
   void expect(RecordedScene scene);
-  /// For virtual time: waits until the ring has room for many more ticks.
+  /// For virtual time: waits until at least half of the ring is free.
   void wait() const;
   /// Returns the number of ticks that were lost because the ring was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }

@@ -76,7 +76,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   return asText(bytesOf(mark)) + asText(records);
 }
 
-// Fields of a record: name in RecordedTick, place in Telemetry, unit, and whether a replay of the
+// Fields of a record: name in RecordedTick, member of Telemetry, unit, and whether a replay of the
 // inputs and scenes determines the field.
 // clang-format off
 #define PALPATE_EACH_FIELD(FIELD)                       \
@@ -137,7 +137,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(fault, fault, "", true)
 // clang-format on
 
-// put(): from Telemetry to a record. take(): back, with valid enum values for any byte.
+// put() copies a field to a record. take() copies it back; any byte gives a valid enum value.
 template <class T>
 void put(T& to, T from) noexcept {
   to = from;
@@ -177,7 +177,7 @@ requires(Matrix::SizeAtCompileTime == N) void take(Matrix& to,
   std::copy_n(from.begin(), N, to.data());
 }
 
-/// Type of a field's numbers in numpy's notation, and their count.
+/// Count of the numbers in a field of type T, and their type in numpy's notation.
 template <class T>
 struct Kept {
   static constexpr std::size_t count = 1;
@@ -307,7 +307,7 @@ DeviceInfo deviceOf(const OrderedJson& json) {
   return d;
 }
 
-/// Rejects JSON that is nested deeper than any header that palpate writes.
+/// Parses a header. Rejects JSON that is nested deeper than any header that palpate writes.
 OrderedJson parsed(const std::string& line) {
   constexpr int kDeepest = 16;
   return OrderedJson::parse(line, [](int depth, auto, OrderedJson&) {

@@ -44,8 +44,8 @@ struct RecordedTick {
   /// Handle::orientation; the next three fields are from Handle too.
   std::array<double, 4> orientation;
   std::array<double, 3> measured_velocity;  ///< Measured by the arm [m/s].
-  double gripper;                           ///< [rad]
-  std::array<double, kMostJoints> joints;   ///< [rad]
+  double gripper;                           ///< Handle::gripper [rad].
+  std::array<double, kMostJoints> joints;   ///< Handle::joints [rad].
   double given;                             ///< TickInput::given.
   std::array<double, 3> force;              ///< StepReport::force [N].
   std::array<double, 3> wanted;             ///< StepReport::wanted [N].
@@ -66,8 +66,8 @@ struct RecordedTick {
   std::int32_t traced;               ///< Number of reads along streams.
   std::int32_t walked;               ///< Number of cells walked through.
   std::int32_t primitives;           ///< Number of primitives in the last balance.
-  std::int32_t parts;                ///< Number of parts of the scene that were near.
-  std::int32_t left_out;             ///< Number of parts that were near but found no room.
+  std::int32_t parts;                ///< StepReport::parts.
+  std::int32_t left_out;             ///< StepReport::left_out.
   std::uint32_t buttons;             ///< Handle::buttons.
   std::uint8_t fresh;                ///< StepReport::fresh.
   std::uint8_t ready;                ///< HandState::ready.
@@ -95,7 +95,7 @@ struct RecordedField {
   const char* name;    ///< Name in RecordedTick.
   const char* type;    ///< Type in numpy's notation: <f8, <i8, <u8, <i4, u1.
   std::size_t count;   ///< Count of numbers in the field.
-  std::size_t offset;  ///< [bytes]
+  std::size_t offset;  ///< Offset in the record [bytes].
   const char* unit;    ///< Empty: the numbers have no unit.
   bool output;         ///< True: a replay of the inputs and scenes determines the field.
 };
@@ -116,7 +116,7 @@ struct RecordedScene {
 /// Contents of a recording's header; numbers are exact.
 struct RecordedSetting {
   DeviceInfo device;     ///< Device of the hand, with the `limits` that the loop used.
-  double rate = 1000.0;  ///< [Hz]
+  double rate = 1000.0;  ///< Rate of the loop [Hz].
   /// JSON object about program, machine and run; not interpreted here.
   std::string about;
 };

@@ -15,7 +15,7 @@ enum class Trouble : std::uint8_t {
   kLate,       ///< No new positions: the last position repeats, with rising age.
   kEarly,      ///< Positions with time stamps in the future.
   kRepeated,   ///< Each position comes four times, as from an arm with a quarter of the rate.
-  kFrozen,     ///< The last position repeats as if it were new; no counter moves.
+  kFrozen,     ///< The last position repeats as if it were new; no encoder count changes.
   kJumping,    ///< A count was lost: all positions are shifted by kJump.
   kNotFinite,  ///< Positions that are not finite.
   kRunaway,    ///< The position moves away with speed kRun, independent of the hand.
@@ -23,10 +23,10 @@ enum class Trouble : std::uint8_t {
   kBlocked,    ///< Writes take kHang.
   kHung,       ///< Reads take kHang.
   kGone,       ///< The device is unplugged: the motors keep their force.
-  kHot,        ///< Reports that it is too hot.
-  kUnpowered,  ///< Reports that it has no power.
-  kSwitch,     ///< Reports that its safety switch is open.
-  kReleased,   ///< Reports that its dead-man switch is released.
+  kHot,        ///< The device reports that it is too hot.
+  kUnpowered,  ///< The device reports that it has no power.
+  kSwitch,     ///< The device reports that its safety switch is open.
+  kReleased,   ///< The device reports that its dead-man switch is released.
 };
 inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 
@@ -40,7 +40,7 @@ inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 /// Adds a trouble to a device from a given time on. Forwards all other calls to that device.
 class FaultyDevice final : public Device {
  public:
-  static constexpr double kJump = 0.02;  ///< [m]
+  static constexpr double kJump = 0.02;  ///< Shift of the positions [m].
   static constexpr double kRun = 4.5;    ///< [m/s]: above WatchLimits::max_speed, but not a jump.
   static constexpr double kHang = 0.03;  ///< [s]: longer than every limit of the loop.
 

@@ -11,8 +11,8 @@ namespace palpate {
 
 /// Position of a hand, or of its target, at a time.
 struct PathPoint {
-  double t = 0.0;         ///< [s]
-  Vec3 p = Vec3::Zero();  ///< [m] in W.
+  double t = 0.0;         ///< Time [s].
+  Vec3 p = Vec3::Zero();  ///< Position in W [m].
 };
 
 /// Returns the position at time t: linear between points, constant before the first and after the

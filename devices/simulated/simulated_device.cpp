@@ -180,7 +180,7 @@ HandState SimulatedDevice::read() noexcept {
 }
 
 void SimulatedDevice::write(const Vec3& force) noexcept {
-  // The hand's force from its target. The propagator contains the part from the arm's position.
+  // `pull`: the part of the hand's force from its target. The propagator contains the other part.
   const double t = static_cast<double>(tick_) / rate_;
   const Vec3 before = std::exchange(aim_, target_.at(t));
   const Vec3 pull = grip_.stiffness * aim_ + grip_.damping * rate_ * (aim_ - before);
@@ -217,7 +217,7 @@ HandTarget explore(const Box& bounds, double seconds) {
     const auto side = [&](int n) {
       return Vec3(sides[static_cast<std::size_t>(n) % sides.size()].normalized());
     };
-    // Radius of the box's ellipsoid in a direction.
+    // Radius of the box's ellipsoid in direction `out`.
     const auto radius = [&](const Vec3& out) { return 1.0 / out.cwiseQuotient(half).norm(); };
 
     // First the hand goes round the outside from the previous side, along a great circle.

@@ -59,7 +59,7 @@ class SimulatedDevice final : public Device {
   void write(const Vec3& force) noexcept override;
   [[nodiscard]] bool ended() const noexcept override;
 
-  /// Exact position, not rounded to encoder steps [m].
+  /// Returns the exact position, not rounded to encoder steps [m].
   [[nodiscard]] const Vec3& position() const noexcept { return position_; }
   [[nodiscard]] const Vec3& velocity() const noexcept { return velocity_; }  ///< [m/s]
 
@@ -92,7 +92,7 @@ class SimulatedDevice final : public Device {
 };
 
 /// Returns a scripted exploration of a box, from several sides in turn, five seconds for each side.
-/// The hand goes round the outside, touches, slides in a circle, presses deep and leaves.
+/// The hand moves around the box, touches it, slides in a circle, presses deep and leaves.
 [[nodiscard]] HandTarget explore(const Box& bounds, double seconds);
 
 /// Returns a target that follows a recorded path. The path has at least one point.

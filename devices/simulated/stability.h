@@ -1,5 +1,5 @@
-/// Computes how stiff a coupling an arm can render: the sampled loop of arm, hand and wall, for one
-/// axis. docs/stability.md has the formulas, docs/passivity.md derives them.
+/// Computes the largest stiffness that an arm can render, from the sampled loop of arm, hand and
+/// wall, for one axis. docs/stability.md has the formulas, docs/passivity.md derives them.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,7 +31,8 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 
 /// Returns the matrix that maps one sample of an axis to the next, with all delayed forces. The
 /// wall is R = stiffness x_k + damping (x_k - x_{k-n}) / (n T), with T = 1/rate and n =
-/// rateSpan(rate, rate_time); the axis never leaves it. Ignores encoder steps and Coulomb friction.
+/// rateSpan(rate, rate_time); the axis stays in contact. Ignores encoder steps and Coulomb
+/// friction.
 [[nodiscard]] Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
                                          double stiffness, double damping,
                                          double rate_time = kRateTime);
@@ -61,8 +62,7 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 /// wall [m]. Infinite if viscous friction suffices alone; 0 without Coulomb friction.
 [[nodiscard]] double holdingAmplitude(const ArmParams& arm, double rate, double stiffness);
 
-/// Stability margins of a coupling on an arm. Show them together: `passive` alone suggests a softer
-/// coupling than necessary.
+/// Stability margins of a coupling on an arm. `passive` alone suggests too soft a coupling.
 struct CouplingRoom {
   double passive = 0.0;    ///< passiveStiffness [N/m]
   double stable = 0.0;     ///< stableStiffness of the arm in a hand [N/m]

@@ -21,8 +21,7 @@ constexpr double kFar = 0.02;       // [m]: a swing beyond this distance counts 
 constexpr double kMade = 1e-5;      // [J]: energy gain of the hand from which a cell is active
 constexpr std::size_t kCoarse = 8;  // spacing of the cells that are computed first
 constexpr double kLastly = 0.75;    // share of the time after which the final behaviour is judged
-// A swing decays if its size in the last quarter of the run is less than this share of its size in
-// the third quarter.
+// Ratio of a swing's sizes in the last and the third quarter of the run, below which it decays.
 constexpr double kDying = 0.8;
 
 Primitive plane(const Vec3& normal, double strength) {

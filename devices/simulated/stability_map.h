@@ -33,8 +33,7 @@ struct MapContact {
 /// A method for which maps are drawn.
 struct MapMethod {
   std::string name;  ///< Name in maps and tables.
-  /// Makes a new hand without history, for a stiffness [N/m], a damping [N s/m] and the time
-  /// between readings [s].
+  /// Makes a hand without history for a stiffness [N/m], a damping [N s/m] and a period [s].
   std::function<MapFeel(double stiffness, double damping, double period)> make;
 };
 
