@@ -15,7 +15,7 @@ double backgroundOf(const openvdb::GridBase& grid) {
              : static_cast<const openvdb::FloatGrid&>(grid).background();
 }
 
-/// Samples the finite active voxels, without those of the value `common`.
+/// Samples the finite active voxels, except those with the value `common`.
 std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<float> common) {
   const auto is_common = [common](float value) { return common && value == *common; };
   auto samples =
@@ -45,9 +45,9 @@ std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<
   return samples;
 }
 
-/// Finds and removes a value that marks missing data. A neighbour with this value is unknown.
+/// Finds and removes a value that marks missing data. Neighbours with it count as unknown.
 void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
-  // fraction of the samples; a less frequent value is an outlier
+  // fraction of the samples; a rarer value is an outlier
   constexpr double kMany = 1e-3;
   const std::optional<float> no_data =
       noDataOf(scalar.values, kMany * static_cast<double>(scalar.values.size()));
@@ -64,8 +64,8 @@ void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   }
 }
 
-/// Sets the range of nearly all values, and the value of the surroundings. The range includes this
-/// value if a sample touches them.
+/// Sets the value of the surroundings, and the range of nearly all values. If a sample touches the
+/// surroundings, the range includes their value.
 void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& input,
               ScalarAnalysis& scalar) {
   scalar.low = percentile(scalar.values, 0.2);
@@ -83,7 +83,7 @@ void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& inpu
   }
 }
 
-/// `common` is the value of most voxels, if they are not among the samples.
+/// `common`: the value of most voxels, if these are not among the samples.
 ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestInput& input,
                               std::optional<float> common) {
   constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is rounding
@@ -107,7 +107,7 @@ ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestIn
   scalar.entropy = entropyOf(scalar.values);
   const LevelIntegrals levels = integrateLevels(samples, scalar, edges);
   scalar.boundaries = findBoundaries(levels, scalar, edge, input.inactive_is_data);
-  // A front has data on both sides, so it is searched among all values only.
+  // Both sides of a front have data, so searches for it only if all voxels were sampled.
   if (scalar.boundaries.empty() && !scalar.common) {
     if (const auto front = findFront(input, scalar)) scalar.boundaries.push_back(*front);
   }
@@ -142,7 +142,7 @@ bool varies(const ScalarAnalysis& scalar) {
 }
 
 ScalarAnalysis analyseScalar(const SuggestInput& input) {
-  // A body with fewer than four voxels along each edge has no resolved boundary.
+  // A body of fewer than four voxels along each edge has no resolved boundary.
   constexpr std::size_t kLeast = 64;
   ScalarAnalysis all = analyseSamples(sampleScalar(input, std::nullopt), input, std::nullopt);
   if (all.distance != Distance::kNone || hasSpread(all)) return all;
@@ -152,7 +152,7 @@ ScalarAnalysis analyseScalar(const SuggestInput& input) {
   if (others.size() < kLeast) return all;
   ScalarAnalysis few = analyseSamples(std::move(others), input, common);
   if (!varies(few)) return all;
-  // A scalar that varies in few voxels must not rank above others.
+  // A scalar that varies in few voxels must rank below others.
   few.entropy = all.entropy;
   few.has_object = all.has_object;
   return few;

@@ -20,7 +20,7 @@ std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   return at;
 }
 
-/// Statistics of several scalars at the same voxels. The scalar `without` does not count.
+/// Statistics of several scalars at the same voxels. Omits the scalar with the index `without`.
 class Sums {
  public:
   Sums(const std::vector<const SuggestInput*>& scalars, const std::vector<openvdb::Coord>& at) {
@@ -33,7 +33,7 @@ class Sums {
     }
   }
 
-  /// Returns the fraction of voxels where the scalars are within 0 and 1 and add up to 1.
+  /// Returns the fraction of voxels where the scalars are from 0 to 1 and their sum is 1.
   [[nodiscard]] double ones(std::size_t without) {
     if (totals_.empty()) addUp();
     std::size_t count = 0;
@@ -48,15 +48,15 @@ class Sums {
     }
     return share(count);
   }
-  /// Returns the fraction of voxels where all values are within 0 and 1 and their sum is at most 1.
+  /// Returns the fraction of voxels where the scalars are from 0 to 1 and their sum is at most 1.
   [[nodiscard]] double atMostOnes() {
     if (totals_.empty()) addUp();
     const auto fits = [](const Total& t) { return t.beyond == 0 && t.sum <= 1.0 + kNear; };
     return share(static_cast<std::size_t>(std::count_if(totals_.begin(), totals_.end(), fits)));
   }
-  /// Returns the fraction of voxels where one scalar is nearly 1, or all are nearly 0.
+  /// Returns the fraction of voxels where one scalar is nearly 1 or all are nearly 0.
   [[nodiscard]] double alone(std::size_t without) const {
-    // a material with a greater fraction of a voxel fills it nearly alone
+    // a material with a greater fraction of a voxel fills the voxel nearly alone
     constexpr double kAlone = 0.95;
     std::size_t count = 0;
     for (const std::size_t i : data_) {
@@ -112,7 +112,7 @@ class Sums {
 }  // namespace
 
 bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
-  constexpr double kAlike = 0.97;  // least correlation of grids that match
+  constexpr double kAlike = 0.97;  // least correlation of grids with the same content
   if (scalar.grid->transform() != other.grid->transform()) return false;
   const std::vector<openvdb::Coord> at = placesOf(scalar, kPlaces);
   const std::vector<float> own = readAt(scalar, at).values;
@@ -157,9 +157,9 @@ SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars) {
                                       : scalar->extent);
   }
   constexpr double kNearlyEverywhere = 0.98;  // fraction of the voxels
-  constexpr double kMost = 0.5;  // fraction of the voxels; with less, the materials are mixed
+  constexpr double kMost = 0.5;  // fraction of the voxels; below it, the materials are mixed
   Sums sums(scalars, within);
-  // Two scalars must both belong to the sum.
+  // Of two scalars, both must belong to the sum.
   const std::size_t most = scalars.size() > 2 ? scalars.size() : 0;
   std::size_t without = scalars.size();
   sum.is_one = sums.ones(without) >= kNearlyEverywhere;

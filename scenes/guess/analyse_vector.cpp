@@ -14,7 +14,7 @@ struct VectorSample {
   float jacobian = 0.0F;
 };
 
-/// A rotation into these orthogonal axes keeps the magnitudes of the curl and the Jacobian.
+/// The grid's axes, taken as orthogonal. They keep the magnitudes of curl and Jacobian.
 struct GridAxes {
   std::array<double, 3> edges;  ///< [units of the file]
   std::array<openvdb::Vec3d, 3> axes;
@@ -31,7 +31,7 @@ GridAxes axesOf(const openvdb::GridBase& grid) {
   return out;
 }
 
-/// Returns the vector of a voxel, with curl and Jacobian if all neighbours are known.
+/// Returns the vector of a voxel, and its curl and Jacobian if all neighbours are known.
 template <class Reader>
 VectorSample sampleVector(const Reader& reader, const openvdb::Coord& c, const SuggestInput& input,
                           const GridAxes& own) {
@@ -64,7 +64,7 @@ double fastestOf(const std::vector<VectorSample>& samples) {
   return percentile(speeds, 99.8);
 }
 
-/// Returns VectorAnalysis::turning of the vectors longer than `still` with a curl >= `least`.
+/// Returns VectorAnalysis::turning of vectors longer than `still` with a curl >= `least`.
 double coreOf(const std::vector<VectorSample>& samples, double still, double least) {
   double turning = 0.0;
   double changing = 0.0;
@@ -79,9 +79,9 @@ double coreOf(const std::vector<VectorSample>& samples, double still, double lea
 }  // namespace
 
 VectorAnalysis analyseVector(const SuggestInput& input) {
-  // Voxels below this fraction of the greatest speed are noise or zeros about the flow.
+  // Slower voxels than this fraction of the greatest speed are noise, or zeros around the flow.
   constexpr double kStill = 0.01;
-  // relative to the greatest speed; a smaller difference is due to rounding
+  // relative to the greatest speed; smaller differences are rounding errors
   constexpr double kRounding = 1e-6;
   constexpr float kLengthOne = 2e-3F;  // tolerance for a length of 1
   const GridAxes own = axesOf(*input.grid);

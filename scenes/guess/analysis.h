@@ -11,24 +11,24 @@
 
 namespace palpate::guess {
 
-/// A boundary between two materials, or between a material and values of no known material.
+/// A boundary between two materials, or between a material and other values.
 struct Boundary {
   double value = 0.0;
-  /// Value at which the mean gradient magnitude has risen by two thirds, coming from `lower`.
+  /// Value where the mean gradient has risen by two thirds from `lower`; if unknown, `value`.
   double foot = 0.0;
-  /// Values of the two materials; for an unknown material, the end of the range.
+  /// Values of the two materials. For an unknown material: the end of the range.
   double lower = 0.0;
   double upper = 0.0;
   double slope = 0.0;  ///< Mean gradient magnitude over the boundary [values per unit of the file].
-  /// Integral of the gradient over the boundary, relative to the greatest one in the grid.
+  /// Integral of the gradient over the boundary, relative to the greatest boundary of the grid.
   double share = 0.0;
   bool lower_known = false;
   bool upper_known = false;
-  /// True if found by its steepness (findFront).
+  /// True if the boundary is a front (findFront).
   bool front = false;
 };
 
-/// Whether a grid is a signed distance, in units of the file or in voxels.
+/// Says whether a grid is a signed distance, in units of the file or in voxels.
 enum class Distance : std::uint8_t {
   kNone,
   kFull,       ///< The values change by 1 per unit or per voxel.
@@ -37,24 +37,24 @@ enum class Distance : std::uint8_t {
 
 struct ScalarAnalysis {
   std::vector<float> values;
-  /// Range of nearly all values, including the value of the surroundings.
+  /// Range of nearly all values; includes the surroundings' value if a sample touches them.
   double low = 0.0;
   double high = 0.0;
-  std::optional<double> outside;  ///< Value of the surroundings of an image; no value for a mesh.
+  std::optional<double> outside;  ///< Value around an image; no value for a mesh.
   std::vector<Boundary> boundaries;
   bool has_object = false;  ///< True if the analysis of all voxels found a boundary.
   /// Evenness of the distribution: 0 if all values are equal, 1 if all are equally frequent.
   double entropy = 0.0;
   double whole = 0.0;  ///< Fraction of whole numbers.
-  /// Fraction of equal neighbours, without pairs that contain the most frequent value.
+  /// Fraction of neighbours with equal values. Ignores pairs with the most frequent value.
   double alike = 0.0;
-  double skips = 0.0;  ///< Fraction of unequal neighbours with another grid value in between.
-  /// All values that occur; empty if there are more than kMostDistinct.
+  double skips = 0.0;  ///< Fraction of unequal neighbours with another value in between.
+  /// All different values; empty if there are more than kMostDistinct.
   std::vector<float> distinct;
   std::optional<double> no_data;  ///< Value that marks missing data; the analysis ignores it.
   Distance distance = Distance::kNone;
-  bool positive_inside = false;  ///< True for a distance that is positive inside of the bodies.
-  /// Value of most voxels, if only the few others were analysed; otherwise no value.
+  bool positive_inside = false;  ///< True for a distance that is positive inside bodies.
+  /// Value of most voxels, if only the other voxels were analysed.
   std::optional<double> common;
 
   [[nodiscard]] double range() const { return high - low; }
@@ -65,26 +65,26 @@ struct ScalarAnalysis {
   }
 };
 
-/// Returns true if a mode can use the values: they have a boundary or a spread, or are a distance.
+/// Returns true if a mode can use the values: they have a boundary, a spread, or are a distance.
 [[nodiscard]] bool varies(const ScalarAnalysis& scalar);
 
-/// A grid with more than this number of different values does not contain labels.
+/// A grid with more different values than this does not contain labels.
 constexpr std::size_t kMostDistinct = 1024;
 
 struct VectorAnalysis {
   bool constant = true;
-  std::vector<float> speed;  ///< Magnitudes of the vectors that are part of the flow, ascending.
-  /// Magnitudes of the curl at vectors of the flow with known neighbours, ascending.
+  std::vector<float> speed;  ///< Magnitudes of the flow's vectors, ascending.
+  /// Magnitudes of the curl at the flow's vectors, where all neighbours are known; ascending.
   std::vector<float> curl;
-  /// |O|^2 / |J|^2, with O the antisymmetric part of the Jacobian J: 0.5 in shear, 1 in a rotation.
+  /// |O|^2 / |J|^2 with the Jacobian J and its antisymmetric part O: 0.5 in shear, 1 in a rotation.
   double turning = 0.0;
-  /// `turning` where the curl is in its highest 5 percent: near 1 in the core of a vortex.
+  /// `turning` where the curl is in its highest 5 %: near 1 in the core of a vortex.
   double core = 0.0;
   double unit = 0.0;  ///< Fraction of the flow's vectors with length 1.
 };
 
-/// Analyse about kSuggestSamples active voxels (see suggest.h). If nearly all voxels of a scalar
-/// have one value, analyseScalar() treats this value as the background of the others.
+/// Analyse about kSuggestSamples active voxels (suggest.h). If nearly all voxels of a scalar have
+/// one value, analyseScalar() treats this value as the background.
 [[nodiscard]] ScalarAnalysis analyseScalar(const SuggestInput& input);
 [[nodiscard]] VectorAnalysis analyseVector(const SuggestInput& input);
 
@@ -93,16 +93,16 @@ struct VectorAnalysis {
 
 /// Results of analysing several scalars together. Fractions are scalars within 0 and 1.
 struct SumAnalysis {
-  /// True if the scalars are fractions with a sum of at most 1 nearly everywhere.
+  /// True if nearly everywhere the scalars are fractions with a sum of at most 1.
   bool is_at_most_one = false;
-  /// True if the scalars, apart from `other`, are fractions with the sum 1 nearly everywhere.
+  /// True if nearly everywhere the scalars, except `other`, are fractions with the sum 1.
   bool is_one = false;
   /// Index of the scalar that does not belong to the sum; no value: all belong to it.
   std::optional<std::size_t> other;
-  /// True if most voxels contain at most one material; false if the materials are mixed.
+  /// True if most voxels contain at most one material; false if materials are mixed.
   bool apart = false;
-  std::vector<double> at_faces;  ///< Mean of each scalar on the faces of the box about all scalars.
-  std::vector<double> throughout;  ///< Mean of each scalar in the whole box.
+  std::vector<double> at_faces;    ///< Mean of each scalar on the faces of the box around all.
+  std::vector<double> throughout;  ///< Mean of each scalar in this box.
 };
 [[nodiscard]] SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars);
 

@@ -14,14 +14,14 @@
 namespace palpate::guess {
 namespace {
 
-/// Voxels above a value that follow each other along z.
+/// A row of adjacent voxels along z with values above a limit.
 struct Run {
   openvdb::Coord first;
   int end = 0;             ///< z after the last voxel.
   std::uint32_t next = 0;  ///< Index of a run of the same body.
 };
 
-/// Runs of voxels, joined into bodies by their faces (union-find).
+/// Runs that are joined into bodies if they touch by their faces (union-find).
 class Bodies {
  public:
   Bodies(const openvdb::FloatGrid& grid, double above)
@@ -62,7 +62,7 @@ class Bodies {
       within = solid;
     }
   }
-  /// Joins the runs [from, to) of a row with the runs from `row` on of a neighbouring row.
+  /// Joins the runs [from, to) of a row with the runs of the neighbouring row that starts at `row`.
   void join(std::size_t from, std::size_t to, std::size_t row) {
     while (from < to && row < runs_.size()) {
       const Run& a = runs_[from];
@@ -86,7 +86,7 @@ struct Extent {
   openvdb::CoordBBox box;
 };
 
-/// Returns the voxels of the runs with keep(index), and their neighbours up to a distance.
+/// Returns the voxels of the runs with keep(index) true, and all voxels up to a distance from them.
 template <class Keep>
 openvdb::MaskTree dilated(const std::vector<Run>& runs, int voxels, const Keep& keep) {
   openvdb::MaskTree mask;
@@ -106,9 +106,9 @@ openvdb::MaskTree dilated(const std::vector<Run>& runs, int voxels, const Keep& 
 }  // namespace
 
 std::optional<LargestBody> findLargestBody(const SuggestInput& image) {
-  // If the other bodies have a smaller fraction of the largest body's voxels, they are noise.
+  // Other bodies are noise if they have less than this fraction of the largest body's voxels.
   constexpr double kNoise = 1e-4;
-  constexpr int kReach = 2;  // voxels: a proxy on the surface reads the cell that contains it
+  constexpr int kReach = 2;  // [voxels]: a proxy on the surface reads the cell around it
   if (!image.isScalar() || !image.grid->isType<openvdb::FloatGrid>()) return std::nullopt;
   Candidate candidate;
   candidate.input = &image;

@@ -10,20 +10,20 @@ namespace palpate::guess {
 
 /// The largest body in an image of Hounsfield units.
 struct LargestBody {
-  /// 1 in the body and within two voxels of it; inactive elsewhere, and within one voxel of other
-  /// bodies. Its metadata name the image (kMetaBodyOf).
+  /// 1 in the body and within two voxels of it; inactive elsewhere, and within one voxel of another
+  /// body. Its metadata name the image (kMetaBodyOf).
   openvdb::FloatGrid::Ptr region;
-  std::uint64_t left = 0;  ///< Number of bodies that are left out.
+  std::uint64_t left = 0;  ///< Number of bodies left out.
 };
 
-/// Name of the metadata of LargestBody::region: the name of the image.
+/// Key of the metadata of LargestBody::region that holds the image's name.
 inline constexpr const char* kMetaBodyOf = "body_of";
 
-/// Returns the largest body in an image of Hounsfield units: the largest set of voxels above the
-/// value of the skin that are connected by their faces, with all smaller sets in its box, such as
-/// vessels in a lung. Leaves out all other sets, such as the table below a patient. Returns no
-/// value for other units, or if at most 1e-4 of the largest set's voxels would be left out. Cost:
-/// one pass over the box of the active voxels, and some 50 bytes for each run along z.
+/// Returns the largest body in an image of Hounsfield units: the largest set of face-connected
+/// voxels above the value of the skin, and all smaller sets in its box, such as vessels in a lung.
+/// All other sets, such as the table below a patient, are left out. Returns no value for other
+/// units, or if the sets to leave out have at most 1e-4 of the largest set's voxels. Cost: one pass
+/// over the box of the active voxels, and about 50 bytes for each run along z.
 [[nodiscard]] std::optional<LargestBody> findLargestBody(const SuggestInput& image);
 
 }  // namespace palpate::guess

@@ -11,7 +11,7 @@ namespace {
 
 struct Scale {
   double low = 0.0;
-  double width = 0.0;  ///< width of a bin, in units of the values
+  double width = 0.0;  ///< Width of a bin, in the unit of the values.
 
   explicit Scale(const ScalarAnalysis& scalar)
       : low(scalar.low), width(scalar.range() / static_cast<double>(kBins)) {}
@@ -20,8 +20,8 @@ struct Scale {
   }
 };
 
-/// A material without noise has no dip of the gradient. Instead, its bin has at least as many
-/// voxels as all bins near it together.
+/// A material without noise has no dip of the gradient. But its bin has at least as many voxels as
+/// the 32 bins on either side together.
 bool isConstantMaterial(const Bins& count, std::size_t bin) {
   constexpr std::size_t kNear = 32;
   double near = 0.0;
@@ -34,7 +34,7 @@ bool isConstantMaterial(const Bins& count, std::size_t bin) {
 struct GradientProfile {
   Bins area{};
   Bins gradient{};
-  Bins mean{};  ///< Mean gradient magnitude of each level; 0 at a material without noise.
+  Bins mean{};  ///< Mean gradient magnitude at each level; 0 at a material without noise.
 };
 
 GradientProfile profileOf(const LevelIntegrals& levels) {
@@ -53,14 +53,14 @@ GradientProfile profileOf(const LevelIntegrals& levels) {
   return profile;
 }
 
-/// A local minimum (dip) or maximum (peak) of the mean gradient magnitude.
+/// A minimum (dip) or maximum (peak) of the mean gradient magnitude.
 struct Turn {
   std::size_t bin = 0;
   bool peak = false;
 };
 
 std::vector<Turn> turnsOf(const Bins& mean) {
-  // Least ratio of a peak to the dips beside it. Noise alone gives ratios up to 1.5.
+  // Least ratio of a peak to the dips beside it. Noise alone reaches a ratio of 1.5.
   constexpr double kContrast = 1.6;
   std::vector<Turn> turns;
   std::size_t highest = 0;
@@ -85,7 +85,7 @@ std::vector<Turn> turnsOf(const Bins& mean) {
   return turns;
 }
 
-/// Returns the first bin from a dip to a peak at which the mean has risen by the fraction `part`.
+/// Returns the first bin from dip to peak where the mean is `part` of the way to `slope`.
 std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double slope, double part) {
   const double level = mean[dip] + part * (slope - mean[dip]);
   std::size_t i = dip;
@@ -95,8 +95,8 @@ std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double s
 
 void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_t from,
                    std::size_t peak, std::size_t to) {
-  // Between two known materials, the boundary is midway between the half heights. Beside one, it is
-  // at two thirds of the height: half the height is within the material's noise.
+  // Between two known materials, the boundary is midway between the two half heights. With one
+  // known material, it is at two thirds of the height, because the material's noise reaches half.
   constexpr double kHalf = 0.5;
   constexpr double kTwoThirds = 2.0 / 3.0;
   const auto rise = [&](std::size_t dip, double part) {
@@ -110,16 +110,16 @@ void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_
   b.foot = b.lower_known ? rise(from, kTwoThirds) : b.value;
 }
 
-/// Sets Boundary::share to the gradient integral. Returns no value for a smooth field, or if the
-/// boundary encloses no object.
+/// Returns the boundary at a peak; `share` is its integral of the gradient. Returns no value if the
+/// field is smooth there, or if the boundary encloses no object.
 std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::vector<Turn>& turns,
                                    std::size_t t, const ScalarAnalysis& scalar, double edge,
                                    bool image) {
-  // Greatest thickness [voxels]; a thicker boundary belongs to a smooth field. Smoothing makes the
-  // boundaries of an image thicker. The voxels of a mesh are at most as large as its cells.
+  // Greatest thickness [voxels]; beyond it, the field is smooth. An image may have been smoothed. A
+  // mesh's voxels are at most as large as its cells.
   constexpr double kThickestOfImage = 15.0;
   constexpr double kThickestOfMesh = 6.0;
-  // Least fraction of a mesh's voxels on either side. A smaller region is the edge of a field.
+  // Least fraction of a mesh's voxels on either side. A smaller region is a margin of the field.
   constexpr double kLeastOfMesh = 0.01;
 
   Boundary b;
@@ -148,10 +148,10 @@ std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::ve
   return b;
 }
 
-/// Keeps the greatest boundaries, sorted by value. Divides `share` by the greatest integral.
+/// Keeps the greatest boundaries, sorted by value, and divides each `share` by the greatest one.
 void keepGreatest(std::vector<Boundary>& found) {
   constexpr std::size_t kMost = 3;
-  // A boundary with a smaller fraction of the greatest gradient integral is not an object.
+  // A boundary with a smaller share of the greatest integral is not an object's.
   constexpr double kLeastShare = 0.05;
   std::stable_sort(found.begin(), found.end(),
                    [](const Boundary& a, const Boundary& b) { return a.share > b.share; });

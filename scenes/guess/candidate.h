@@ -10,7 +10,7 @@
 
 namespace palpate::guess {
 
-/// Kind of a grid. It determines the rules that make the grid's modes.
+/// Kind of a grid, which determines the rules that make the grid's modes.
 enum class Kind : std::uint8_t {
   kOther,  ///< No mode can use the grid.
   kConstant,
@@ -31,7 +31,7 @@ struct Candidate {
   std::string name;
   ScalarAnalysis scalar;
   VectorAnalysis vector;
-  double score = 0.0;  ///< Score of a scalar. Higher scores come first.
+  double score = 0.0;  ///< Score of a scalar; higher scores come first.
   Kind kind = Kind::kOther;
   std::string seen;
 
@@ -42,7 +42,7 @@ struct Candidate {
   }
 };
 
-/// Rounds a number to 4 digits. Whole numbers keep all digits.
+/// Rounds a number to 4 digits; whole numbers stay unchanged.
 inline double shown(double value) {
   return value == std::round(value) ? value : rounded(value, std::abs(value));
 }

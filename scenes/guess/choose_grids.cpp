@@ -46,7 +46,7 @@ void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Leaves out weights of distances: they state how surely a scanner has seen a voxel.
+/// Leaves out weights of distances: they say how reliably a scanner has measured a voxel.
 void leaveWeights(const std::vector<Candidate>& candidates, Draft& draft) {
   const auto is_distance = [](const Candidate& c) {
     return c.kind == Kind::kLevelSet || c.kind == Kind::kDistance;
@@ -94,7 +94,7 @@ const Candidate* anisotropyOf(const std::vector<Candidate>& candidates, const Ca
   return nullptr;
 }
 
-/// Adds the first grid of directions that is not the same everywhere.
+/// Adds the first grid of directions that varies.
 void addFibres(const std::vector<Candidate>& candidates, Draft& draft) {
   const Candidate* chosen = nullptr;
   for (const Candidate& c : candidates) {
@@ -125,11 +125,11 @@ bool isVelocity(const Candidate* c) {
 
 struct Vectors {
   const Candidate* flow = nullptr;
-  /// Uniform vectors, which are left out at first.
+  /// Uniform vectors; addUniform() may add one of them later.
   std::vector<const Candidate*> uniform;
 };
 
-/// Adds the first flow with the name of a velocity, or else the first flow.
+/// Adds the first flow that is named like a velocity, otherwise the first flow.
 Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
   Vectors vectors;
   std::vector<const Candidate*> flows;
@@ -162,9 +162,9 @@ Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
   return vectors;
 }
 
-/// Returns the scalars within 0 and 1, which may be fractions of materials.
+/// Returns the scalars with values from 0 to 1, which may be fractions of materials.
 std::vector<Candidate*> fractionsOf(std::vector<Candidate>& candidates, const Draft& draft) {
-  constexpr double kTolerance = 0.01;  // interpolation may give values slightly outside 0 to 1
+  constexpr double kTolerance = 0.01;  // interpolation can exceed the range 0 to 1 slightly
   std::vector<Candidate*> fractions;
   for (Candidate& c : candidates) {
     if (draft.isFree(c, Kind::kScalar) && c.scalar.low >= -kTolerance &&
@@ -175,7 +175,7 @@ std::vector<Candidate*> fractionsOf(std::vector<Candidate>& candidates, const Dr
   return fractions;
 }
 
-/// Returns the material that surrounds the others: by its name, or by its mean on the box's faces.
+/// Returns the index of the outermost material: by name, or by the mean on the box's faces.
 std::size_t outermostOf(const std::vector<Candidate*>& fractions, const SumAnalysis& sum) {
   const auto is_void = [](const Candidate* c) {
     return hasWord(lowerCase(c->input->name()), {"void", "vacuum", "empty", "background"});
@@ -203,9 +203,9 @@ void leaveMasses(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Adds surfaces of materials, the largest volume first. The outermost material gets no surface,
-/// because the hand moves in it. Named volume fractions may add up to less than 1: the rest is a
-/// void.
+/// Adds surfaces of materials, the largest volume first. The outermost material gets no surface:
+/// the hand moves in it. If the grids are named volume fractions, their sum may be less than 1, and
+/// the rest is a void.
 void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<Candidate*> fractions = fractionsOf(candidates, draft);
   const bool named = std::count_if(fractions.begin(), fractions.end(), isVolumeFraction) > 1;
@@ -220,7 +220,7 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
     sum.at_faces.erase(sum.at_faces.begin() + other);
     sum.throughout.erase(sum.throughout.begin() + other);
   }
-  // The fractions of a mixture of gases also add up to 1, but have no surfaces.
+  // Fractions of mixed gases also have the sum 1, but no surfaces.
   if (!(sum.is_one || (named && sum.is_at_most_one)) || !sum.apart) return;
   const std::size_t outermost = sum.is_one ? outermostOf(fractions, sum) : fractions.size();
   std::vector<std::pair<double, Candidate*>> materials;
@@ -247,9 +247,9 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// The score is higher for evenly distributed values, boundaries and names of familiar quantities.
+/// Even values, boundaries and names of familiar quantities give a higher score.
 double scoreOf(const Candidate& c) {
-  constexpr double kObject = 0.3;  // compared with an entropy of 1 for evenly distributed values
+  constexpr double kObject = 0.3;  // relative to the largest entropy, 1
   constexpr double kFamiliar = 0.2;
   const bool familiar = hasWord(lowerCase(c.input->name()), {"temp", "pres", "dens"});
   return c.scalar.entropy + (c.scalar.has_object ? kObject : 0.0) + (familiar ? kFamiliar : 0.0);
@@ -291,7 +291,7 @@ const Candidate* bodyIn(const std::vector<Candidate>& candidates, const Candidat
   return nullptr;
 }
 
-/// Adds at most `most` modes of a scalar. In an image with a body region, they act only there.
+/// Adds at most `most` modes of a scalar. If the image has a body region, they act only in it.
 void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std::size_t most,
               Draft& draft) {
   const Candidate* body = c.kind == Kind::kHounsfield ? bodyIn(candidates, c) : nullptr;
@@ -308,7 +308,7 @@ void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std:
                  "");
 }
 
-/// Adds the one or two best scalars. Leaves out those that match the flow or an earlier scalar.
+/// Adds the one or two best scalars, except those that match the flow or a scalar already added.
 void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft& draft) {
   constexpr std::size_t kMost = 2;
   constexpr std::size_t kMostModes = 4;  // modes of one scalar: three surfaces and a drag
@@ -328,7 +328,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
       chosen.push_back(c);
     }
   }
-  // The first scalar may use all free modes; if there is a second scalar, all but one.
+  // The first scalar may use all free modes; if a second one follows, it must leave one mode.
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const bool more = i + 1 < chosen.size();
     draft.addVolume(*chosen[i]);

@@ -16,13 +16,13 @@ char lower(char c) {
   return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
 }
 
-/// Removes the letter at `at`, and the separator between this letter and the rest.
+/// Removes the letter at `at` and the separator beside it.
 std::string without(const std::string& name, std::size_t at) {
   std::string before = name.substr(0, at);
   std::string after = name.substr(at + 1);
   while (!before.empty() && !isWord(before.back())) before.pop_back();
   while (!after.empty() && !isWord(after.front())) after.erase(after.begin());
-  // In "velocity_x_mean" the two remaining parts need a separator; in "VelXMean" they do not.
+  // In "velocity_x_mean" the two other parts need a separator; in "VelXMean" they do not.
   const bool apart = at > 0 && !isWord(name[at - 1]) && !before.empty() && !after.empty();
   return apart ? before + name[at - 1] + after : before + after;
 }
@@ -36,8 +36,8 @@ std::optional<std::string> stemOf(const std::string& name, std::size_t at, bool 
   return stem;
 }
 
-/// Returns true if the letter is one of two that name a tensor's component, as in T_xy. `names`
-/// then has a name such as T_yy or T_zy.
+/// Returns true if the letter at `at` is one of two that name a component of a tensor, as in T_xy:
+/// then `names` contains a name such as T_yy or T_zy.
 bool isOfTensor(const std::vector<std::string>& names, const std::string& name, std::size_t at) {
   for (const std::size_t beside : {at - 1, at + 1}) {
     if (beside >= name.size()) continue;

@@ -15,8 +15,8 @@ struct Components {
 };
 
 /// Finds vectors by the names of their components, which differ in one letter: x, y and z, or u, v
-/// and w if the letter stands alone (X Velocity, MomZ, Uz, u, V_velocity). Components of a tensor
-/// (xx, xy, xz) and the coordinates x, y and z do not count.
+/// and w if the letter is separate (X Velocity, MomZ, Uz, u, V_velocity). Ignores components of
+/// tensors (xx, xy, xz), and the coordinates x, y and z.
 [[nodiscard]] std::vector<Components> findComponents(const std::vector<std::string>& names);
 
 }  // namespace palpate

@@ -22,7 +22,7 @@ void forValues(const ScalarSample& s, const F& f) {
   }
 }
 
-/// Values of constant regions, and the ends at which the values are cut off.
+/// Values of constant regions, and whether the values are cut off at their lowest and highest.
 struct Plateaus {
   std::vector<float> values;  ///< Ascending.
   float low = std::numeric_limits<float>::max();
@@ -36,7 +36,7 @@ struct Plateaus {
   [[nodiscard]] bool onBothSides() const {
     return cut_low && cut_high && low < 0.0F && high > 0.0F;
   }
-  /// Returns true if the values were divided by the distance at which they are cut off.
+  /// Returns true if values were divided by the distance at which they are cut off.
   [[nodiscard]] bool areScaled() const {
     return low >= -1.0F && high <= 1.0F &&
            ((cut_low && low == -1.0F) || (cut_high && high == 1.0F));
@@ -44,8 +44,8 @@ struct Plateaus {
 };
 
 Plateaus plateausOf(const std::vector<ScalarSample>& samples) {
-  // Fraction of the samples. A value is a plateau if more samples are in constant regions with this
-  // value, or beside inactive voxels with it.
+  // A value is a plateau if more than this fraction of the samples is in constant regions with it.
+  // The ends also count if more are beside inactive voxels with the end's value.
   constexpr double kOften = 0.01;
   Plateaus found;
   std::vector<float> flat;
@@ -68,7 +68,7 @@ Plateaus plateausOf(const std::vector<ScalarSample>& samples) {
     if (static_cast<double>(end - at) > least) found.values.push_back(*at);
     at = end;
   }
-  // In a sparse grid, the neighbours beyond the last active voxels have the values of the ends.
+  // In a sparse grid, the inactive neighbours at the edge have the lowest or the highest value.
   std::size_t lows = 0;
   std::size_t highs = 0;
   for (const ScalarSample& s : samples) {
@@ -87,14 +87,14 @@ Plateaus plateausOf(const std::vector<ScalarSample>& samples) {
   return found;
 }
 
-/// Lengths of the gradient where the values are not cut off.
+/// Lengths of the gradient at samples where the values are not cut off.
 struct Slopes {
   std::vector<double> lengths;  ///< Ascending [values per unit of the file].
   double below = 0.0;
-  double common = 0.0;  ///< Length of the mean direction; 1 in a linear ramp.
+  double common = 0.0;  ///< Length of the mean of all directions; 1 in a linear ramp.
 
   [[nodiscard]] double median() const { return lengths[lengths.size() / 2]; }
-  /// Returns the fraction of the lengths that differ from `length` by at most `part` of it.
+  /// Returns the fraction of the lengths that are within `part` of `length`.
   [[nodiscard]] double shareNear(double length, double part) const {
     const auto from =
         std::lower_bound(lengths.begin(), lengths.end(), length - part * std::abs(length));
@@ -138,10 +138,10 @@ Slopes slopesOf(const std::vector<ScalarSample>& samples, const Plateaus& platea
 
 Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
                     double edge) {
-  constexpr std::size_t kLeast = 64;   // samples; with fewer, their fractions are not known to 5 %
-  constexpr double kNearlyAll = 0.8;   // fraction of the voxels; the slope differs at ridges
+  constexpr std::size_t kLeast = 64;   // with fewer samples, fractions are not known to 5 %
+  constexpr double kNearlyAll = 0.8;   // fraction of the voxels; ridges have other slopes
   constexpr double kTolerance = 0.05;  // tolerance of the slope 1
-  // Tolerance of the slope of noisy values. Nearly all slopes of a blurred step are outside.
+  // Tolerance of the slope for noisy values. Nearly all slopes of a blurred step are outside it.
   constexpr double kNoisy = 0.25;
   constexpr double kBothSigns = 0.01;
   constexpr double kVarying = 0.5;  // largest length of the mean direction
@@ -166,7 +166,7 @@ Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<d
 }
 
 bool isPositiveInside(const SuggestInput& input) {
-  // A ground that fills at most 7/8 of the height of its box covers at most 3/4 of all faces.
+  // A ground that fills up to 7/8 of its box's height covers up to 3/4 of the box's faces.
   constexpr double kNearlyAllFaces = 0.75;
   openvdb::CoordBBox box = input.extent;
   if (box.empty()) {
@@ -178,7 +178,7 @@ bool isPositiveInside(const SuggestInput& input) {
   std::size_t all = 0;
   for (std::size_t i = 0; i < faces.values.size(); ++i) {
     const float value = faces.values[i];
-    // The value 0 marks voxels that a scanner has not seen.
+    // A scanner writes 0 for voxels that it has not seen.
     if (value == 0.0F || (!input.inactive_is_data && !faces.active[i])) continue;
     ++all;
     below += value < 0.0F ? 1 : 0;

@@ -17,7 +17,7 @@ std::string lineOf(const Json& mode) {
   return line + ": " + mode["description"].get<std::string>();
 }
 
-/// Returns `name`, or `name` with the first free number from 2, and adds it to `taken`.
+/// Adds `name` to `taken`, or `name` with the lowest free number from 2. Returns the added name.
 std::string takeFreeName(std::set<std::string>& taken, const std::string& name, char separator) {
   std::string tried = name;
   for (int n = 2; !taken.insert(tried).second; ++n) {
@@ -63,8 +63,8 @@ void Draft::addLevelSet(Json mode) {
 }
 
 std::size_t Draft::freeModes() const {
-  constexpr std::size_t kMost = 5;  // largest number of modes beside level sets
-  // level sets replace at most this number of modes, so that other grids get at least two
+  constexpr std::size_t kMost = 5;  // largest number of modes besides level sets
+  // at most this number of level sets count as modes, so that other grids get at least two
   constexpr std::size_t kMostByLevelSets = 3;
   const std::size_t taken =
       modes_.size() - level_sets_ + std::min<std::size_t>(level_sets_, kMostByLevelSets);
@@ -113,7 +113,7 @@ Guess Draft::write() const {
   Json scene;
   scene["description"] = description;
   scene["palpate"] = 1;
-  // Without a stiffness, the limit of the device lowers the default (fitCoupling).
+  // Sets no stiffness, so that fitCoupling can lower the default to the limit of the device.
   scene["coupling"] = Json{{"damping", 0.5}};
   scene["volumes"] = volumes_;
   if (!fields_.empty()) scene["fields"] = fields_;

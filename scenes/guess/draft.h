@@ -1,4 +1,4 @@
-/// Private to the scene guess: a scene that is not complete yet.
+/// Private to the scene guess: an incomplete scene.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 namespace palpate::guess {
 
-/// An incomplete scene, and the grids that it omits.
+/// An incomplete scene, and notes about grids that are left out.
 class Draft {
  public:
   explicit Draft(GuessNames names) : names_(std::move(names)), first_(names_.like) {}
@@ -20,7 +20,7 @@ class Draft {
   /// Returns an unused name for a volume or field: `name`, with a number if necessary.
   std::string uniqueName(const std::string& name);
 
-  /// Adds the volume of a candidate once. The candidate must keep its address until write().
+  /// Adds a candidate's volume, once. The candidate must keep its address until write().
   void addVolume(const Candidate& candidate);
   /// Adds a derived field under a unique name, and returns this name.
   std::string addField(const std::string& name, const Json& field);
@@ -32,13 +32,13 @@ class Draft {
   [[nodiscard]] std::size_t levelSets() const { return level_sets_; }
   [[nodiscard]] bool hasModes() const { return !modes_.empty(); }
 
-  /// Adds a note that a candidate is left out. An empty `why` means that other grids have priority.
+  /// Adds a note that a candidate is left out; empty `why`: because others have priority.
   void leaveOut(const Candidate& candidate, const std::string& why = "");
   void leaveOut(const std::string& name, const std::string& why, const std::string& remedy);
-  /// Removes the note about a candidate that gets a mode after all.
+  /// Removes the note about a candidate that is used after all.
   void takeBack(const Candidate& candidate);
 
-  /// Marks a candidate as used: it is in the scene or left out, and later rules ignore it.
+  /// Marks a candidate as used: later rules ignore it, whether it is in the scene or left out.
   void use(const Candidate& candidate) { used_.insert(&candidate); }
   [[nodiscard]] bool isUsed(const Candidate& candidate) const {
     return used_.count(&candidate) != 0;
@@ -61,7 +61,7 @@ class Draft {
   [[nodiscard]] std::string firstRemedy(const std::string& otherwise) const;
 
   GuessNames names_;
-  /// Name of the first volume, which determines the place of the others; may be empty.
+  /// Name of the first volume, whose place all other volumes get; may be empty.
   std::string first_;
   std::set<std::string> volume_names_;
   std::set<std::string> mode_names_;

@@ -10,19 +10,19 @@
 namespace palpate::guess {
 namespace {
 
-/// Half the length of the line along the gradient on which a front is searched [voxels].
+/// Half the length of the line along the gradient that is searched for a front [voxels].
 constexpr int kHalfLine = 6;
 
-/// A sampled voxel, and the values on a line through it along the gradient.
+/// A sampled voxel, with values on the line through the voxel along the gradient.
 struct LineSample {
   std::array<std::pair<float, float>, 3> near{};  ///< Lower and upper neighbour of each axis.
   std::array<double, 3> slope{};
   double length = 0.0;
   float value = 0.0F;
-  double jump = 0.0;      ///< Difference between the ends of the line.
+  double jump = 0.0;      ///< Difference between the line's ends.
   double steepest = 0.0;  ///< Largest difference over two voxel edges of the line.
-  float middle = 0.0F;    ///< Value at the steepest place.
-  bool known = false;     ///< True if all neighbours and the whole line are data.
+  float middle = 0.0F;    ///< Value where the line is steepest.
+  bool known = false;     ///< True if all neighbours and the whole line have data.
 };
 
 template <class Reader>
@@ -65,7 +65,7 @@ LineSample lineAt(const Reader& reader, const SuggestInput& input, const openvdb
   sample.length = std::hypot(sample.slope[0], sample.slope[1], sample.slope[2]);
   if (!(sample.length > 0.0)) return sample;
   const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
-  step *= edge / sample.length;  // the index coordinates of one edge along the gradient
+  step *= edge / sample.length;  // now one voxel edge along the gradient, in index coordinates
   sample.known = readLine(reader, input, c, step, sample);
   return sample;
 }
@@ -80,8 +80,8 @@ bool crossesFront(const LineSample& sample, double range) {
   return sample.jump >= kLarge * range && sample.jump <= kThickest * 0.5 * sample.steepest;
 }
 
-/// Returns the median of the values at the steepest places, weighted by voxels per unit of value:
-/// its isosurface is nearest to these places.
+/// Returns the median of the values at the steepest points, weighted by the inverse slope. The
+/// isosurface of this value is nearest to these points.
 double steepestValueOf(const std::vector<LineSample>& samples, double range) {
   std::vector<std::pair<double, double>> places;
   double all = 0.0;
@@ -99,7 +99,7 @@ double steepestValueOf(const std::vector<LineSample>& samples, double range) {
   return 0.0;
 }
 
-/// Area of an isosurface, and the part of this area that is on a front.
+/// Area of an isosurface, and the part of it that is on a front.
 struct FrontArea {
   double all = 0.0;
   double front = 0.0;
@@ -126,9 +126,9 @@ FrontArea areaAt(double value, const std::vector<LineSample>& samples, double ra
 }  // namespace
 
 std::optional<Boundary> findFront(const SuggestInput& input, const ScalarAnalysis& scalar) {
-  // If a greater fraction of the voxels is at a front, the field is coarse or noisy.
+  // If more voxels than this fraction are at a front, the field is coarse or noisy.
   constexpr double kMostly = 0.2;
-  // Least fraction of the voxels on either side. A smaller region surrounds a source.
+  // Least fraction of the voxels on either side. A smaller region surrounds only a source.
   constexpr double kLeastBeside = 0.1;
   constexpr double kNearlyAll = 0.7;  // fraction of an isosurface's area
   const std::array<double, 3> edges = edgesOf(*input.grid);

@@ -1,4 +1,4 @@
-/// Scene guess: makes a first scene for volumes without a scene file.
+/// Guesses a first scene for volumes without a scene file.
 #pragma once
 
 #include <cstdint>
@@ -10,17 +10,17 @@
 
 namespace palpate {
 
-/// Kind of the volumes as the user states it with --for. It overrides what the values suggest.
+/// Kind of the volumes, as the user states it with --for. It overrides the analysis of the values.
 enum class GuessFor : std::uint8_t { kAnything, kCt, kMri, kCfd, kFibres, kLabels };
 
 /// A guessed scene and the reasons for it.
 struct Guess {
   std::string scene;  ///< JSON text with line breaks and indentation.
-  /// For each grid in the scene, a line with its kind and the reason, such as "density: ...".
+  /// For each grid in the scene, a line with its kind and the reason: "density: ...".
   std::vector<std::string> seen;
-  /// For each mode, a line with the reason for it, such as "skin: ...".
+  /// For each mode, a line with the reason for it: "skin: ...".
   std::vector<std::string> made;
-  /// For each omitted grid, a line with the reason and a remedy if there is one, such as "H2: ...".
+  /// For each omitted grid, a line with the reason and a possible remedy: "H2: ...".
   std::vector<std::string> left;
 };
 
@@ -35,7 +35,7 @@ struct GuessNames {
   std::string file;  ///< Path of the .vdb in the scene.
   /// Prefix for the names of volumes, fields and modes, such as "a."; empty for a single file.
   std::string prefix;
-  std::string like;  ///< Volume of another file that determines the place of all volumes, or "".
+  std::string like;  ///< Volume of another file, whose place all volumes get; or "".
 };
 
 /// Returns a first scene for the grids of a file, from a sample of their voxels. The result does

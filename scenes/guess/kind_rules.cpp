@@ -1,4 +1,4 @@
-/// Rules that determine the kind of a grid. mode_rules.cpp makes the modes for each kind.
+/// Rules that determine the kind of a grid. mode_rules.cpp makes the modes of each kind.
 #include <array>
 #include <cctype>
 #include <span>
@@ -24,7 +24,7 @@ struct KindRule {
   const char* why;  ///< Reason for the kind; explain() replaces the names in braces.
 };
 
-/// Values count as whole if at least this fraction of the values are whole numbers.
+/// Least fraction of whole numbers in values that count as whole.
 constexpr double kNearlyWhole = 0.95;
 
 bool always(const Evidence&) {
@@ -84,8 +84,8 @@ bool isLabelsStated(const Evidence& e) {
          e.scalar.distinct.size() > 1;
 }
 
-/// True if at least 0.2 % of the values are below -20, as in air [HU]. Raw values are rarely
-/// negative.
+/// Returns true if at least 0.2 % of the values are below -20 [HU], as air is. Raw values of a
+/// scanner are rarely negative.
 bool hasAir(const ScalarAnalysis& scalar) {
   return scalar.low < -20.0;
 }
@@ -93,7 +93,7 @@ bool isHounsfieldStated(const Evidence& e) {
   return e.stated == GuessFor::kCt && hasAir(e.scalar);
 }
 
-/// Returns true if the values determine the kind. `--for fibres` states the kind of vectors only.
+/// Returns true if the values determine the kind. `--for fibres` states only the kind of vectors.
 bool isOpen(const Evidence& e) {
   return e.stated == GuessFor::kAnything || e.stated == GuessFor::kFibres;
 }
@@ -105,7 +105,7 @@ bool hasOtherUnit(const Evidence& e) {
   return !unit.empty() && unit != "hu" && unit != "hounsfield";
 }
 bool isHounsfieldByMetadata(const Evidence& e) {
-  // Without a unit, values of air show that the values are in Hounsfield units.
+  // Without a unit, values of air show that the unit is HU.
   return isOpen(e) && !hasOtherUnit(e) &&
          (!e.input.value_unit.empty() || (isStatedAsCt(e) && hasAir(e.scalar)));
 }
@@ -113,7 +113,7 @@ bool isMrByMetadata(const Evidence& e) {
   return isOpen(e) && e.input.modality == Modality::kMr;
 }
 
-/// True if air (-1000, or padding), tissue (0 to 100) and bone occur as in Hounsfield units.
+/// Returns true if the values of air (-1000, or padding), tissue (0 to 100) and bone all occur.
 bool isHounsfieldByValues(const Evidence& e) {
   constexpr double kBone = 800.0;        // the highest value must reach this
   constexpr double kHighest = 32768.0;   // range of 16-bit values
@@ -146,8 +146,7 @@ bool isTruncatedByValues(const Evidence& e) {
   return isOpen(e) && e.scalar.distance == Distance::kTruncated;
 }
 
-/// Any two labels can be neighbours. In an image, by contrast, values at a boundary pass through
-/// those in between.
+/// Any two labels can be neighbours, but at a boundary in an image all values in between occur.
 bool isLabelsByValues(const Evidence& e) {
   constexpr double kAllWhole = 0.999;      // fraction of the voxels
   constexpr double kConstantPieces = 0.5;  // fraction of equal neighbours
@@ -168,12 +167,12 @@ bool hasOneBoundary(const Evidence& e) {
 
 constexpr std::array kScalarRules{
     KindRule{isConstantScalar, Kind::kConstant, "nearly all values are equal"},
-    // First, rules for the kind that the user states.
+    // First, rules for the user's --for.
     KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, by --for cfd"},
     KindRule{isStated<GuessFor::kMri>, Kind::kMagnetic, "{values}: MR, by --for mri"},
     KindRule{isLabelsStated, Kind::kLabels, "{values}: {labels} labels, by --for labels"},
     KindRule{isHounsfieldStated, Kind::kHounsfield, "{values}: Hounsfield units, by --for ct"},
-    // Then, rules for the metadata of the file.
+    // Then, rules for the file's metadata.
     KindRule{isHounsfieldByMetadata, Kind::kHounsfield,
              "{values}: Hounsfield units, by the file's metadata"},
     KindRule{isMrByMetadata, Kind::kMagnetic, "{values}: MR, by the file's metadata"},
@@ -219,7 +218,7 @@ std::string explain(const char* why, const Candidate& c) {
                      fmt::arg("fastest", speed.empty() ? 0.0 : shown(speed.back())));
 }
 
-/// Applies the first rule that holds. Returns false if all rules fail.
+/// Applies the first rule whose conditions hold. Returns false if none does.
 bool decide(std::span<const KindRule> rules, GuessFor stated, Candidate& c) {
   const Evidence evidence{*c.input, c.scalar, c.vector, stated};
   for (const KindRule& rule : rules) {

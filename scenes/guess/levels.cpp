@@ -25,7 +25,7 @@ Bins smoothed(const Bins& in) {
 
 LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
                                const ScalarAnalysis& scalar, const std::array<double, 3>& edges) {
-  // A sample adds a constant to all levels between its neighbours. Only the two ends are recorded.
+  // A sample adds the same to all levels between its neighbours, so stores only the two ends.
   std::array<double, kBins + 1> area{};
   std::array<double, kBins + 1> gradient{};
   LevelIntegrals levels;
@@ -61,12 +61,12 @@ LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
     if (sample.value >= scalar.low && sample.value <= scalar.high) {
       levels.count[bin_of(sample.value)] += 1.0;
     }
-    // The surroundings of an image count as a material at the edge of its active voxels.
+    // The surroundings count as a material at the edge of an image's active voxels.
     if (sample.at_edge && scalar.outside) levels.count[bin_of(*scalar.outside)] += 1.0;
   }
   std::partial_sum(area.begin(), area.end() - 1, levels.area.begin());
   std::partial_sum(gradient.begin(), gradient.end() - 1, levels.gradient.begin());
-  // A smaller area is a rounding error of the running sum.
+  // Smaller areas are rounding errors of the running sum.
   const double least = 1e-9 * *std::max_element(levels.area.begin(), levels.area.end());
   for (std::size_t i = 0; i < kBins; ++i) {
     if (levels.area[i] <= least) levels.area[i] = levels.gradient[i] = 0.0;

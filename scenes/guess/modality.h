@@ -4,7 +4,7 @@
 
 namespace palpate {
 
-/// Modality of a medical image. It determines what the values mean.
+/// Modality of a medical image, which determines the meaning of the values.
 enum class Modality : std::uint8_t { kUnknown, kCt, kMr };
 
 }  // namespace palpate

@@ -15,7 +15,7 @@ namespace {
 
 /// Strength of a surface that encloses no other surface [N].
 constexpr double kFirm = 3.0;
-/// Strength of an outer surface [N]. A firm push reaches the inner surface.
+/// Strength of an outer surface [N]. A firm push reaches the surface inside it.
 constexpr double kYielding = 1.5;
 /// Strength of bone, and of the innermost of three surfaces [N].
 constexpr double kInnermost = 3.5;
@@ -24,7 +24,7 @@ constexpr double kInnermost = 3.5;
 
 constexpr double kFewVoxels = 1e-4;
 
-/// Returns true if more than one voxel in 10,000 is denser than lung.
+/// Returns true if more than 1 of 10,000 voxels is denser than lung.
 bool hasFlesh(const ScalarAnalysis& scalar) {
   return scalar.shareAbove(-200.0) > kFewVoxels;
 }
@@ -37,11 +37,11 @@ void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
       "The surface between air (-1000 HU) and skin (about 0 HU). It yields to a firm push."));
 }
 
-/// Adds the surface of bone: at a boundary near the lower end of bone's values, or at this end.
+/// Adds the surface of bone: at a boundary near the lowest value of bone, otherwise at this value.
 void addHounsfieldBone(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kBone = 300.0;
-  constexpr double kWithin = 100.0;  // bone must have voxels that exceed kBone by this
-  constexpr double kLowest = 150.0;  // a boundary from here to kHighest is the surface of bone
+  constexpr double kWithin = 100.0;  // some voxels must exceed kBone by this
+  constexpr double kLowest = 150.0;  // a boundary from here to kHighest is bone's
   constexpr double kHighest = 500.0;
   const ScalarAnalysis& scalar = c.scalar;
   if (!(scalar.shareAbove(kBone + kWithin) > kFewVoxels)) return;
@@ -64,7 +64,7 @@ void addHounsfieldTissue(const Candidate& c, std::vector<Json>& modes) {
                        "bone."));
 }
 
-// In MR images, the values have no common scale.
+// The values of MR images have no common scale.
 
 struct SignalLevels {
   double skin = 0.0;
@@ -72,9 +72,9 @@ struct SignalLevels {
   double bright = 0.0;  ///< 95th percentile of the values inside the skin.
 };
 
-/// Returns the values for the first boundary above the surroundings; no value without it.
+/// Returns the levels above the first boundary over the surroundings; no value without one.
 std::optional<SignalLevels> signalLevelsOf(const ScalarAnalysis& scalar) {
-  // Noise in air is a Rayleigh distribution: 99.9 % is below this factor times the median
+  // The noise of air has a Rayleigh distribution: 99.9 % is below this multiple of the median
   // (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995).
   constexpr double kNoise = 3.2;
   const double outside = scalar.outside.value_or(scalar.low);
@@ -115,13 +115,13 @@ void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
            "inside the skin."));
 }
 
-// An isosurface can separate only the lowest and the highest label from all others.
+// One isosurface can separate only the lowest or the highest label from all others.
 
 double betweenLabels(const Candidate& c, std::size_t i) {
   return 0.5 * (double{c.scalar.distinct[i - 1]} + c.scalar.distinct[i]);
 }
 
-/// If the lowest label surrounds the others, adds one surface about the others. Otherwise adds the
+/// If the lowest label surrounds the others, adds one surface around them. Otherwise adds the
 /// surface of the lowest label.
 void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kOneBody = 2.0;
@@ -179,7 +179,7 @@ constexpr std::array kModeRules{
     ModeRule{Kind::kDistance, addDistanceSurface},
 };
 
-/// Names and strengths of one, two or three nested surfaces. The outer ones yield to a firm push.
+/// Names and strengths of one, two or three nested surfaces. Outer ones yield to a firm push.
 struct Layer {
   const char* word = "";
   double strength = 0.0;  ///< [N]
@@ -217,8 +217,8 @@ std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most)
   return found;
 }
 
-/// Adds a drag that grows from the outermost to the innermost boundary on one side of the
-/// surroundings. With one boundary, it ends at the value of the enclosed material.
+/// Adds a drag that grows from the outermost to the innermost boundary of `side`, on one side of
+/// the surroundings. With one boundary, it grows up to the value of the enclosed material.
 void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool above,
                    std::vector<Json>& modes) {
   constexpr double kMost = 0.2;  // [N]: weaker than every surface
@@ -236,7 +236,7 @@ void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool a
                        std::string(within) + ": a drag that grows from one material to the next."));
 }
 
-/// Returns isosurfaces, the outermost first, and a drag on the side of the greatest boundary.
+/// Returns isosurfaces, the outermost first, and a drag on the side with the greatest boundary.
 std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
   std::vector<Boundary> found = greatestOf(c.scalar, most);
   if (found.empty()) return {};
@@ -268,21 +268,21 @@ std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
 Json dragByValue(const Candidate& c) {
   const double low = c.scalar.round(percentile(c.scalar.values, 5.0));
   const double high = c.scalar.round(percentile(c.scalar.values, 95.0));
-  // The only mode of a grid is stronger than a drag that accompanies surfaces.
+  // Without surfaces, the drag is the only mode, and so stronger than in addDragWithin.
   return drag(c.name + " drag", c.name, {{low, 0}, {high, 0.4}},
               fmt::format("A drag that grows with the value, from its 5th to its 95th "
                           "percentile ({} to {}{}): no clear boundary was found.",
                           low, high, c.unit()));
 }
 
-/// Returns a curve: 0 at the 10th percentile of the speeds, 1 N at the median, 2 N at the 95th.
+/// Returns a curve of the speed: 0 at the 10th percentile, 1 N at the median, 2 N at the 95th.
 Json strengthBySpeed(const VectorAnalysis& flow) {
-  // with a smaller ratio of the greatest to the lowest speed, all speeds count as equal
+  // if the fast speed is below this multiple of the slow one, all speeds count as equal
   constexpr double kOneSpeed = 1.05;
   const double slow = percentile(flow.speed, 10.0);
   const double middle = percentile(flow.speed, 50.0);
   const double fast = percentile(flow.speed, 95.0);
-  // If all speeds are equal, the curve only separates places with flow from places without.
+  // If all speeds are equal, the curve separates points in the flow from points at rest.
   if (fast < kOneSpeed * slow) {
     return curve({{rounded(0.5 * middle, middle), 0}, {rounded(0.9 * middle, middle), 1.5}});
   }
@@ -327,7 +327,7 @@ Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions
       "Free along the fibres and held perpendicular to them. The strength grows with the "
       "anisotropy. ";
   const ScalarAnalysis& scalar = anisotropy.scalar;
-  // Fractional anisotropy is at most 1. If the values end below kMiddle, they are another measure.
+  // Fractional anisotropy is at most 1. A measure that ends below kMiddle is another one.
   constexpr double kHighest = 1.001;
   constexpr double kMiddle = 0.4;
   if (scalar.low >= 0.0 && scalar.high <= kHighest && scalar.high > kMiddle) {
@@ -358,7 +358,7 @@ Json followUniform(const Candidate& vector) {
 }
 
 bool hasVortices(const VectorAnalysis& flow) {
-  // a smaller value means no relevant curl (shear has 0.5 and a vortex 1)
+  // below it, the curl is irrelevant (shear has 0.5, a vortex 1)
   constexpr double kTurning = 0.1;
   const double middle = percentile(flow.curl, 50.0);
   const double most = percentile(flow.curl, 95.0);
@@ -366,7 +366,7 @@ bool hasVortices(const VectorAnalysis& flow) {
 }
 
 bool hasVortexCores(const VectorAnalysis& flow) {
-  constexpr double kCore = 0.75;  // the middle between shear (0.5) and the core of a vortex (1)
+  constexpr double kCore = 0.75;  // midway between shear (0.5) and the core of a vortex (1)
   return flow.core > kCore;
 }
 

@@ -13,7 +13,7 @@ namespace palpate::guess {
 /// Value of the skin in a CT [HU]: between air (-1000) and fat (-100).
 inline constexpr double kSkinHounsfield = -300.0;
 
-/// Returns at most `most` modes, the most important first. Not for constants and level sets.
+/// Returns at most `most` modes, the most important first. Not for constant scalars and level sets.
 [[nodiscard]] std::vector<Json> scalarModes(const Candidate& c, std::size_t most);
 
 [[nodiscard]] Json levelSetSurface(const Candidate& c);
@@ -31,7 +31,7 @@ inline constexpr double kSkinHounsfield = -300.0;
 
 /// Returns true if a flow has enough curl for vortexDrag().
 [[nodiscard]] bool hasVortices(const VectorAnalysis& flow);
-/// Returns true if the flow turns like a solid where its curl is highest. Shear layers do not.
+/// Returns true if the flow turns like a rigid body where its curl is highest; shear layers do not.
 [[nodiscard]] bool hasVortexCores(const VectorAnalysis& flow);
 [[nodiscard]] Json vortexTube(const Candidate& flow);
 /// Returns a drag that depends on the field `vorticity`.

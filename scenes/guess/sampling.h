@@ -17,16 +17,16 @@
 
 namespace palpate::guess {
 
-/// Return the splitmix64 hash of a number, or of a voxel's coordinates.
+/// Return the splitmix64 hash of a number or of coordinates.
 [[nodiscard]] std::uint64_t hashOf(std::uint64_t x);
 [[nodiscard]] std::uint64_t hashOf(const openvdb::Coord& c);
 
 [[nodiscard]] openvdb::Coord voxelOf(const openvdb::CoordBBox& box, std::uint64_t n);
 
-/// Returns voxels that are spread evenly over the faces of a box.
+/// Returns voxels spread evenly over the faces of a box.
 [[nodiscard]] std::vector<openvdb::Coord> facesOf(const openvdb::CoordBBox& box);
 
-/// Returns the lengths of a voxel's edges, in units of the file.
+/// Returns the edges of a voxel [units of the file].
 [[nodiscard]] std::array<double, 3> edgesOf(const openvdb::GridBase& grid);
 
 /// Reads a scalar grid of any type as floats.
@@ -100,7 +100,7 @@ class ComponentReader {
   std::array<typename GridT::ConstAccessor, 3> accessors_;
 };
 
-/// Returns the boxes of a tree's active tiles, which are nodes with a single value.
+/// Returns the boxes of a tree's active tiles: nodes with one value for all their voxels.
 template <class TreeT>
 std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
   std::vector<openvdb::CoordBBox> tiles;
@@ -113,9 +113,9 @@ std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
 struct KeepAll {};
 
 /// Returns make(reader, coord) for every n-th active voxel with keep(value), leaves before tiles. n
-/// limits the number of results to about `most`. A hash of the origin of each leaf and tile selects
-/// the first voxel, so that threads do not change the results. A `keep` needs one more pass over
-/// all active voxels.
+/// limits the results to about `most`. In each leaf and tile, a hash of its origin selects the
+/// first voxel, so that the results do not depend on threads. `keep` costs another pass over all
+/// active voxels.
 template <class Out, class ReaderT, class GridT, class Make, class Keep = KeepAll>
 std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make,
                         const Keep& keep = {}) {
@@ -187,10 +187,10 @@ struct Neighbours {
   Value before{};
   Value after{};
   bool known = false;
-  bool at_edge = false;  ///< True if one of the neighbours is in the surroundings of an image.
+  bool at_edge = false;  ///< True if a neighbour is in an image's surroundings.
 };
 
-/// Inactive neighbours are data in an image (SuggestInput::inactive_is_data), within its extent.
+/// In an image (SuggestInput::inactive_is_data), inactive neighbours within the extent are data.
 template <class Accessor>
 auto neighboursOf(const Accessor& accessor, const openvdb::Coord& c, int axis,
                   const SuggestInput& input) {
@@ -234,7 +234,7 @@ auto withVectors(const SuggestInput& input, const F& f) {
   return f(std::type_identity<VectorReader<Vec3SGrid>>(), std::type_identity<Vec3SGrid>());
 }
 
-/// Returns about `count` active voxels, the same ones for grids with the same active voxels.
+/// Returns about `count` active voxels, which are the same for grids with the same active voxels.
 [[nodiscard]] std::vector<openvdb::Coord> placesOf(const SuggestInput& input, std::size_t count);
 
 /// Values of a scalar at some voxels, and for each voxel whether it is active.

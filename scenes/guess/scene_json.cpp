@@ -19,7 +19,7 @@ std::string inlined(const Json& json) {
 }
 
 std::string indented(const Json& json, std::size_t depth) {
-  constexpr std::size_t kShort = 90;  // [characters]: a shorter item is written on one line
+  constexpr std::size_t kShort = 90;  // [characters]: shorter items are on one line
   std::string line = inlined(json);
   if (!json.is_structured() || json.empty() || (depth > 1 && line.size() < kShort)) return line;
   const std::string margin(2 * depth, ' ');
@@ -72,7 +72,7 @@ void confine(Json& mode, const std::string& region) {
     mode["by"] = region;
     return;
   }
-  // The curve keeps its own input. The second factor is 1, and 0 where the region has no data.
+  // The curve keeps its own input. The second factor is 1; without data in the region it is 0.
   const Json within{{"piecewise", {{0, 1}, {1, 1}}}, {"by", region}};
   strength = Json{{"product", Json::array({strength, within})}};
 }

@@ -8,16 +8,16 @@ namespace palpate::guess {
 /// Returns a percentile of values that are in ascending order; 0 for an empty list.
 [[nodiscard]] double percentile(const std::vector<float>& sorted, double percent);
 
-/// Rounds to a thousandth of the power of ten of `range`, which keeps four digits of the variation.
-/// The result is finite.
+/// Rounds to a thousandth of the power of ten of `range`, which keeps four digits of the range. The
+/// result is finite.
 [[nodiscard]] double rounded(double value, double range);
 
-/// Returns the evenness of ascending values: 1 if all from the 1st to the 99th percentile are
-/// equally frequent, 0 if all are equal.
+/// Returns the evenness of ascending values: 0 if all are equal, 1 if all from the 1st to the 99th
+/// percentile are equally frequent.
 [[nodiscard]] double entropyOf(const std::vector<float>& sorted);
 
-/// Returns the magnitude of Pearson's correlation of lists with equal lengths; 0 for fewer than 8
-/// pairs or a constant list.
+/// Returns the magnitude of Pearson's correlation of two lists of equal length; 0 for fewer than 8
+/// pairs, or if a list is constant.
 [[nodiscard]] double correlation(const std::vector<double>& a, const std::vector<double>& b);
 
 }  // namespace palpate::guess

@@ -13,7 +13,7 @@
 namespace palpate::guess {
 namespace {
 
-/// Replaces characters that names in a scene must not have.
+/// Replaces characters that are invalid in names of a scene.
 std::string plainName(const std::string& name) {
   std::string plain;
   for (const char c : name) {
@@ -43,9 +43,9 @@ std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& 
   return candidates;
 }
 
-/// Sets `apart` for different transforms, because the analysis compares components by voxel.
+/// Sets `apart` for different transforms, because the analysis reads components by voxel.
 SuggestInput inputFrom(const GuessVolume& given) {
-  // A grid with a greater fraction of active voxels is a block of data up to the faces of its box.
+  // Above this fraction of active voxels, a grid is a block of data up to the faces of its box.
   constexpr double kFull = 0.98;
   SuggestInput input;
   const std::vector<Volume::Grid::Part>& parts = given.volume->grid().parts;

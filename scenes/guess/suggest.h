@@ -13,34 +13,34 @@ namespace palpate::guess {
 struct SuggestInput {
   /// A grid of float, double, Vec3s or Vec3d. Grids of other types are left out of the scene.
   openvdb::GridBase::ConstPtr grid;
-  /// If `grid` is the x component of a vector: the other components, of the same type; else null.
+  /// Other components of a vector whose x component is `grid`, of the same type; else null.
   openvdb::GridBase::ConstPtr y;
   openvdb::GridBase::ConstPtr z;
   std::string called;  ///< Name in the scene; empty: the name of the grid.
   Modality modality = Modality::kUnknown;
   std::string value_unit;  ///< Unit of the values, such as "HU"; empty: unknown.
-  bool axial = false;  ///< True if the sign of the vectors has no meaning, as for fibre directions.
-  /// True if the transforms of `y` or `z` differ from that of `grid`. The vector is not analysed.
+  bool axial = false;      ///< True if vectors v and -v mean the same, as for fibres.
+  /// True if `y` or `z` has another transform than `grid`; then the vector is not analysed.
   bool apart = false;
   /// True for an image: its inactive voxels have the value of the background, and the edge of the
-  /// active voxels may be a boundary, such as skin. False for a resampled mesh, which has no data
-  /// outside of the active voxels.
+  /// active voxels may be a boundary such as skin. False for a resampled mesh: its inactive voxels
+  /// are outside of the data.
   bool inactive_is_data = true;
-  /// Box of an image's voxels. An object has no boundary where this box cuts it. Empty: unknown.
+  /// Box of an image's voxels; where it cuts an object, there is no boundary. Empty: unknown.
   openvdb::CoordBBox extent;
 
   [[nodiscard]] bool isVector() const;
   [[nodiscard]] bool isScalar() const;
-  /// Returns `called`, or else the name of the grid in the file.
+  /// Returns `called`, or the name of the grid if `called` is empty.
   [[nodiscard]] std::string name() const { return called.empty() ? grid->getName() : called; }
 };
 
-/// Metadata that the importer writes, so that a guess for the .vdb gives the scene of the import.
+/// Keys of metadata by which a guess for the .vdb gives the same scene as the guess at import.
 inline constexpr const char* kMetaImageSize =
     "image_size";  ///< Vec3i: number of voxels along each axis, from voxel 0, 0, 0 on.
 inline constexpr const char* kMetaFrom = "imported_from";  ///< "image" or "mesh".
 inline constexpr const char* kMetaModality = "modality";   ///< "CT" or "MR".
-/// bool: the sign of the vectors has no meaning.
+/// bool: vectors v and -v mean the same.
 inline constexpr const char* kMetaAxial = "axial";
 
 /// Returns a first scene for the grids of a file, as JSON text that a person can edit. The

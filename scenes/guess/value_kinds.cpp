@@ -12,7 +12,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   double whole = 0.0;
   std::vector<float> distinct;
   for (const float value : scalar.values) {
-    // Above 2^24 every float is a whole number, and does not count.
+    // Above 2^24 every float is a whole number, so these do not count.
     whole += value == std::round(value) && std::abs(value) <= 0x1p24F ? 1.0 : 0.0;
     if (distinct.size() <= kMostDistinct && (distinct.empty() || distinct.back() != value)) {
       distinct.push_back(value);
@@ -21,7 +21,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   scalar.whole =
       scalar.range() >= 1.0 ? share(whole, static_cast<double>(scalar.values.size())) : 0.0;
   if (distinct.size() > kMostDistinct) return;
-  // Ignores pairs with the most frequent value, because it surrounds the other values.
+  // Ignores pairs with the most frequent value, which surrounds the others.
   float common = scalar.values.front();
   std::ptrdiff_t most = 0;
   for (const float value : distinct) {
@@ -65,9 +65,9 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 }
 
 std::optional<float> noDataOf(const std::vector<float>& sorted, double least) {
-  // relative to the range of the other values; air is closer to flesh than this
+  // relative to the range of the other values; air is nearer to flesh
   constexpr double kFar = 10.0;
-  constexpr std::size_t kFew = 64;  // a grid with at most this number of values may contain labels
+  constexpr std::size_t kFew = 64;  // a grid with at most this number of values may have labels
   std::size_t distinct = 1;
   for (std::size_t i = 1; i < sorted.size() && distinct <= kFew; ++i) {
     distinct += sorted[i] != sorted[i - 1] ? 1 : 0;

@@ -27,7 +27,7 @@ namespace {
 constexpr double kLargestProperty = 1e6;
 constexpr double kLongestTime = 1e9;  // [s]: largest time of a keyframe
 
-/// Rejects numbers that are so large that a tick would overflow.
+/// Rejects a number that is so large that a tick would overflow.
 void checkSize(const SceneSpec& spec, const std::string& path, double value, double most,
                const char* unit) {
   if (std::abs(value) <= most) return;
@@ -81,14 +81,14 @@ void checkGradients(const SceneSpec& spec) {
   }
 }
 
-/// For bricks, returns the properties of the finest level.
+/// Returns the properties of a volume; for bricks, of the finest level.
 const GridInfo& infoOf(const BuiltScene& built, const std::string& name) {
   const auto window = built.windows.find(name);
   return window != built.windows.end() ? window->second->manifest().info()
                                        : built.volumes.at(name)->info();
 }
 
-/// Opens a volume in bricks. Rejects options that change a grid while it is loaded.
+/// Opens a volume in bricks. Rejects options that would change the grid while it is loaded.
 void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& built,
                 SceneCache& cache) {
   const VolumeSpec& volume = spec.volumes.at(name);
@@ -144,7 +144,7 @@ std::vector<std::string> remarks(const GridInfo& info) {
   return out;
 }
 
-/// Collects all files of a scene first, and then loads them together.
+/// Collects the files of a scene, and then loads them together.
 class VolumeLoader {
  public:
   VolumeLoader(const SceneSpec& spec, BuiltScene& built, SceneCache& cache)
@@ -173,7 +173,7 @@ class VolumeLoader {
   }
 
  private:
-  /// Opens a volume, or notes its files for load().
+  /// Opens a volume, or adds its files to those that load() will load.
   void open(const std::string& name, const VolumeSpec& volume) {
     const bool displaces = displacing_.count(name) != 0;
     if (!displaces && isGiven(volume.field)) {
@@ -212,7 +212,7 @@ class VolumeLoader {
     }
   }
 
-  /// Returns the first frame with data of a sequence. Rethrows the error of any other volume.
+  /// Returns the first frame with data, if `name` is a sequence. Otherwise rethrows `error`.
   [[nodiscard]] std::shared_ptr<const Volume> firstFrameOf(const std::string& name,
                                                            const std::exception_ptr& error) {
     const VolumeSpec& volume = spec_.volumes.at(name);
@@ -284,7 +284,7 @@ void makeFields(const SceneSpec& spec, BuiltScene& built, Placer& placer, SceneC
   }
 }
 
-/// Extends the scene's bounds by each field, at all times of its motion.
+/// Extends the scene's bounds by each field at all times of its motion.
 void extendBounds(BuiltScene& built) {
   for (const auto& [name, field] : built.fields) {
     Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
@@ -362,7 +362,7 @@ SceneSpec coarsely(SceneSpec spec, const BuiltScene& built) {
     VolumeSpec& volume = spec.volumes.at(name);
     volume.volume = built.volumes.at(name);
     volume.budget_mb.reset();
-    // "fit" would compute another place from the bounds of a coarse level.
+    // For a coarse level, kFit and kUnit would compute another place from other bounds.
     const Placement& place = built.placements.at(name);
     if (volume.place.kind == PlaceSpec::Kind::kLike) continue;
     const Eigen::Quaterniond rotation(place.rotation);

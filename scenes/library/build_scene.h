@@ -24,13 +24,13 @@ namespace palpate {
 
 class SceneCache;
 
-/// Receives the progress of loading, 0 to 1. Any thread may call it, but one at a time.
+/// Receives the progress of loading, 0 to 1. Any thread may call it, but only one at a time.
 using Progress = std::function<void(double done)>;
 
-/// Deformation of a placed volume (key "warp" of a scene file). The deformed volume has at x and
-/// time t the value of the volume at x + u(x, t); see engine/field/warp.h.
+/// Deformation of a placed volume (key "warp" of a scene file). The deformed volume has, at x and
+/// time t, the value of the volume at x + u(x, t); see engine/field/warp.h.
 struct WarpSpec {
-  /// Name of the volume with u: one vector grid for each frame, in the unit of length of its file.
+  /// Name of the volume that contains u: one vector grid per frame, in its file's unit of length.
   /// Modes and fields cannot read this volume.
   std::string field;
   std::vector<double> times;  ///< Times of the frames [s]; ignored if there is one frame.
@@ -41,12 +41,12 @@ struct WarpSpec {
 
 /// Place of a volume in W, and its motion (key "place" of a scene file).
 struct PlaceSpec {
-  /// How the members below determine the place of the volume.
+  /// Says how the members below determine the place of the volume.
   enum class Kind : std::uint8_t {
     kFit,   ///< Centred in W; the longest side of the active bounds is `size` metres.
     kUnit,  ///< Centred in W in true size; one unit of the file is `size` metres.
     kMap,   ///< p_W = translate + R scale p_file, with R from `rotation_wxyz`.
-    /// The transform and the motion of volume `like`, so that both volumes stay aligned.
+    /// Same transform and motion as the volume `like`, so that both stay aligned.
     kLike,
   };
   Kind kind = Kind::kFit;  ///< Determines which of the members below apply.
@@ -64,10 +64,10 @@ struct PlaceSpec {
   std::optional<WarpSpec> warp;
 };
 
-/// Playback of a sequence (key "frames" of a scene file). scenes/library/frames.h finds its frames.
+/// Playback of a sequence (key "frames" of a scene file); scenes/library/frames.h finds the frames.
 struct FramesSpec {
   double rate = 0.0;  ///< Number of frames per second; 0: `times` applies.
-  /// Times of the frames [s]; with `repeat`, also the time at which the first frame returns.
+  /// Times of the frames [s]. With `repeat`, the last one is when the first frame returns.
   std::vector<double> times;
   bool repeat = false;              ///< If true, the first frame follows the last frame.
   std::optional<double> budget_mb;  ///< Memory for the frames [MB]; unset: 1024.
@@ -87,15 +87,15 @@ struct PlaySpec {
 
 /// A volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the caller.
 struct VolumeSpec {
-  /// A .vdb, a folder of bricks, or a pattern for files. Ignored with `volume` or `field`.
+  /// A .vdb, a folder of bricks, or a pattern for files. Ignored if `volume` or `field` is set.
   std::filesystem::path file;
   std::string grid;  ///< Name of the grid; empty: the only grid of the file.
   /// Treatment of values that are not finite; see LoadOptions.
   NonFinite non_finite = NonFinite::kRefuse;
   SmoothWidth smooth;  ///< Width of a Gaussian that smooths the grid; see LoadOptions.
   PlaceSpec place;     ///< Place and motion of the volume.
-  /// If not empty, replaces `place` by several places. These must not have kLike or keyframes.
-  /// Volumes with kLike of this volume have the same instances.
+  /// If not empty, replaces `place` by several places, none with kLike or keyframes. Volumes with
+  /// kLike of this volume get the same instances.
   std::vector<PlaceSpec> instances;
   Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
   std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.
@@ -110,16 +110,16 @@ struct SceneSpec {
   std::string source;  ///< Name of the scene in errors, such as its file.
   /// Coupling of probe and proxy; `graph.stiffness` may vary its stiffness.
   CouplingParams coupling;
-  /// True if the user has not set the stiffness, so that fitCoupling() may lower it.
+  /// True if the user has not set the stiffness: then fitCoupling() may lower it.
   bool any_stiffness = false;
   StepParams step;                            ///< Accuracy with which a tick moves the proxy.
   double slope_reach = 0.5;                   ///< Sampling::slope_reach of all volumes.
   std::map<std::string, VolumeSpec> volumes;  ///< Volumes by the names that fields and modes use.
   GraphSpec graph;                            ///< Fields, modes, and a varying stiffness.
-  /// Volume with the units and the place of a guide, by the index of the mode; else metres in W.
+  /// Volume with the units and place of a guide, by index of the mode; absent: metres in W.
   std::map<std::size_t, std::string> guide_volumes;
   std::optional<PlaySpec> play;  ///< Playback; only for scenes with a sequence.
-  /// If true, the scene is not divided into parts. Not for scenes with instances.
+  /// If true, the scene is not divided into parts. Not allowed for scenes with instances.
   bool one_graph = false;
   bool waits = false;  ///< If true, readers wait for missing bricks and frames. For virtual time.
   std::vector<std::string>
@@ -129,16 +129,16 @@ struct SceneSpec {
 /// A derived field that is computed at load, because a mode or a field needs its derivatives.
 struct ComputedField {
   std::string as;    ///< Description as in the scene, such as "magnitude of spin".
-  std::string from;  ///< Volume at the start of the chain of derived fields.
+  std::string from;  ///< Volume from which the field is derived, directly or through other fields.
   std::string why;   ///< Reason, such as: mode "wall" needs its gradient.
 };
 
-/// Parts with the same volumes and modes, one for each instance.
+/// Parts with equal volumes and modes, one for each instance.
 struct PartGroup {
   std::size_t first = 0;            ///< Index of the first part in Scene::parts.
   std::size_t count = 0;            ///< Number of parts, which are consecutive.
   std::vector<std::string> things;  ///< Names of the volumes and derived fields in each part.
-  /// Name of the volume that has the instances; empty: there is only one part.
+  /// Name of the volume that has the instances; empty: there is one part.
   std::string leader;
   std::vector<std::size_t> modes;  ///< Indices of the modes in SceneSpec::graph.
 };
@@ -163,17 +163,17 @@ struct BuiltScene {
   std::map<std::string, MotionPtr> motions;  ///< Motions of the moving volumes.
   /// Computed fields by name; `volumes` holds them too.
   std::map<std::string, ComputedField> computed;
-  std::vector<PartGroup> parts;  ///< All groups of parts, in the order of their modes.
-  /// Box about all fields at all times of their motions and at all instances, in W [m].
+  std::vector<PartGroup> parts;  ///< All groups of parts, ordered by their modes.
+  /// Box around all fields, at all times of their motions and at all instances, in W [m].
   Box bounds;
   std::vector<std::string> notes;  ///< Notes for the user about values and settings, one line each.
 };
 
 /// Loads the volumes of a scene, places them, checks the scene and compiles its graph.
 ///
-/// A derived field becomes a volume if a mode or another field needs its derivatives. It has the
-/// place and the interpolation of its source. Throws SceneError with the JSON path, or VolumeError;
-/// a running scene does not change. Slow.
+/// A derived field becomes a volume if a mode or another field needs its derivatives. This volume
+/// has the place and the interpolation of its source. Throws SceneError with the JSON path, or
+/// VolumeError. A running scene is not affected. Slow.
 ///
 /// @param cache  If not null, volumes in the cache are not loaded again. If the new scene has the
 ///               same fields as the previous one, hands keep their contacts (Scene::shape).
@@ -181,16 +181,16 @@ struct BuiltScene {
                                     SceneCache* cache = nullptr);
 
 /// Returns `spec` with the coarsest level of each volume in bricks and the first frame of each
-/// sequence, at the places in `built`, which was built from `spec`. A search for contacts in the
-/// result needs no further data.
+/// sequence, at their places in `built`, the scene built from `spec`. A search for contacts in the
+/// result loads no further data.
 [[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
 
 /// Lowers the stiffness to the limit of a device, unless the user has set it. Returns a message for
-/// the user, or "" if the stiffness is unchanged.
+/// the user; empty if the stiffness is unchanged.
 [[nodiscard]] std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device);
 /// Throws SceneError if the coupling has more stiffness or damping than the device renders stably.
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device);
-/// Returns the coupling with the highest stiffness that the scene can have.
+/// Returns the coupling with the highest stiffness that can occur in the scene.
 [[nodiscard]] CouplingParams stiffestCoupling(const SceneSpec& spec);
 
 }  // namespace palpate

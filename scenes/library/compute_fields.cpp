@@ -37,7 +37,7 @@ class FieldComputer {
   }
 
  private:
-  /// Limits the memory: each computed field may need as much as its volume.
+  /// Limits the memory: a computed field may need as much as its volume.
   static constexpr int kMostComputed = 64;
   struct Made {
     std::shared_ptr<const Volume> volume;
@@ -65,16 +65,16 @@ class FieldComputer {
         names.emplace(field.of, fmt::format("field \"{}\" needs its derivatives", name));
       }
     }
-    // The graph rejects a field with the name of a volume.
+    // compileGraph rejects a field that has the name of a volume.
     for (const auto& [name, volume] : spec_.volumes) names.erase(name);
     return names;
   }
 
-  /// Returns null for an unknown name, or if the derivation cannot use the volume.
+  /// Returns null if the name is unknown, or if the derivation does not apply to the volume.
   const Made* make(const std::string& name) {
     const auto known = made_.find(name);
     if (known != made_.end()) return known->second.volume != nullptr ? &known->second : nullptr;
-    // Null until the volume is computed: this ends the recursion for fields in a circle.
+    // Stays null until the volume is computed, which ends the recursion for a circle of fields.
     Made& made = made_[name];
     const auto volume = built_.volumes.find(name);
     if (volume != built_.volumes.end()) {

@@ -5,8 +5,8 @@
 
 namespace palpate {
 
-/// Computes derived fields if a mode or another field needs their derivatives, and adds them to the
-/// volumes. Returns the graph without these fields; compileGraph checks it later. Throws
+/// Computes the derived fields whose derivatives a mode or another field needs, and adds them to
+/// the volumes. Returns the graph without these fields; compileGraph checks it later. Throws
 /// SceneError.
 [[nodiscard]] GraphSpec computeFields(const SceneSpec& spec, BuiltScene& built, SceneCache& cache);
 

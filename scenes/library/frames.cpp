@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 struct Pattern {
   std::string before;
   std::string after;
-  /// Least number of digits, filled with zeros; 0: numbers have no leading zeros.
+  /// Least number of digits, with leading zeros; 0: no leading zeros.
   std::size_t digits = 0;
 
   [[nodiscard]] std::optional<long> numberIn(const std::string& name) const {
@@ -36,7 +36,7 @@ struct Pattern {
                      [](unsigned char c) { return std::isdigit(c) != 0; })) {
       return std::nullopt;
     }
-    // Leading zeros must match exactly: frame_007 and frame_7 are different files.
+    // The number of leading zeros must match: frame_007 and frame_7 are different files.
     if (number.size() > std::max<std::size_t>(digits, 1) && number.front() == '0') {
       return std::nullopt;
     }
@@ -124,7 +124,7 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
     frames.push_back(like);
     frames.back().grid = name;
   }
-  // If no grid has this name, loads it like a single grid, so that loading reports the error.
+  // If no grid has this name, requests it as a single grid, so that loading reports the error.
   if (frames.empty()) frames.push_back(like);
   return frames;
 }

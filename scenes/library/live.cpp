@@ -17,7 +17,7 @@
 namespace palpate {
 namespace {
 
-constexpr double kWholeRate = 100.0;  // [Hz]: higher than the frame rate of a window
+constexpr double kWholeRate = 100.0;  // [Hz]: above the frame rate of a window
 const char* const kSubject = "window";
 
 std::array<double, 3> numbers(const Vec3& v) noexcept {
@@ -49,7 +49,7 @@ LiveShare::LiveShare()
 }
 
 LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {
-  // Reads only two members: another version may have other members and another size.
+  // Reads only magic and layout: another version may have other members and another size.
   std::array<std::uint64_t, 2> head{};
   if (pread(descriptor, head.data(), sizeof head, 0) != static_cast<ssize_t>(sizeof head) ||
       head[0] != LiveBlock::kMagic) {
@@ -143,7 +143,7 @@ void LiveWriter::tellWhole(const Telemetry& tick, const ProxyState& state) noexc
   whole_.fault = tick.fault;
   whole_.limited = r.limited;
   whole_.primitive_count = 0;
-  // expect() gets each scene before the loop does, so an unknown scene is in `expected_`.
+  // The loop gets a scene after expect() does, so an unknown scene is already in `expected_`.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
   const Modes* modes = expected_.current().get();
   const bool known = modes != nullptr && modes->id == tick.scene;

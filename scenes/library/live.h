@@ -1,5 +1,5 @@
-/// Memory that a running loop shares with a window in another process. The window reads the state
-/// of the loop and sends requests. Neither process can block the other.
+/// Memory that a running loop shares with a window in another process. The window reads the loop's
+/// state and sends requests. Neither process can block the other.
 #pragma once
 
 #include <array>
@@ -22,8 +22,8 @@
 namespace palpate {
 
 /// Publishes a value without pointers to any number of readers, also in other processes. This is a
-/// sequence lock: the writer never waits, and a reader gets a complete value or must read again. A
-/// Mailbox is not suitable: its readers change its state.
+/// sequence lock: the writer never waits; a reader gets a complete value, or must read again.
+/// Unlike a Mailbox, readers change no state, so they need no write access.
 template <class T>
 class Published {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -62,9 +62,9 @@ class Published {
   std::array<std::atomic<std::uint64_t>, kWords> words_{};
 };
 
-/// Largest number of modes that a window shows. Of more modes, it shows the first ones.
+/// Largest number of modes that a window shows; further modes are not shown.
 inline constexpr std::size_t kLiveModes = 64;
-/// Largest number of primitives that a window shows. Of more, it shows the first ones.
+/// Largest number of primitives that a window shows; further primitives are not shown.
 inline constexpr std::size_t kLivePrimitives = 64;
 /// Number of past ticks that a window can show: 4 s at 1 kHz.
 inline constexpr std::size_t kLiveRows = 4096;
@@ -78,7 +78,7 @@ struct LivePrimitive {
   /// Determines the meaning of `position` and `direction`.
   PrimitiveKind kind = PrimitiveKind::kForce;
   bool friction = false;  ///< True for a friction line.
-  /// Index of its mode in LiveScene::modes; kLiveModes: its mode is not in that list.
+  /// Index of its mode in LiveScene::modes; kLiveModes: that list does not contain its mode.
   std::uint16_t mode = 0;
 };
 
@@ -94,7 +94,7 @@ struct LiveTick {
   double error_bound = 0.0;                    ///< StepReport::error_bound [m].
   std::int64_t late_ticks = 0;                 ///< Number of missed ticks since the start.
   std::uint32_t primitive_count = 0;           ///< Number of valid entries in `primitives`.
-  StepStatus status = StepStatus::kConverged;  ///< How the tick ended.
+  StepStatus status = StepStatus::kConverged;  ///< Result of the tick.
   Fault fault = Fault::kNone;                  ///< Fault that cuts the force; kNone: no fault.
   bool limited = false;  ///< True if the force was limited (StepReport::limited).
   /// The primitives, in the order of their modes.
@@ -110,11 +110,11 @@ struct LiveRow {
   float took = 0.0F;      ///< Time that the computation of the tick took [s].
 };
 
-/// Largest gain that the user of a window can set.
+/// Largest gain that the user can set in a window.
 inline constexpr float kMostDial = 8.0F;
 
-/// The gain of one mode. The loop gives each mode a number that survives edits of the scene file
-/// and that no other mode gets, so that a late request cannot change another mode.
+/// The gain of one mode. Each mode has a number of its own, which survives edits of the scene file.
+/// So a late request cannot change another mode.
 struct LiveDial {
   std::uint32_t mode = 0;  ///< Number that identifies the mode.
   /// Gain: factor of the mode's strength and viscosity, 0 to kMostDial; 0: off.
@@ -142,8 +142,8 @@ struct LiveWishes {
   std::uint64_t clears = 0;      ///< Number of requests to restore the force.
   std::uint64_t closed = 0;      ///< Not 0 if the user has closed the window.
   std::uint64_t dialled = 0;     ///< Number of requests to change gains.
-  std::uint32_t dial_count = 0;  ///< Number of valid entries in `dials`.
-  /// Requested gains of all modes that the window shows.
+  std::uint32_t dial_count = 0;  ///< Number of valid `dials`.
+  /// Requested gains of all modes in the window.
   std::array<LiveDial, kLiveModes> dials{};
 };
 
@@ -156,12 +156,12 @@ struct LiveHand {
 struct LiveBlock {
   /// Text "palplive", which begins the block in every version.
   static constexpr std::uint64_t kMagic = 0x6576696c'706c6170;
-  /// Version of the layout. Increase it with each change of the members below.
+  /// Version of the layout. Increase it with each change of a member below.
   static constexpr std::uint64_t kLayout = 3;
 
-  /// kMagic; with another value, the memory is not a LiveBlock.
+  /// kMagic; with another value, this memory is not a LiveBlock.
   std::atomic<std::uint64_t> magic{kMagic};
-  /// kLayout; with another value, the block has another version.
+  /// kLayout; with another value, the members have another layout.
   std::atomic<std::uint64_t> layout{kLayout};
   // The loop writes these members.
   Published<LiveTick> tick;    ///< The newest complete tick.
@@ -171,29 +171,29 @@ struct LiveBlock {
   std::atomic<std::int64_t> newest{0};   ///< Number of the newest tick that has a row.
   std::atomic<std::int64_t> process{0};  ///< Process id of the loop, which has started the window.
   std::atomic<std::uint32_t> over{0};    ///< Not 0 if the run has ended.
-  /// LiveWishes::dialled of the last request for gains that the loop has rejected.
+  /// LiveWishes::dialled of the last request for gains that was rejected.
   std::atomic<std::uint64_t> refused{0};
   // The window's process writes these members.
   Published<LiveWishes> wishes;  ///< Requests to the loop.
   Published<LiveHand> hand;      ///< Target of the hand from the mouse.
 };
 
-/// Returns the last core that this process may use. The loop of the first hand uses it, and the
-/// window must not. Returns -1 if there is only one core.
+/// Returns the last core that this process may use, or -1 if there is only one. The first hand's
+/// loop runs on this core, and the window must not.
 [[nodiscard]] int loopsCore() noexcept;
 
 /// A LiveBlock in memory that two processes map.
 class LiveShare {
  public:
-  /// Creates the memory of a loop. No process can change its size. Throws Error.
+  /// Creates the memory of a loop, whose size no process can change. Throws Error.
   LiveShare();
-  /// Maps the loop's memory through an inherited descriptor. Throws Error for another descriptor.
+  /// Maps a loop's memory by an inherited descriptor. Throws Error if it is not such memory.
   explicit LiveShare(int descriptor);
   ~LiveShare();
   LiveShare(const LiveShare&) = delete;
   LiveShare& operator=(const LiveShare&) = delete;
 
-  /// Returns the block, which is valid as long as this object exists.
+  /// Returns the block, valid as long as this object exists.
   [[nodiscard]] LiveBlock& block() noexcept { return *block_; }
   /// Returns the block for reading.
   [[nodiscard]] const LiveBlock& block() const noexcept { return *block_; }
@@ -208,17 +208,17 @@ class LiveShare {
 };
 
 /// Publishes the ticks of a loop to a window.
-// The padding is intended: the mailbox keeps the data of its two threads on separate cache lines.
+// Padding is intended: the mailbox keeps the data of its two threads on separate cache lines.
 class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// The block must outlive this object. `rate` is the rate of the loop [Hz].
   LiveWriter(LiveBlock& block, double rate);
-  /// Announces the scene of the next ticks, before the same thread publishes it. `dials` has the
-  /// gains of the modes of SceneSpec::graph. If empty, the number of a mode is its index; its gain
-  /// is 1.
+  /// Announces the scene of the next ticks. Call it before the scene is published, from the same
+  /// thread. `dials` has the gains of the modes of SceneSpec::graph. If it is empty, each mode's
+  /// number is its index and its gain is 1.
   void expect(const Scene& scene, std::span<const LiveDial> dials = {});
-  /// Publishes a tick after its force was sent. Call it from the loop's thread. RT: wait-free, no
-  /// allocation. Cost: about 50 ns; for a tick with primitives, a few hundred ns more.
+  /// Publishes a tick after its force was sent. Only the loop's thread may call it. RT: wait-free,
+  /// no allocation. Cost: about 50 ns; for a tick with primitives, a few hundred ns more.
   void take(const Telemetry& tick, const ProxyState& state) noexcept PALPATE_NONBLOCKING;
 
  private:
@@ -227,13 +227,13 @@ class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::uint64_t id = 0;
     std::size_t own = 0;  ///< Number of modes outside parts; the modes of parts follow them.
     std::vector<std::uint32_t>
-        of_part;  ///< Index of each part's first mode; parts of one group share their modes.
+        of_part;  ///< Index of each part's first mode. The parts of a group share modes.
     LiveScene told;
   };
   void tellWhole(const Telemetry& tick, const ProxyState& state) noexcept;
 
   LiveBlock& block_;
-  std::int64_t every_;  ///< Number of ticks from one tick with primitives to the next.
+  std::int64_t every_;  ///< A tick with primitives is published once per this number of ticks.
   Mailbox<std::shared_ptr<const Modes>> expected_;
   std::uint64_t told_scene_ = 0;
   Fault told_fault_ = Fault::kNone;

@@ -18,8 +18,8 @@ namespace palpate {
 namespace made {
 namespace {
 
-/// Returns the velocity at p, per unit of circulation, that a straight piece of a vortex filament
-/// induces. The piece has the direction e, from a + `from` e to a + `to` e; both may be infinite.
+/// Returns the velocity at p_F, per unit of circulation, that a straight piece of a vortex filament
+/// induces. It extends from a + `from` e to a + `to` e; `from` and `to` may be infinite.
 Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double from, double to,
                     double core) {
   const Vec3 r_F = p_F - a_F;
@@ -31,7 +31,7 @@ Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double fr
   return around_F * ((reach(to - along) - reach(from - along)) / (4.0 * M_PI * h2));
 }
 
-/// Returns 1 up to `inner` and 0 from `outer` on, with a smooth transition between.
+/// Returns 1 up to `inner` and 0 from `outer` on, with a smooth transition.
 double fade(double x, double inner, double outer) {
   const double t = std::clamp((outer - x) / (outer - inner), 0.0, 1.0);
   return t * t * (3.0 - 2.0 * t);
@@ -44,7 +44,7 @@ Vec3 Wind::velocity(const Vec3& p_F) const {
   const double far = std::numeric_limits<double>::infinity();
   const Vec3 x = Vec3::UnitX();
   const Vec3 y = Vec3::UnitY();
-  // The bound vortex points along +y: the air is faster above the wing and lifts it.
+  // The bound vortex points along +y, so the air above the wing is faster, which gives lift.
   const Vec3 turned = straightVortex(p_F, Vec3::Zero(), y, -half, half, core) +
                       straightVortex(p_F, half * y, x, 0.0, far, core) -
                       straightVortex(p_F, -half * y, x, 0.0, far, core);
@@ -54,11 +54,11 @@ Vec3 Wind::velocity(const Vec3& p_F) const {
 double wing(const Vec3& p_F) {
   constexpr double kPitch = 6.0 * M_PI / 180.0;
   constexpr double kRound = 0.008;  // [m]: radius of the round edges
-  // half of the chord, the span and the thickness, with the round edges [m]
+  // half of chord, span and thickness, including the round edges [m]
   const Vec3 half(0.04, 0.15, 0.008);
   const double c = std::cos(kPitch);
   const double s = std::sin(kPitch);
-  // Converts p to the axes of the wing. Its nose points up.
+  // Converts p_F to the wing's axes. The nose points up.
   const Vec3 p(c * p_F.x() - s * p_F.z(), p_F.y(), s * p_F.x() + c * p_F.z());
   const Vec3 beyond = p.cwiseAbs() - (half - Vec3::Constant(kRound));
   return beyond.cwiseMax(0.0).norm() + std::min(beyond.maxCoeff(), 0.0) - kRound;
@@ -69,7 +69,7 @@ Fibre fibre(const Vec3& p_F) {
   constexpr double kAlong = 1.7;
   constexpr double kAcross = 0.3;
   constexpr double kTissue = 0.7;
-  constexpr double kInner = 6.0;  // [mm]: radius in which a bundle has its full share
+  constexpr double kInner = 6.0;  // [mm]: up to this radius, a bundle has its full share
   constexpr double kOuter = 9.0;  // [mm]: radius at which the share is 0
   constexpr double kBend = 24.0;  // radius of the bent bundle [mm]
   const Vec3 centre(-kBend, 0.0, 0.0);
@@ -78,7 +78,7 @@ Fibre fibre(const Vec3& p_F) {
   const Vec3 r = p_F - centre;
   const double radius = std::hypot(r.x(), r.y());
   double second = fade(std::hypot(radius - kBend, p_F.z()), kInner, kOuter);
-  // Uses half of the circle: the other half would cross the first bundle again.
+  // Uses half of the circle, because the other half would cross the first bundle again.
   second *= fade(-r.x(), -4.0, 0.0);
   const double shares = std::max(first + second, 1e-300);
   const double fibres = std::max(first, second);
@@ -175,7 +175,7 @@ double trunk(const Vec3& p_F) {
   constexpr double kEdge = 6.0;  // width of the transition between two materials [mm]
   const double body = ellipsoid({p_F.x(), p_F.y(), 0.0}, {150.0, 100.0, 1e6});
   const double ends = std::abs(p_F.z()) - 140.0;
-  // The lungs end at the diaphragm, a dome.
+  // The diaphragm, a dome, is the lower end of the lungs.
   const double dome = p_F.z() + 30.0 + (p_F.x() * p_F.x() + p_F.y() * p_F.y()) / 300.0;
   double lungs = 1e9;
   for (const double side : {-1.0, 1.0}) {
@@ -191,8 +191,8 @@ double trunk(const Vec3& p_F) {
 }
 
 Vec3 breath(const Vec3& x_F, double share) {
-  // The trunk is near its resting shape for longer than near full inhalation. Lujan et al. 1999 use
-  // an even power of a cosine.
+  // An even power of a sine: the trunk is near its resting shape longer than near full inhalation
+  // (Lujan et al. 1999).
   const double in = std::pow(std::sin(M_PI * share), 4);
   const double front = ramp(40.0 - x_F.y(), 200.0);  // 0 at the spine, 1 at the front
   const double diaphragm = std::exp(-std::pow((x_F.z() + 40.0) / 70.0, 2));
@@ -239,7 +239,7 @@ struct Making {
   MadeGrid made;
 };
 
-/// Returns a level set with values within three voxels of the surface.
+/// Returns a level set with values up to three voxels from the surface.
 openvdb::FloatGrid::Ptr levelSet(const char* name, const Box& box_F, double voxel,
                                  double (*distance)(const Vec3&)) {
   const double band = openvdb::LEVEL_SET_HALF_WIDTH * voxel;
@@ -256,7 +256,7 @@ openvdb::FloatGrid::Ptr levelSet(const char* name, const Box& box_F, double voxe
 
 std::vector<Making> makeWindTunnel(double voxel) {
   const made::Wind wind;
-  // The background is the uniform stream, so that the flow continues outside the box.
+  // The background is the uniform stream, so the flow continues outside the box.
   auto velocity = create<openvdb::Vec3SGrid>("velocity", voxel, toVdb({wind.stream, 0, 0}));
   openvdb::Vec3SGrid::Accessor writer = velocity->getAccessor();
   // The box extends farther below the wing, because the air behind the wing moves down.
@@ -264,7 +264,7 @@ std::vector<Making> makeWindTunnel(double voxel) {
   everyVoxel(box_F, voxel, [&](const Coord& at, const Vec3& p_F) {
     writer.setValue(at, toVdb(wind.velocity(p_F)));
   });
-  // The wing is thin, so its voxels are half as large as those of the air.
+  // The wing is thin, so its voxels have half the edge of the air's.
   const Box about_F{{-0.08, -0.19, -0.05}, {0.08, 0.19, 0.05}};
   const auto wing = levelSet("wing", about_F, 0.5 * voxel, made::wing);
   return {
@@ -304,7 +304,7 @@ std::vector<Making> makeTwoBodies(double voxel) {
       {cloud, {.name = "", .what = "density of a cloud in and around the bowl", .value_unit = ""}}};
 }
 
-/// Adds the frames of one cycle, evenly spaced in time. The last frame equals the first one.
+/// Adds the frames of one cycle at equal intervals. The last frame equals the first one.
 void addCycle(std::vector<Making>& to, const Box& box_F, double voxel, int frames,
               const std::string& what, Vec3 (*displaced)(const Vec3& x_F, double share)) {
   for (int frame = 0; frame <= frames; ++frame) {

@@ -1,5 +1,5 @@
-/// Private to the program: volumes computed from formulas, for examples without a file and for
-/// tests. They are the same on all machines, except for the last digits of the mathematical
+/// Private to the program: volumes that are computed from formulas, for examples without a file and
+/// for tests. All machines give equal volumes, except for the last digits of the mathematical
 /// library.
 #pragma once
 
@@ -19,8 +19,8 @@ struct MadeVolume {
   std::string what;          ///< Short description.
   std::string length_unit;   ///< Unit of length in the file.
   double voxel = 0.0;        ///< Default edge of a voxel, in the unit of length.
-  double least_voxel = 0.0;  ///< Smallest edge of a voxel that is allowed.
-  double most_voxel = 0.0;   ///< Largest edge of a voxel that is allowed.
+  double least_voxel = 0.0;  ///< Smallest allowed edge of a voxel.
+  double most_voxel = 0.0;   ///< Largest allowed edge of a voxel.
 };
 
 /// Returns the descriptions of all volumes.
@@ -29,7 +29,7 @@ struct MadeVolume {
 /// Description of a grid that was written.
 struct MadeGrid {
   std::string name;        ///< Name of the grid in the file.
-  std::string what;        ///< Short description, which the metadata of the grid contain too.
+  std::string what;        ///< Short description, which is also in the metadata of the grid.
   std::string value_unit;  ///< Unit of the values, such as "m/s"; empty: they have no unit.
   std::uint64_t active_voxels = 0;  ///< Number of active voxels, including those in active tiles.
   double voxel = 0.0;               ///< Edge of a voxel, in MadeVolume::length_unit.
@@ -37,25 +37,25 @@ struct MadeGrid {
 };
 
 /// Computes a volume and writes it as a .vdb, with palpate's version and the units. `voxel` is the
-/// edge of a voxel in the unit of length. Throws Error if the name is unknown, if the edge is out
-/// of range, or if the file cannot be written; an incomplete file then remains.
+/// edge of a voxel [unit of length]. Throws Error if the name is unknown, if the edge is out of
+/// range, or if the file cannot be written; then an incomplete file may remain.
 [[nodiscard]] std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> voxel,
                                               const std::filesystem::path& file);
 
 /// The formulas. Positions are in the space of the file (_F).
 namespace made {
 
-/// Air flow about a wing in a wind tunnel. File: metres, x downstream, y along the wing, z up; the
-/// wing is at the origin.
+/// Air flow around a wing in a wind tunnel. File: metres, x downstream, y along the wing, z up,
+/// with the wing at the origin.
 ///
-/// The model is Prandtl's simplest one: a uniform stream and a horseshoe vortex. The bound vortex
-/// lies in the wing and produces the lift. At each tip, a vortex trails downstream to infinity; the
-/// two rotate in opposite directions. The cores are those of Rosenhead and Moore: 1/|r|^3 in the
-/// law of Biot and Savart becomes 1/(|r|^2 + core^2)^(3/2). The velocity is the curl of a vector
-/// potential, so it has no divergence. About a long filament, the velocity is circulation / (2 pi)
-/// r / (r^2 + core^2) and the vorticity is circulation / pi core^2 / (r^2 + core^2)^2. Not
-/// modelled: the thickness of the wing (air passes through it), the vortex sheet, the growth of the
-/// cores, and the walls of the tunnel.
+/// The model is Prandtl's simplest: a uniform stream and a horseshoe vortex. The bound vortex is in
+/// the wing and gives the lift. From each tip, a vortex trails downstream to infinity; the two
+/// rotate in opposite directions. The cores follow Rosenhead and Moore: in the law of Biot and
+/// Savart, 1/|r|^3 becomes 1/(|r|^2 + core^2)^(3/2). The velocity is the curl of a vector
+/// potential, so it has no divergence. Around a long filament, the velocity is circulation / (2 pi)
+/// r / (r^2 + core^2), and the vorticity is circulation / pi core^2 / (r^2 + core^2)^2. Not
+/// modelled: the wing's thickness (air passes through the wing), the vortex sheet, the growth of
+/// the cores, and the tunnel's walls.
 struct Wind {
   double stream = 10.0;      ///< Speed of the uniform stream [m/s].
   double span = 0.3;         ///< Distance between the two trailing vortices [m].
@@ -72,45 +72,45 @@ struct Wind {
 
 /// Diffusion imaging of two bundles of fibres that cross at a right angle at the origin. File: mm.
 ///
-/// One bundle is straight along x, and the other one bends in the plane z = 0. At each point, the
+/// One bundle is straight along x; the other is bent in the plane z = 0. At each point, the
 /// diffusion tensor is the mean of isotropic tissue and the bundles, weighted by their shares. The
 /// anisotropy (Basser & Pierpaoli 1996) is 0.80 in a bundle and 0 outside. Where both bundles have
 /// equal shares, it is 0.48, and two directions have the greatest eigenvalue.
 struct Fibre {
-  /// Unit eigenvector of the greatest eigenvalue, with any sign; zero outside the bundles.
+  /// Unit eigenvector of the greatest eigenvalue, with either sign; zero outside the bundles.
   Vec3 direction = Vec3::Zero();
   double anisotropy = 0.0;  ///< Fractional anisotropy, 0 to 1.
 };
 /// Returns the fibre at p_F [mm].
 [[nodiscard]] Fibre fibre(const Vec3& p_F);
 
-/// Returns the sign with which a voxel's direction is stored, +1 or -1. It is a hash of the voxel's
-/// index, because the eigenvectors of measured tensors have arbitrary signs too.
+/// Returns the sign of the stored direction of a voxel, +1 or -1. The sign is a hash of the voxel's
+/// index, because eigenvectors of measured tensors have arbitrary signs too.
 [[nodiscard]] double signAt(int i, int j, int k);
 
-/// Returns the signed distance to the surface of a bowl [mm]: a spherical wall about the origin, 6
-/// mm thick, open within 60 degrees of +z, with a round rim.
+/// Returns the signed distance to a bowl's surface [mm]: a spherical wall around the origin, 6 mm
+/// thick, open within 60 degrees of +z, with a round rim.
 [[nodiscard]] double bowl(const Vec3& p_F);
 
-/// Returns the density of a cloud that extends beyond the bowl's wall and rim: 1 near the centre of
-/// the cloud, decreasing linearly to 0 at its edge. File: mm.
+/// Returns the density of a cloud that extends beyond the bowl: 1 near the cloud's centre, then
+/// linearly down to 0 at its edge. File: mm.
 [[nodiscard]] double cloud(const Vec3& p_F);
 
 /// Returns the signed distance to the left ventricle of a heart at rest [mm], accurate near the
-/// surface. The ventricle is an egg-shaped cup of muscle, open towards +z, with a wall of 10 mm.
+/// surface. The ventricle is an egg-shaped cup of muscle with a wall of 10 mm, open towards +z.
 [[nodiscard]] double ventricle(const Vec3& p_F);
 /// Returns the displacement u of the muscle at a fraction `share` of a beat, 0 to 1: the material
-/// at x is at x + u at rest [mm]. The cavity narrows to two thirds, the wall becomes thicker by a
-/// third, the apex (-z) rises, and the cup twists by 15 degrees; then the muscle relaxes. Not
+/// at x is at x + u at rest [mm]. The cavity narrows to two thirds, the wall becomes a third
+/// thicker, the apex (-z) rises, and the cup twists by 15 degrees; then the muscle relaxes. Not
 /// modelled: the constant volume of muscle, the right ventricle, and the blood.
 [[nodiscard]] Vec3 beat(const Vec3& x_F, double share);
 
-/// Returns the CT value of a trunk after breathing out [HU]: muscle (40) about two lungs (-800), a
+/// Returns the CT value of a trunk after breathing out [HU]: muscle (40) around two lungs (-800), a
 /// liver (60) below the diaphragm, and air (-1000) outside. File: mm, y to the back, z to the head.
 [[nodiscard]] double trunk(const Vec3& p_F);
 /// Returns the displacement u of the trunk at a fraction `share` of a breath, 0 to 1: the material
-/// at x is at x + u at rest [mm]. While breathing in, the diaphragm moves down by up to 15 mm and
-/// the front of the chest moves out by up to 6 mm.
+/// at x is at x + u at rest [mm]. On inhalation, the diaphragm moves down by up to 15 mm, and the
+/// front of the chest forward by up to 6 mm.
 [[nodiscard]] Vec3 breath(const Vec3& x_F, double share);
 
 }  // namespace made

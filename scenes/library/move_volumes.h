@@ -18,16 +18,16 @@ using Displacements = std::map<std::string, std::vector<std::shared_ptr<const Vo
 /// Returns the names of the displacement fields. Throws SceneError for an unknown name.
 [[nodiscard]] std::set<std::string> displacementNames(const SceneSpec& spec);
 
-/// Throws SceneError if a mode or a field reads a displacement field, or if one moves.
+/// Throws SceneError if a mode or field reads a displacement field, or if such a field moves.
 void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& names);
 
-/// Returns the motions that the volumes themselves define. Throws SceneError.
+/// Returns the motions that volumes define themselves, not by `like`. Throws SceneError.
 [[nodiscard]] std::map<std::string, MotionPtr> ownMotions(const SceneSpec& spec,
                                                           const Displacements& displacements,
                                                           Placer& placer, SceneCache& cache);
 
-/// Gives the motion of a volume to the volumes placed like it and to the fields computed from it.
-/// Call it after all places are resolved: "like" then has no unknown names and no circles.
+/// Gives a volume's motion to the volumes that are placed like it and to the fields computed from
+/// it. Call it after all places are resolved: then "like" has no unknown names and no circles.
 void joinMotions(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

@@ -21,7 +21,7 @@ ModeSpec named(const GraphSpec& graph, std::size_t number) {
   return mode;
 }
 
-/// Puts each volume at its first place. Otherwise each part would copy thousands of instances.
+/// Replaces the instances of each volume by the first one, because each part copies the volume.
 Volumes placedOnce(const SceneSpec& spec) {
   Volumes volumes = spec.volumes;
   for (auto& [name, volume] : volumes) {
@@ -31,7 +31,7 @@ Volumes placedOnce(const SceneSpec& spec) {
   return volumes;
 }
 
-/// One part of a group, with its own names of volumes and fields.
+/// One part of a group. Its volumes and fields get names of their own.
 class Copy {
  public:
   Copy(const SceneSpec& spec, const PartGroup& group, std::size_t part)
@@ -90,7 +90,7 @@ class Copy {
   std::size_t instance_;
 };
 
-/// Adds the volumes to which `like` refers, even if no mode reads them.
+/// Adds the volumes that `like` refers to, even if no mode reads them.
 void addPlaces(const Volumes& once, Volumes& out) {
   for (bool more = true; more;) {
     std::set<std::string> missing;

@@ -1,4 +1,4 @@
-/// Creates output files that no other process can have prepared.
+/// Creates output files, safe from other users of the folder.
 #pragma once
 
 #include <fcntl.h>
@@ -9,8 +9,8 @@
 
 namespace palpate {
 
-/// Returns a path in the folder of `file` with an unpredictable name. The caller renames the
-/// complete output to `file`.
+/// Returns an unpredictable path in the folder of `file`. The caller writes the output there, and
+/// then renames it to `file`.
 [[nodiscard]] inline std::filesystem::path partialOf(const std::filesystem::path& file) {
   std::random_device random;
   std::filesystem::path partial = file;
@@ -18,15 +18,15 @@ namespace palpate {
   return partial;
 }
 
-/// Creates and opens a file; returns the descriptor, or -1 with errno. Never opens an existing file
-/// or a link, because another user of the folder could choose the link's target.
+/// Creates and opens a file. Returns the descriptor, or -1 and sets errno. Never opens an existing
+/// file or a link, because another user of the folder could have made it.
 [[nodiscard]] inline int createNewFile(const std::filesystem::path& path) noexcept {
   return ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
-/// Returns a path in /proc of an open file, for libraries that open files by name. It leads to that
-/// file even if another file now has the name `created`. Returns `created` if the kernel forbids
-/// the path, as in a program with file capabilities.
+/// Returns the path of an open file in /proc, for libraries that open files by name. It leads to
+/// that file even if another file now has the name `created`. If the kernel denies access to this
+/// path, as in a program with file capabilities, returns `created`.
 [[nodiscard]] inline std::filesystem::path nameOfOpen(int descriptor,
                                                       const std::filesystem::path& created) {
   const std::filesystem::path open = "/proc/self/fd/" + std::to_string(descriptor);

@@ -48,7 +48,7 @@ Placement Placer::placementOf(const std::string& name) {
 Placement Placer::compute(const std::string& name, const PlaceSpec& place,
                           const std::string& path) {
   Placement placed = computeAny(name, place, path);
-  // Also checks a volume that is placed like another one, because its grid is different.
+  // Also checks a volume placed like another one, because its grid is different.
   const GridInfo& info = *volumes_.at(name);
   const double voxel = placed.scale * info.voxel.minCoeff();
   const double reach = placed.translate.norm() +

@@ -12,7 +12,7 @@ namespace palpate {
 /// Largest distance of a volume or guide from the origin of W [m].
 inline constexpr double kFarthestPlace = 1e6;
 
-/// Computes the placements of all volumes. A volume with "like" has that of the named volume.
+/// Computes the placements of all volumes. A volume with "like" gets that of the named volume.
 class Placer {
  public:
   /// Both arguments must outlive the placer. `volumes` has the grid of each volume, by name.
@@ -31,11 +31,11 @@ class Placer {
   const SceneSpec& spec_;
   const std::map<std::string, const GridInfo*>& volumes_;
   std::map<std::string, Placement> done_;
-  /// Volumes with a placement in computation. A second request means that "like" forms a circle.
+  /// Volumes whose placement is being computed. A second request for one means a circle of "like".
   std::set<std::string> open_;
 };
 
-/// Converts guides from the units and the place of a volume to W. They then move with the volume.
+/// Converts guides from the units and place of a volume to W. They then move with the volume.
 void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph);
 
 }  // namespace palpate

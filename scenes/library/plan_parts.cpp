@@ -78,7 +78,7 @@ void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   for (const auto& [name, derived] : graph.fields) check("/fields/" + name, derived.of);
 }
 
-/// Returns the first mode that reads volumes of the leader's instances together with others.
+/// Returns the first mode that reads both a volume with the leader's instances and one without.
 std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
                        const std::map<std::string, PlanVolume>& volumes) {
   const auto with_leader = [&](std::string name) {
@@ -101,7 +101,7 @@ std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
 
 struct Division {
   Together together;
-  std::set<std::string> base;  ///< Groups, named as by find(), that cannot become parts.
+  std::set<std::string> base;  ///< Groups, by their name from find(), that cannot become parts.
   std::map<std::string, PartPlan> things;
   std::vector<std::size_t> stay;
 
@@ -126,7 +126,7 @@ Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolum
   return together;
 }
 
-/// Assigns each mode to the thing that it reads; others go to Division::stay.
+/// Assigns each mode to the thing that it reads. Modes without one go to Division::stay.
 void divideModes(const std::vector<ModeSpec>& modes, Division& division) {
   for (std::size_t i = 0; i < modes.size(); ++i) {
     const ModeSpec& mode = modes[i];
@@ -175,7 +175,7 @@ Division divide(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   return division;
 }
 
-/// Throws SceneError if a volume of the thing does not have the thing's instances.
+/// Throws SceneError if a volume of the thing has no instances, or other instances than the thing.
 void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
                     const std::map<std::string, PlanVolume>& volumes) {
   const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));
@@ -193,7 +193,7 @@ void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
   }
 }
 
-/// Returns the things that become parts. The modes of the others stay outside of the parts.
+/// Returns the things that become parts. The modes of all other things stay outside parts.
 std::vector<PartPlan> takeParts(const GraphSpec& graph,
                                 const std::map<std::string, PlanVolume>& volumes,
                                 Division& division) {

@@ -1,4 +1,4 @@
-/// Divides a scene into parts: groups of volumes and modes that are independent of each other.
+/// Divides a scene into parts: independent groups of volumes and modes.
 #pragma once
 
 #include <map>
@@ -9,34 +9,34 @@
 
 namespace palpate {
 
-/// A thing: volumes that modes read together, and these modes. It may become a part of the scene.
+/// A thing: volumes that modes read together, and these modes. It may become a part.
 struct PartPlan {
   GraphSpec graph;  ///< Graph of the thing; its modes have the names that the scene uses.
   std::vector<std::string> volumes;  ///< Names of its volumes.
-  /// Name of the volume with the thing's instances; may be empty.
+  /// Name of the volume that has the thing's instances; may be empty.
   std::string leader;
 };
 
-/// Result of planParts(). Each mode is in one of the graphs.
+/// Result of planParts(). Each mode is in exactly one of the graphs.
 struct ScenePlan {
   GraphSpec base;               ///< Graph of the modes outside the parts.
   std::vector<PartPlan> parts;  ///< Parts in the order of their first modes; may be empty.
 };
 
-/// Facts about the place of a volume that planParts() needs.
+/// Facts about a volume that planParts() needs.
 struct PlanVolume {
-  std::string leader;       ///< Name of the volume with this volume's instances, or "".
+  std::string leader;       ///< Name of the volume that has this volume's instances, or "".
   bool may_be_part = true;  ///< False if the volume moves, or if its place is unknown.
 };
 
 /// Divides a scene into parts. A thing with instances always becomes a part. Another thing becomes
-/// one if the scene has more than kFewThings things and the thing can be a part. Throws SceneError
+/// a part if the scene has more than kFewThings things and the thing is suitable. Throws SceneError
 /// (/modes/0) if a mode reads a volume with instances together with another volume, or if the scene
 /// has parts and a mode reads an unknown name.
 [[nodiscard]] ScenePlan planParts(const GraphSpec& graph,
                                   const std::map<std::string, PlanVolume>& volumes);
 
-/// If a scene has at most this many things, those without instances stay in one graph.
+/// If a scene has at most this number of things, those without instances stay in one graph.
 inline constexpr std::size_t kFewThings = 8;
 
 }  // namespace palpate

@@ -19,7 +19,7 @@ void checkSequence(const SceneSpec& spec, const std::string& name);
 /// Returns the playback of the scene's sequences. Throws SceneError.
 [[nodiscard]] PlayParams playOf(const SceneSpec& spec, const BuiltScene& built);
 
-/// Notes sequences with one frame, and those with too little memory for the playback speed.
+/// Adds notes about sequences with one frame, or with too little memory for the playback speed.
 void noteSequences(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// Keeps the components of a scene, so that the next scene can reuse those that are unchanged.
+/// Caches the components of a scene, so that the next scene reuses those that are unchanged.
 #pragma once
 
 #include <algorithm>
@@ -21,9 +21,9 @@
 
 namespace palpate {
 
-/// Calls functions that load or build components, and reuses earlier results for the same inputs.
-/// If a new scene has the same fields, hands keep their contacts (Scene::shape). Only one thread
-/// may use a cache.
+/// Calls functions that load or build components, and reuses results for equal inputs. If a new
+/// scene has the same fields, hands keep their contacts (Scene::shape). Only one thread may use a
+/// cache.
 class SceneCache {
  public:
   /// Calls loadVolumes. Loads a file again if it was written since.
@@ -40,7 +40,7 @@ class SceneCache {
     std::shared_ptr<const BrickWindow> window;  ///< Not null.
     std::shared_ptr<const Volume> coarsest;     ///< BrickWindow::coarsest().
   };
-  /// Calls openBricks and the constructor of BrickWindow; again if the bricks were rewritten.
+  /// Calls openBricks and the constructor of BrickWindow, again if the bricks were rewritten.
   /// Throws VolumeError.
   [[nodiscard]] Bricks bricks(const std::filesystem::path& place, const WindowParams& params);
   /// Calls makeBrickField.
@@ -54,7 +54,7 @@ class SceneCache {
     Sampling sampling;                  ///< Interpolation between voxels.
     SequenceParams params;              ///< Memory limit, and whether readers wait.
 
-    /// True if both describe the same sequence.
+    /// Returns true if both describe the same sequence.
     [[nodiscard]] bool operator==(const Played&) const = default;
   };
   /// Calls the constructor of FrameSequence. Loads frames again if they were rewritten.
@@ -76,8 +76,8 @@ class SceneCache {
                              const std::string& path);
   /// Calls makeVdbField for each entry, in parallel.
   [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);
-  /// Scope in which one scene is built. done() keeps only the entries of this scene. Without
-  /// done(), the cache keeps only the entries of the previous scene.
+  /// Scope in which one scene is built. done() discards all entries that this scene did not use.
+  /// Without done(), the end of the scope discards all entries that the previous scene did not use.
   class Building {
    public:
     explicit Building(SceneCache& of) noexcept
@@ -87,7 +87,7 @@ class SceneCache {
     ~Building() {
       if (!done_) of_.forget(&Mark::kept);
     }
-    /// Ends the scope successfully: the scene is complete.
+    /// The scene is complete: discards all entries that it did not use.
     void done() {
       done_ = true;
       of_.forget(&Mark::used);
@@ -97,7 +97,7 @@ class SceneCache {
     SceneCache& of_;
     bool done_ = false;
   };
-  /// Returns the number of all entries.
+  /// Returns the total number of entries.
   [[nodiscard]] std::size_t size() const noexcept {
     return volumes_.size() + derived_.size() + fields_.size() + warps_.size() + bricks_.size() +
            windowed_.size() + sequences_.size() + sequenced_.size();
@@ -105,10 +105,10 @@ class SceneCache {
 
  private:
   struct Mark {
-    bool used = true;   ///< The scene that is being built has requested the entry.
-    bool kept = false;  ///< The previous scene has requested the entry.
+    bool used = true;   ///< True if the scene that is being built has requested the entry.
+    bool kept = false;  ///< True if the previous scene has requested the entry.
   };
-  /// Removes the entries for which this member of their mark is false.
+  /// Removes the entries whose mark has this member false.
   void forget(bool Mark::*unless);
 
   template <class Key, class Value>

@@ -36,7 +36,7 @@ std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path)
   return files;
 }
 
-/// Returns false for a volume of another format.
+/// Returns true for a .json file, an empty file, and a file that begins with a brace.
 bool mayBeScene(const std::filesystem::path& file) {
   if (file.extension() == ".json") return true;
   std::ifstream in(file, std::ios::binary);
@@ -45,7 +45,7 @@ bool mayBeScene(const std::filesystem::path& file) {
   return first == std::ifstream::traits_type::eof() || first == '{';
 }
 
-/// Returns the usable grids. Adds the errors of the others to `notes`.
+/// Returns the usable grids. Adds the errors of all others to `notes`.
 std::vector<GuessVolume> feltOf(const FileResult& loaded, std::vector<std::string>& notes) {
   std::vector<GuessVolume> volumes;
   for (std::size_t g = 0; g < loaded.names.size(); ++g) {

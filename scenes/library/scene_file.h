@@ -1,4 +1,4 @@
-/// Reads scene files (JSON), and makes scene guesses for plain .vdb files.
+/// Reads scene files (JSON), and guesses scenes for .vdb files.
 #pragma once
 
 #include <filesystem>
@@ -10,23 +10,23 @@
 
 namespace palpate {
 
-/// Reads a scene file and checks it against the project's JSON Schema. Relative paths start at the
-/// folder of the file. If `text` is not null, it receives the file's text. Throws SceneError.
+/// Reads a scene file and checks it against the JSON Schema of scene files. Relative paths start at
+/// the file's folder. If `text` is not null, it receives the file's text. Throws SceneError.
 [[nodiscard]] SceneSpec readSceneFile(const std::filesystem::path& file,
                                       std::string* text = nullptr);
 
-/// Reads a scene from text, as readSceneFile() does. Errors name `source`; relative paths start at
+/// Reads a scene from text as readSceneFile() does. Errors name `source`. Relative paths start at
 /// `folder`.
 [[nodiscard]] SceneSpec parseScene(const std::string& text, const std::string& source,
                                    const std::filesystem::path& folder);
 
 /// Returns the scene guess (guess.h) for a .vdb file, or for all .vdb files of a folder. The first
 /// volume is scaled to 0.1 m and centred; the others are placed like it. SceneSpec::notes names
-/// unusable grids and omitted items. Throws VolumeError if no grid is usable.
+/// unusable grids and omissions. Throws VolumeError if no grid is usable.
 [[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path,
                                      const Progress& progress = nullptr);
 
-/// Returns the scene guess for one file as JSON text, with its reasons and the path as given.
+/// Returns the scene guess for a file, with its reasons, as JSON with the path as given.
 [[nodiscard]] Guess guessVdb(const std::filesystem::path& file, GuessFor what = GuessFor::kAnything,
                              const Progress& progress = nullptr);
 

@@ -23,7 +23,7 @@ JsonType<Vec3> vectorType() {
   return jsonNumbers<3>().as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); });
 }
 
-// Transfer functions (section 2 of the paper of Lundin et al.).
+// Transfer functions (paper of Lundin et al., section 2).
 
 struct Window {
   double level = 0.0;
@@ -54,7 +54,7 @@ JsonType<Curve> piecewiseType() {
       .as<Curve>([](std::vector<Curve::Knot> knots) { return Curve::piecewise(std::move(knots)); });
 }
 
-/// Returns the keys of all kinds of curves. Each kind gives a product with one factor.
+/// Returns the keys of all kinds of curves. Each kind makes a product with one factor.
 std::vector<JsonObject<TransferSpec>> curves(JsonSchema& definitions) {
   const auto rows = [&](const char* key, const JsonType<Curve>& type) {
     return JsonObject<TransferSpec>()
@@ -264,13 +264,13 @@ JsonObject<SceneSpec> playRows() {
            [play](SceneSpec& spec, bool repeat) { play(spec).repeat = repeat; });
 }
 
-/// A volume, and what its key "smooth" says beyond VolumeSpec::smooth.
+/// A volume, and facts about its key "smooth" that putVolumes() needs.
 struct ReadVolume : VolumeSpec {
-  double smooth_unit = 0.0;   ///< Metres per unit of `smooth.sigma`, if it has one of these units.
+  double smooth_unit = 0.0;   ///< Metres per unit of the width; 0: voxels or file.
   bool whole_smooth = false;  ///< True if "smooth" is written as a whole number.
 };
 
-/// A width as a scene states it.
+/// A width as the scene file states it.
 struct ReadWidth {
   SmoothWidth width;
   double unit = 0.0;
@@ -349,12 +349,12 @@ JsonType<ReadVolume> volumeType() {
       .type();
 }
 
-/// Returns the metres per unit of a volume's file. Throws SceneError if the scene does not state
-/// them.
+/// Returns the metres per unit of a volume's file. Throws SceneError if the scene does not define
+/// it.
 double metresPerUnit(const std::map<std::string, ReadVolume>& volumes, const std::string& name,
                      const std::string& path) {
   const ReadVolume* volume = &volumes.at(name);
-  // A longer chain than there are volumes is a circle.
+  // A chain of `like` that is longer than the number of volumes is a circle.
   for (std::size_t n = 0; n < volumes.size() && volume->instances.empty(); ++n) {
     const PlaceSpec& place = volume->place;
     if (place.kind == PlaceSpec::Kind::kUnit) return place.size;
@@ -368,7 +368,7 @@ double metresPerUnit(const std::map<std::string, ReadVolume>& volumes, const std
                    "\"1.5 file\"");
 }
 
-/// Puts the volumes into a scene, and adds a note for a width that had another meaning in older
+/// Puts the volumes into a scene. Adds a note about each width that had another meaning in older
 /// versions.
 void putVolumes(SceneSpec& spec, const std::map<std::string, ReadVolume>& volumes) {
   constexpr double kMostReach = 16.0;  // the largest width of the older versions
@@ -404,7 +404,7 @@ JsonType<DerivedSpec> fieldType() {
 
 // Modes.
 
-/// A mode, and the volume that gives a guide its units.
+/// A mode, and the volume that defines the units of a guide.
 struct NamedMode {
   ModeSpec mode;
   std::string in;
@@ -448,7 +448,7 @@ ModeRows guideRows() {
        {wordFor(PrimitiveKind::kPlane), directed(PrimitiveKind::kPlane)}});
 }
 
-/// Returns the type of a mode: one row for each kind, and the common keys name, strength and by.
+/// Returns the type of a mode: a row for each kind, and the common keys name, strength and by.
 JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
   const auto of = [] { return ModeRows().need("of", jsonName(), to(&ModeSpec::of)); };
   const auto solid = [&] {

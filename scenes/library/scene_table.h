@@ -6,10 +6,10 @@
 
 namespace palpate {
 
-/// Returns the table that reads scene files and prints their schema. It does not change file names.
+/// Returns the table that reads scene files, with file names as written, and prints their schema.
 [[nodiscard]] const JsonObject<SceneSpec>& sceneTable();
 
-/// Returns the whole schema: its title, the table and the definitions.
+/// Returns the whole schema: title, table and definitions.
 [[nodiscard]] JsonSchema sceneTableSchema();
 
 }  // namespace palpate

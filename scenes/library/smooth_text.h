@@ -8,7 +8,7 @@
 
 namespace palpate {
 
-/// A regular expression for the text: a number, and m, cm, mm, um or file.
+/// Regular expression for the text: a number, and m, cm, mm, um or file.
 inline constexpr const char* kSmoothPattern = "^[0-9]{1,9}(\\.[0-9]{1,9})? ?(m|cm|mm|um|file)$";
 
 /// A width with a unit.
@@ -17,7 +17,7 @@ struct SmoothText {
   double metres = 0.0;  ///< Metres per unit; 0 for the file's unit.
 };
 
-/// Reads a text that matches kSmoothPattern. Returns no value for any other text.
+/// Parses a text that matches kSmoothPattern. Returns no value for other texts.
 [[nodiscard]] std::optional<SmoothText> readSmoothText(const std::string& text);
 
 }  // namespace palpate

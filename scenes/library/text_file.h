@@ -9,8 +9,8 @@
 
 namespace palpate {
 
-/// Throws E unless the path leads to a regular file: a pipe may block for ever, and a device may
-/// have no end.
+/// Throws E unless the path leads to a regular file: reading a pipe or a device could block
+/// forever.
 template <class E>
 void checkRegular(const std::filesystem::path& file, const std::string& remedy) {
   std::error_code error;
@@ -29,7 +29,7 @@ template <class E>
   checkRegular<E>(file, remedy);
   std::ifstream in(file, std::ios::binary);
   std::ostringstream text;
-  // Skips an empty file: `text << in.rdbuf()` would insert no characters and report an error.
+  // `text << in.rdbuf()` would report an error for an empty file.
   if (in && in.peek() != std::ifstream::traits_type::eof()) text << in.rdbuf();
   if (in.bad() || !in.is_open() || !text) throw E(file.string(), "it cannot be read", remedy);
   return text.str();

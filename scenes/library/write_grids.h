@@ -1,4 +1,4 @@
-/// Private to scenes: writes a .vdb, and detects a full disk.
+/// Private to scenes: writes a .vdb, and reports a full disk.
 #pragma once
 
 #include <cerrno>
@@ -14,8 +14,8 @@
 
 namespace palpate {
 
-/// Writes grids with Blosc compression. Throws Error if the file is incomplete. openvdb::io::File
-/// cannot detect this, because it never checks the state of its stream.
+/// Writes grids with Blosc compression. Throws Error if the file is incomplete, which
+/// openvdb::io::File does not detect: it never checks its stream.
 inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPtrVec& grids) {
   struct Archive final : openvdb::io::Archive {
     void put(std::ostream& out, const openvdb::GridCPtrVec& grids) const {

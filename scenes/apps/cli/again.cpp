@@ -32,7 +32,7 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
   Vec3 probe = most.probe;
   Vec3 proxy = most.proxy;
   if (most.motion) {
-    // Maps hand and proxy to the volume's pose at time 0, by the pose at the proxy.
+    // Moves hand and proxy with the volume to its pose at time 0, where `palpate explain` begins.
     const Vec3 rest = most.pose.toRest(proxy);
     const Pose first = most.motion->poseOf(rest, 0.0);
     probe = first(most.pose.toRest(probe));
@@ -48,13 +48,13 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
     again.push = roundedTo(probe - again.at);
     double off = 0.0;
     if (scene.id == most.scene) {
-      constexpr double kTick = 1e-3;  // [s]: period of `palpate explain`
+      constexpr double kTick = 1e-3;  // [s]: default tick of `palpate explain`
       Reader reader;
       ProxyState state(pathLimits());
       static_cast<void>(restAt(scene, reader, state, again.at, kTick));
       const Vec3 hand = again.at + again.push;
       const StepReport r = hapticStep(scene, reader, {hand}, state, kTick);
-      // Compares only the spring forces: the damper's force depends on the hand's speed.
+      // Compares only the spring's forces, because the damper's force depends on the hand's speed.
       off = std::abs(r.stiffness * (r.proxy - hand).norm() - most.stiffness * pressed.norm());
     }
     if (off >= least) continue;

@@ -16,10 +16,10 @@ struct Again {
   Vec3 push = Vec3::Zero();  ///< Option --push: move of the hand from `at` within the tick [m].
 };
 
-/// Returns a motion of the hand that reproduces `most` in one tick. The hand starts on the proxy's
-/// side of a surface, so that the surface stops the proxy. If `scene` is the scene of `most`,
-/// chooses the start distance with the nearest spring force; returns no value if that force differs
-/// by more than 10 %. Moving volumes are at their pose of time 0.
+/// Returns a hand's motion that reproduces `most` in one tick, with moving volumes at their pose of
+/// time 0. The hand starts on the proxy's side of a surface, so that the surface stops the proxy.
+/// If `scene` is the scene of `most`, tries several starts. Returns the one with the nearest spring
+/// force, or no value if this force differs by over 10 %.
 [[nodiscard]] std::optional<Again> againOf(const Most& most, const Scene& scene);
 
 /// Returns "palpate explain SCENE --at x,y,z --push x,y,z". SCENE is quoted for a shell.

@@ -34,7 +34,7 @@ void BareLoop::run(double seconds, int priority) noexcept {
     due += kPeriod;
     sleepUntil(due);
     const double late = 1e-9 * static_cast<double>(nowNs() - due);
-    // The program was stopped or the machine slept: the delay does not count.
+    // Such a delay does not count: the program was stopped or the machine slept.
     if (late > Reengagement::kPause) {
       due = nowNs();
       continue;

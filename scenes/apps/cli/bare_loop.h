@@ -7,12 +7,12 @@
 
 namespace palpate::cli {
 
-/// A real-time thread that wakes 1000 times a second and does no work. Its delays are due to the
-/// machine and to other programs.
+/// A real-time thread that wakes 1000 times a second and does no work. So its delays are caused by
+/// the operating system and other programs.
 class BareLoop {
  public:
   struct Seen {
-    double worst = 0.0;  ///< The largest delay of a wake-up [s].
+    double worst = 0.0;  ///< Longest delay of a wake-up [s].
     int late = 0;        ///< Number of delays longer than WatchLimits::late.
   };
 
@@ -23,7 +23,7 @@ class BareLoop {
   BareLoop(const BareLoop&) = delete;
   BareLoop& operator=(const BareLoop&) = delete;
 
-  /// Returns the result once, after the thread has ended; otherwise no value.
+  /// Returns the result at the first call after the thread has ended, otherwise no value.
   [[nodiscard]] std::optional<Seen> take();
 
  private:

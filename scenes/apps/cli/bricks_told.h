@@ -6,7 +6,7 @@
 
 namespace palpate::cli {
 
-/// Returns the report in the format that docs/formats.md defines.
+/// Returns the report as JSON (docs/formats.md).
 [[nodiscard]] OrderedJson bricksJson(const BrickManifest& manifest);
 void sayBricks(const BrickManifest& manifest);
 

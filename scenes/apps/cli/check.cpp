@@ -19,7 +19,7 @@ constexpr double kFeelRate = 1000.0;  // [Hz]: default rate of `palpate feel`
 std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by,
                      bool is_strength = false) {
   std::string text;
-  // A constant strength acts only where the field named by the mode's `by` has data.
+  // A constant strength acts only at points where the field named by the key `by` has data.
   const bool mask = is_strength && transfer.factors.size() == 1 && !by.empty();
   for (const TransferSpec::Factor& factor : transfer.factors) {
     if (!text.empty()) text += " times ";
@@ -49,7 +49,7 @@ std::string describe(const GuideSpec& guide, const std::string& in) {
   return text + (in.empty() ? " (metres)" : " (in the units of " + in + ")");
 }
 
-/// Describes a mode in one line. `in` is the volume that defines a guide's units; empty: metres.
+/// Describes a mode in one line. `in` names the volume whose units a guide uses; empty: metres.
 std::string describe(const ModeSpec& mode, const std::string& in) {
   std::string text = wordFor(mode.kind);
   text += mode.kind == ModeKind::kGuide ? ": " + describe(mode.guide, in) : " of " + mode.of;
@@ -92,11 +92,11 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
   return out;
 }
 
-/// Returns the number of cells at which an isosurface meets missing data; null if not examined.
+/// Returns the number of cells in which an isosurface meets missing data; null if not examined.
 OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene& built) {
   const auto volume = built.volumes.find(mode.of);
   if (volume == built.volumes.end() || built.windows.count(mode.of) != 0) return nullptr;
-  // A computed volume has the sampling of the volume that it is computed from.
+  // A computed volume has the sampling of its source.
   const auto computed = built.computed.find(mode.of);
   const std::string& source = computed == built.computed.end() ? mode.of : computed->second.from;
   const auto found =
@@ -108,7 +108,6 @@ OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene
   return json;
 }
 
-/// Returns the number of instances in the definition of the volume `name`.
 std::size_t instancesOf(const SceneSpec& spec, const std::string& name) {
   const auto volume = spec.volumes.find(name);
   return volume == spec.volumes.end() ? 0 : volume->second.instances.size();
@@ -158,7 +157,7 @@ OrderedJson couplingOf(const SceneSpec& spec, const BuiltScene& built) {
     json["stiffness_most"] = spec.graph.stiffness->highest();
     json["stiffness_by"] = describe(*spec.graph.stiffness, "N/m", "");
   }
-  // The default arm of `palpate feel`.
+  // `palpate feel` uses this arm by default.
   const SimulatedDevice arm({}, {}, {[](double) { return Vec3(0, 0, 0); }, 0.0}, kFeelRate);
   json["room"] = roomFor(arm.info(), kFeelRate, stiffestCoupling(spec));
   return json;

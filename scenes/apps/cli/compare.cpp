@@ -27,7 +27,7 @@ struct CompareOptions {
   bool json = false;
 };
 
-/// Returns the first different input or output of two ticks; null if they are equal.
+/// Returns the first input (or output, if `outputs`) in which two ticks differ; null if none does.
 const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, bool outputs) {
   const auto fields = recordedFields();
   const auto* x = reinterpret_cast<const char*>(&a);
@@ -39,7 +39,7 @@ const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, boo
   return nullptr;
 }
 
-/// Clears the fields that may differ between equal runs.
+/// Clears the fields that may differ between two runs with equal results.
 RecordedTick given(RecordedTick tick) {
   tick.scene = 0;
   tick.tick_ns = tick.wake_ns = tick.late_ticks = 0;
@@ -51,13 +51,13 @@ Vec3 vector(const std::array<double, 3>& v) {
   return {v[0], v[1], v[2]};
 }
 
-/// The largest value passed to add(), and its tick.
+/// Largest of the values passed to add(), and its tick.
 struct Largest {
   double value = 0.0;
   std::optional<RecordedTick> tick;
 
   void add(double x, const RecordedTick& in) {
-    // An infinite or NaN difference counts as the largest one.
+    // A difference of infinity or NaN counts as the largest one.
     if (!std::isfinite(x)) x = std::numeric_limits<double>::infinity();
     if (tick && !(x > value)) return;
     value = x;
@@ -192,7 +192,7 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   }
 }
 
-/// Returns a `palpate explain` command for the largest difference, or an empty text.
+/// Returns a `palpate explain` command for the tick with the largest difference; empty if unknown.
 std::string explained(const Recording& a, const Largest& force) {
   if (!force.tick || !(force.value > 0.0)) return {};
   try {
@@ -210,7 +210,7 @@ std::string explained(const Recording& a, const Largest& force) {
   } catch (const Interrupted&) {
     throw;
   } catch (const std::exception&) {
-    // Without the files or enough memory, the report has no command.
+    // Without the scene's files or enough memory, the report has no command.
     return {};
   }
 }

@@ -32,7 +32,7 @@ namespace palpate::cli {
 namespace {
 
 constexpr std::int64_t kPeriod = 1000000;  // [ns]
-// USB numbers of a Teensy board that runs only its bootloader.
+// USB numbers of a Teensy board that runs its bootloader, and no firmware.
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
 
@@ -150,10 +150,10 @@ int show(const DevicesOptions& options) {
   return kDone;
 }
 
-/// Name and limits of a plug-in's arm, equal to those that openAnyArm reports.
+/// Name and limits of a plug-in's arm, as openAnyArm would report them.
 struct NamedPluginArm {
   std::string name;
-  std::optional<DeviceInfo> info;  ///< Limits of a tested arm; unset: not usable.
+  std::optional<DeviceInfo> info;  ///< Limits, if the arm was tested; otherwise it cannot be used.
   bool tested = false;
   std::string trouble;
 };
@@ -174,11 +174,11 @@ NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
 }
 
 struct Listing {
-  std::vector<std::string> notes;  ///< Errors in the profiles that the user has written.
+  std::vector<std::string> notes;  ///< Errors in the user's own profiles.
   std::vector<HidProfile> profiles;
   std::vector<FoundArm> arms;
   std::vector<FoundPlugin> plugins;
-  std::vector<std::string> others;  ///< Devices that may be an arm without firmware.
+  std::vector<std::string> others;  ///< Devices that may be arms without firmware.
 };
 
 Listing findAll() {
@@ -281,7 +281,7 @@ OrderedJson listingInJson(const Listing& all) {
   return out;
 }
 
-/// Limits and rates of an arm with motors [N, N/m, N s/m, Hz, Hz, m].
+/// Limits and rates of an arm with motors [N, N/m, N s/m, Hz, Hz, m], in the order of the members.
 struct ShownLimits {
   double force, stiffness, damping, input_rate, output_rate, workspace_radius;
 };
@@ -373,7 +373,7 @@ int list(const DevicesOptions& options) {
   return kDone;
 }
 
-/// Prints readings of an arm repeatedly. On a terminal, each reading replaces the previous one.
+/// Prints an arm's readings repeatedly. On a terminal, each reading replaces the previous one.
 class Pictures {
  public:
   explicit Pictures(double seconds) : seconds_(seconds), begin_(nowNs()), next_(often()) {
@@ -436,7 +436,7 @@ std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::
   return text;
 }
 
-/// Shows the readings of a plug-in's arm, which is opened as for a run and gets zero force.
+/// Prints the readings of a plug-in's arm. The arm is opened as for a run, and gets zero force.
 int watchPlugin(const DevicesOptions& options) {
   Pictures pictures(options.seconds);
   ArmHost host;
@@ -460,7 +460,7 @@ int watchPlugin(const DevicesOptions& options) {
   return kInterrupted;
 }
 
-/// Shows the readings of an arm. Only reads, so that another program can drive the arm.
+/// Prints the readings of an arm. It only reads, so another program can drive the arm meanwhile.
 int watch(const DevicesOptions& options) {
   if (parsePluginName(options.watch)) return watchPlugin(options);
   Pictures pictures(options.seconds);
@@ -470,7 +470,7 @@ int watch(const DevicesOptions& options) {
   const auto wrong = chosen.arm.against(chosen.profile);
   const auto port = openHidToRead(chosen.arm.device.path);
   ArmWatch watch(chosen.profile);
-  constexpr std::int64_t kLook = 5000000;  // [ns]: the kernel keeps 63 reports
+  constexpr std::int64_t kLook = 5000000;  // [ns]: the kernel stores at most 63 reports
   while (interrupted == 0) {
     const bool gone = watch.take(*port, nowNs()) == ReadStatus::kGone;
     const bool over = pictures.over();

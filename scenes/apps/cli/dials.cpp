@@ -22,7 +22,7 @@ Numbers known(const SceneSpec& spec) {
   return numbers;
 }
 
-/// Scales the existing curve. A new factor would change which factor the key `by` belongs to.
+/// Scales the existing curve. With an added factor, `by` could mean a different factor.
 void scale(TransferSpec& property, double factor) {
   TransferFunction& curve = property.factors.front().curve;
   std::vector<TransferFunction::Knot> knots = curve.knots();

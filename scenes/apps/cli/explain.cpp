@@ -91,7 +91,6 @@ void printBalance(const OrderedJson& json) {
   say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
 }
 
-/// Prints how far the proxy moved towards its balance in each sub-step.
 void printSteps(const OrderedJson& steps) {
   for (const OrderedJson& step : steps) {
     const std::string end = text(step["end"]);

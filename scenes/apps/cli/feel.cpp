@@ -32,7 +32,7 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
   start.y() = bounds.lower.y() - 0.1 * bounds.size().maxCoeff();
   if (window != nullptr) asked.mouse = window->mouse(start);
   const auto& names = options.devices;
-  // Only one of the hands may follow a client of the OpenIGTLink server.
+  // At most one hand may follow a client of the OpenIGTLink server.
   if (igtl != nullptr && std::count(names.begin(), names.end(), "igtl") > 0) {
     asked.client = igtl->hand(start);
   }
@@ -44,11 +44,11 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
   return asked;
 }
 
-/// Returns the path of the simulated hands, if any, and the cost of its search in `search`.
+/// Returns the path of the simulated hands, and writes the cost of finding it to `search`.
 HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, OrderedJson& search) {
   const auto& names = options.devices;
   if (std::none_of(names.begin(), names.end(), isSimulated)) return {};
-  // With a window or clients the run has no fixed end: the path covers the longest run.
+  // With a window or clients the run has no fixed end, so the path covers the longest run.
   const bool endless = (options.window && options.still.empty()) || !options.igtl.empty();
   const double seconds = options.seconds.value_or(endless ? kMostFeelSeconds : kFeelSeconds);
   Search did;
@@ -65,7 +65,7 @@ HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, Ordered
 void record(Hand& hand, const std::string& place, double rate, RecordedScene first) {
   checkReplaceable(place);
   RecordedSetting setting{hand.device->info(), rate, {}};
-  // A replayed hand keeps the force limits of the run that was recorded.
+  // A replayed hand keeps the force limits of the recorded run.
   const bool again = dynamic_cast<const ReplayDevice*>(hand.device.get()) != nullptr;
   if (!again) setting.device.limits = limitsInLoop(hand.device->info(), rate);
   setting.about = dump({{"version", kVersion}, {"commit", commit()}, {"machine", machineJson()}});
@@ -113,8 +113,8 @@ ScenesById scenesOfReplay(const Hands& hands, const FeelOptions& options, const 
   return scenesOf(device.recording(), built.scene, cache);
 }
 
-/// Sets the largest number of ticks. Without --seconds, it has no limit if all hands are recorded,
-/// and in real-time runs with a window or a server.
+/// Sets the largest number of ticks of the run. Without --seconds there is no limit if all hands
+/// are recorded, or if a real-time run has a window or a server.
 void limitTicks(Run& run) {
   const FeelOptions& options = run.options;
   run.whole_path = !options.seconds &&
@@ -133,7 +133,7 @@ int feel(FeelOptions options) {
   std::optional<Guardian> guardian;
   if (options.realtime) guardian.emplace();
   std::optional<Window> window;
-  // A still picture shows the last tick, so the window must get every tick.
+  // A still picture shows the last tick, so the window must receive every tick.
   constexpr double kEveryTick = 1.0;
   if (options.window) window.emplace(options.still.empty() ? options.rate : kEveryTick);
 
@@ -154,7 +154,7 @@ int feel(FeelOptions options) {
   OrderedJson search;
   const HandTarget target =
       targetOf(options, plays ? buildScene(coarsely(spec, built), {}) : built, search);
-  // From here on, an interrupt lowers the forces and writes the results.
+  // After this call, an interrupt lowers the forces and the run still writes its results.
   noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices = openDevices(
       options, built.bounds, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);

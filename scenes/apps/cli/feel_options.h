@@ -18,10 +18,10 @@ inline constexpr double kMostFeelSeconds = 1e6;  ///< Longest duration of a run 
 [[nodiscard]] bool isPath(const std::string& device);
 /// Returns true if the value of --device replays a recording: replay:FILE[@SECONDS].
 [[nodiscard]] bool isReplay(const std::string& device);
-/// Returns true if the value of --device is a simulated arm, with or without a simulated defect.
+/// Returns true if the value of --device is a simulated arm, with or without a simulated failure.
 [[nodiscard]] bool isSimulated(const std::string& device);
 
-/// Returns the output file of a hand. For `asked` = "T.csv" the hands have T.csv, T.2.csv, T.3.csv.
+/// Returns the output file of a hand: for `asked` = "T.csv", T.csv, T.2.csv, T.3.csv and so on.
 [[nodiscard]] std::string placeOf(const std::string& asked, std::size_t hand);
 
 void checkFeelOptions(const FeelOptions& options);

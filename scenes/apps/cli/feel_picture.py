@@ -19,17 +19,17 @@ from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.patheffects import Stroke, Normal  # noqa: E402
 
-# Positions and sizes on a page [in], from the left and from the top. They do not depend on the content.
+# Positions and sizes on a page [in], from the left and from the top. They are the same for all contents.
 WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.2, 0.45, 0.45, 4.5, 3.0
 GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
 TITLE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.36, 0.4, 1.1, 0.15
-ROBUST = (0.5, 99.5)  # percentiles of the values that are black and white
-FAR = 0.1             # distance from a slice at which the path is faintest, relative to the longest side
+ROBUST = (0.5, 99.5)  # percentiles of the values that are drawn black and white
+FAR = 0.1             # distance from a slice at which the path is palest, as a fraction of the longest side
 FAINT = 0.2
 LEVELS = ((SKY, "-"), (GREEN, "--"), (ORANGE, ":"), (RED, "-."))
-# Letters for the patient's directions along -x and +x, -y and +y, -z and +z.
+# Letters for a patient's directions: along -x and +x, -y and +y, -z and +z.
 LETTERS = (("L", "R"), ("P", "A"), ("I", "S"))
-# Colours of the force. The smallest is visible on black; a dark rim makes the largest visible on white.
+# Colours of the force. The smallest is visible on black; a dark rim makes the largest one visible on white.
 FORCES = ListedColormap(plt.get_cmap("plasma")(np.linspace(0.4, 0.97, 256)))
 RIM, RIM_ALPHA, LINE_WIDTH = 1.8, 0.6, 1.0
 MOST = {"marker": "o", "linestyle": "none", "markersize": 5, "markerfacecolor": "none",
@@ -197,8 +197,8 @@ class Picture:
         cell = min(self.size[a] / count[1], self.size[b] / count[0])
         known = np.isfinite(vectors[..., 0])
         lengths = np.hypot(vectors[..., 0], vectors[..., 1])
-        known &= lengths > 0.1 * longest  # a dot shows no direction
-        # Vectors above the 98th percentile are drawn with its length.
+        known &= lengths > 0.1 * longest  # a vector this short has no visible direction
+        # Vectors longer than the 98th percentile are drawn with that length.
         shown = vectors / np.maximum(1.0, lengths / longest)[..., None]
         grid = np.meshgrid(x, y)
         axial = field["kind"] == "axial"

@@ -85,7 +85,7 @@ OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneS
   return summary;
 }
 
-/// Prints a hand's report. `scene` is the file in the printed `palpate explain` command.
+/// Prints a hand's report. `scene` is the scene file to name in the `palpate explain` command.
 void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary,
           const std::string& scene) {
   say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
@@ -138,7 +138,7 @@ void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   run.sites->sayThem();
 }
 
-/// Prints the faults and returns the exit status. `kept`: all recordings are complete.
+/// Prints the faults and returns the exit status. `kept`: true if all recordings are complete.
 int statusOf(const Run& run, bool nothing, bool lost, bool kept) {
   int status = nothing && !run.options.window ? kNothingFelt : kDone;
   if (lost || !kept) status = kEndedEarly;
@@ -177,7 +177,7 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
   run.fetched.tellTroubles();
   bool kept = true;
   for (std::size_t h = 0; h < hands.size(); ++h) kept = endRecording(run, h) && kept;
-  // A second interrupt ends only the drawing of the picture.
+  // A second interrupt ends only the drawing of the picture; the results are already written.
   const bool cut_short = interrupted != 0;
   interrupted = 0;
   report(run, search, outputs);

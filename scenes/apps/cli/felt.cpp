@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kStep = 1.02;  // Ratio of the upper to the lower bound of a bin
 
-/// Counts the ticks of each status except converged; empty if all ticks converged.
+/// Lists how many ticks had each status other than converged; empty if all converged.
 std::string troublesOf(const OrderedJson& statuses) {
   std::string troubles;
   for (const auto& [status, count] : statuses.items()) {
@@ -93,7 +93,7 @@ Felt::Felt(const Scene& scene, double rate)
 
 std::vector<int> Felt::loadsOf(std::span<const std::string> modes) const {
   std::vector<int> loads;
-  // For each name, index from which to search for its next mode
+  // For each name, the index at which the search for its next mode begins
   std::map<std::string, std::size_t> after;
   const std::size_t own = carriers_.size() - (parts_ ? 1 : 0);
   for (const std::string& name : modes) {
@@ -113,7 +113,7 @@ void Felt::expect(const Scene& scene) {
 
 void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   const StepReport& r = tick.report;
-  // The last force acts until this reading, and does work along the hand's move.
+  // The last force acted until this reading, so it did work along the hand's move.
   const Vec3 moved = durations_.count() > 0 ? Vec3(tick.probe - last_probe_) : Vec3::Zero();
   net_energy_ += last_force_.dot(moved);
   last_probe_ = tick.probe;
@@ -125,7 +125,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   if (felt == nullptr) return;
   const TickForces forces = addForces(*felt, r, state);
 
-  // During a fast move the force counts half, because the hand feels it only for a moment.
+  // A force counts half during a fast move, because the hand is exposed to it only for a moment.
   constexpr double kFast = 0.1;  // [m/s]
   const double size = r.force.norm();
   const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;
@@ -154,7 +154,7 @@ void Felt::countTick(const Telemetry& tick) noexcept {
   substeps_ += r.substeps;
   primitives_ += r.primitives;
   iterations_ += r.iterations;
-  constexpr double kPulled = 1e-3;  // [N]: smallest force that a hand can feel
+  constexpr double kPulled = 1e-3;  // [N]: smallest pull that counts
   pulled_ += static_cast<std::int64_t>(r.left * tick.input.pull.norm() > kPulled);
   force_max_ = std::max(force_max_, r.force.norm());
   strong_ += static_cast<std::int64_t>(r.force.norm() > kStrong);
@@ -169,7 +169,7 @@ void Felt::countTick(const Telemetry& tick) noexcept {
 
 void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
   drained_ += static_cast<std::int64_t>(r.share < 1.0);
-  // If the tank acts, r.force is already reduced; if it monitors, r.force is the whole force.
+  // An acting tank has already reduced r.force; a monitoring tank leaves r.force unchanged.
   const double size = r.force.norm();
   const bool acts = state.limits().tank.use == TankUse::kAct;
   const double asked = acts && r.share > 0.0 ? size / r.share : acts ? r.wanted.norm() : size;
@@ -182,7 +182,7 @@ void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
 }
 
 Felt::SceneFelt* Felt::enterScene(std::uint64_t id) noexcept {
-  // expect() gets each scene before the loop does, so a new scene is in the mailbox.
+  // The loop gets a scene after expect() does, so the scene is already in the mailbox.
   if (!expected_.current() || expected_.current()->id != id) expected_.refresh();
   if (!expected_.current() || expected_.current()->id != id) return nullptr;
   if (scene_ != id) {
@@ -238,8 +238,8 @@ void Felt::addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
 }
 
 void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const noexcept {
-  constexpr double kNewtons = 1e-3;  // [N]: smallest force that a hand can feel
-  constexpr double kPause = 0.05;    // [s]: least pause between contacts
+  constexpr double kNewtons = 1e-3;  // [N]: smallest force of a contact
+  constexpr double kPause = 0.05;    // [s]: shortest pause between two contacts
   const std::int64_t now = durations_.count();
   const Side side = sideOf(tick.memory);
   if (side == Side::kYielded && tick.last != Side::kYielded) ++mode.yields;

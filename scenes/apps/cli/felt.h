@@ -38,7 +38,7 @@ class Durations {
   std::int64_t max_ = 0;
 };
 
-/// The tick with the strongest force. The force counts half if the hand moved faster than 0.1 m/s.
+/// The tick with the strongest force of a mode. A force counts half if the hand moves over 0.1 m/s.
 struct Most {
   double force = 0.0;         ///< [N]; 0 if no mode gave a force.
   double time = 0.0;          ///< Time since the start of the run [s].
@@ -48,27 +48,28 @@ struct Most {
   std::string mode;
   std::uint64_t scene = 0;  ///< Scene::id of the tick.
   MotionPtr motion;         ///< Motion of the mode's volume; null: at rest.
-  Pose pose;                ///< Pose of this motion at `time`.
+  Pose pose;                ///< Pose by `motion` at `time`.
 };
 
 /// Force of each mode of the run's first scene, then of all its parts together [N].
 using Loads = std::array<double, kMaxModes + 1>;
 
-/// Accumulates a run. The thread of the loop calls add().
-// The padding is intended: the mailbox keeps the data of its two threads on separate cache lines.
+/// Accumulates the results of a run. Only the loop's thread calls add().
+// Padding is intended: the mailbox keeps the data of its two threads on separate cache lines.
 class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   Felt(const Scene& scene, double rate);
 
-  /// Adds a tick after its force was sent to the device. RT: no allocation.
+  /// Adds a tick, after its force was sent to the device. RT: no allocation.
   void add(const Telemetry& tick, const ProxyState& state) noexcept;
-  /// Announces the next scene. Call it before the scene is published, from the same thread.
+  /// Announces the next scene. Call it before the scene is published, on the same thread.
   void expect(const Scene& scene);
 
   /// Returns the names for loads(): the modes of the first scene, then "parts" if it has parts.
   [[nodiscard]] const std::vector<std::string>& carriers() const noexcept { return carriers_; }
-  /// Returns the force of each carrier in the last tick [N]; 0 without a mode. In a later scene,
-  /// the mode of the same name counts; modes with equal names count in their order.
+  /// Returns the force of each carrier in the last tick [N]. In a later scene, a carrier is the
+  /// mode of the same name; without one, its force is 0. Modes with equal names are matched in
+  /// order.
   [[nodiscard]] std::span<const double> loads() const noexcept {
     return {loads_.data(), carriers_.size()};
   }
@@ -76,9 +77,9 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Returns true if a mode contributed to the force in any tick.
   [[nodiscard]] bool anything() const;
   [[nodiscard]] Most most() const;
-  /// Returns the time integral of each mode's force by name [N s]; parts of one kind are added.
+  /// Returns the time integral of each mode's force by name [N s]; parts of a kind are summed.
   [[nodiscard]] std::map<std::string, double> impulses() const;
-  /// Returns the content of the summary file, without the fields that the caller adds.
+  /// Returns the content of the summary file, without the fields that callers add.
   [[nodiscard]] OrderedJson summary() const;
   [[nodiscard]] Legible words() const;
 
@@ -86,13 +87,13 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   struct ModeFelt {
     std::int64_t active = 0;  ///< Ticks in which the mode gave force.
     std::int64_t last_active = -1;
-    std::int64_t touches = 0;  ///< Contacts that follow at least 50 ms without force.
+    std::int64_t touches = 0;  ///< Contacts after a pause of at least 50 ms without force.
     std::int64_t yields = 0;   ///< Number of times the proxy was pushed through a surface.
     double impulse = 0.0;      ///< Sum of the force's magnitude over all ticks [N].
     double held = 0.0;         ///< Largest force of the mode [N].
     Vec3 at = Vec3::Zero();    ///< Proxy in the tick with the largest force [m].
   };
-  /// Side of each surface on which the proxy was after the last tick, for the modes of one graph.
+  /// For each mode of a graph: the side of its surface on which the proxy was in the last tick.
   struct Contacts {
     std::size_t part = NearPart::kNone;
     std::array<Side, kMaxModes> of{};
@@ -108,7 +109,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::vector<int> load_of;  ///< Index of each mode's carrier; -1: no carrier.
     std::vector<std::size_t> modes_of_part;  ///< First mode of each part.
   };
-  /// The data of Most in the form that a tick can store without allocation.
+  /// The data of Most, in a form that a tick can store without allocation.
   struct Moment {
     double worth = 0.0;  ///< Force, halved if the hand is fast [N].
     double force = 0.0;
@@ -121,8 +122,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     Pose pose;
   };
   struct TickForces {
-    std::span<const Vec3> left;  ///< Forces of the primitives of later modes.
-    double most = 0.0;           ///< Largest force of a mode [N].
+    std::span<const Vec3> left;  ///< Forces of the primitives of all later modes.
+    double most = 0.0;           ///< Largest force of any mode [N].
     std::size_t main = 0;
     Vec3 of_parts = Vec3::Zero();  ///< Sum of the forces of all parts' modes [N].
   };
@@ -133,7 +134,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   };
   void countTick(const Telemetry& tick) noexcept;
   void addTank(const StepReport& r, const ProxyState& state) noexcept;
-  /// Returns the results for the scene of a tick; null if it was not announced.
+  /// Returns the results for a tick's scene; null if the scene was not announced.
   [[nodiscard]] SceneFelt* enterScene(std::uint64_t id) noexcept;
   TickForces addForces(SceneFelt& felt, const StepReport& r, const ProxyState& state) noexcept;
   void addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
@@ -148,15 +149,15 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::vector<std::string> carriers_;
   bool parts_ = false;
   Loads loads_{};
-  std::vector<std::shared_ptr<SceneFelt>> scenes_;  ///< Used only by the thread of expect().
-  /// Carries a scene from expect() to the loop's thread.
+  std::vector<std::shared_ptr<SceneFelt>> scenes_;  ///< Used only on expect()'s thread.
+  /// Passes scenes from expect() to the loop's thread.
   Mailbox<std::shared_ptr<SceneFelt>> expected_;
   Durations durations_;
   Durations wakes_;
   std::int64_t late_ = 0;
   double last_time_ = 0.0;
   Fault fault_ = Fault::kNone;
-  std::array<std::int64_t, kFaults> faults_{};  ///< How often each fault cut the force.
+  std::array<std::int64_t, kFaults> faults_{};  ///< Number of times that each fault cut the force.
   std::array<std::int64_t, kStepStatuses> statuses_{};
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
@@ -170,7 +171,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double force_max_ = 0.0;
   double bound_max_ = 0.0;
   double net_energy_ = 0.0;
-  std::int64_t still_ = 0;    ///< Ticks in which the force faded because the arm did not move.
+  std::int64_t still_ = 0;    ///< Ticks with less force because the arm did not move.
   std::int64_t drained_ = 0;  ///< Ticks in which the energy tank reduced the force.
   double lost_ = 0.0;         ///< Sum of the force that the tank removed [N].
   double asked_ = 0.0;        ///< Sum of the force before the tank's reduction [N].
@@ -179,9 +180,9 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double refilled_ = 0.0;
   TankUse tank_ = TankUse::kOff;
   double injected_ = 0.0;
-  std::int64_t near_ = 0;  ///< Sum of the parts near the hand.
+  std::int64_t near_ = 0;  ///< Sum over all ticks of the number of parts near the hand.
   std::int64_t most_near_ = 0;
-  std::int64_t crowded_ = 0;  ///< Ticks in which the near parts did not all fit.
+  std::int64_t crowded_ = 0;  ///< Ticks in which some of the near parts did not fit.
   double missing_ = 0.0;      ///< Largest force of parts that did not fit [N].
   std::uint64_t scene_ = 0;   ///< Scene::id that own_ and slots_ belong to.
   Contacts own_;

@@ -18,10 +18,10 @@
 namespace palpate::cli {
 namespace {
 
-/// Rows of one compressed block: 0.41 MB, which fits in the default cache of readers (1 MB).
+/// Rows of one compressed block: 0.41 MB, which fits in a reader's default cache (1 MB).
 constexpr hsize_t kBlock = 1024;
 
-/// Returns the reason of a failed call: the innermost message, or the system's message in it.
+/// Returns why a call failed: HDF5's innermost message, or the system's message in it.
 std::string reasonOf() {
   std::string reason;
   const auto keep = [](unsigned depth, const H5E_error2_t* error, void* kept) -> herr_t {
@@ -36,7 +36,7 @@ std::string reasonOf() {
   return said.substr(0, said.find('\''));
 }
 
-/// Closes a handle of the library at the end of its scope.
+/// Closes an HDF5 handle at the end of its scope.
 class Id {
  public:
   using Close = herr_t (*)(hid_t);
@@ -49,7 +49,7 @@ class Id {
     if (id_ >= 0) close_(id_);
   }
   operator hid_t() const noexcept { return id_; }
-  /// Closes now: delayed writes may fail only here.
+  /// Closes the handle before the end of its scope, to get errors of delayed writes.
   herr_t close() { return close_(std::exchange(id_, -1)); }
 
  private:
@@ -59,13 +59,13 @@ class Id {
 
 class Hdf5File {
  public:
-  /// `name` is the file's name in messages.
+  /// `place` is the path to write; messages name the file `name`.
   Hdf5File(const std::string& place, std::string name) : name_(std::move(name)) {
-    // This program reports errors itself. Failed writes are not tried again at exit.
+    // palpate reports errors itself. HDF5 must not retry failed writes at exit.
     H5dont_atexit();
     H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
     const Id access = id(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
-    // No other program knows the file yet, and not every disk supports locks.
+    // No other program knows the file yet, and some file systems have no locks.
     check(H5Pset_file_locking(access, 0, 1));
     file_.emplace(id(H5Fcreate(place.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose));
   }
@@ -113,7 +113,7 @@ class Hdf5File {
     const Id in_memory = tickType(false);
     const Id in_file = tickType(true);
     const auto count = static_cast<hsize_t>(recording.size());
-    const hsize_t endless = H5S_UNLIMITED;  // since a block may be longer than all rows
+    const hsize_t endless = H5S_UNLIMITED;  // a block may be longer than all rows
     const Id space = id(H5Screate_simple(1, &count, &endless), H5Sclose);
     const Id layout = quiet();
     check(H5Pset_chunk(layout, 1, &kBlock));
@@ -162,7 +162,7 @@ class Hdf5File {
     return id(H5Dcreate2(*file_, name, type, space, H5P_DEFAULT, layout, H5P_DEFAULT), H5Dclose);
   }
 
-  /// Returns the type of a row: as in memory, or without gaps and little-endian.
+  /// Returns the type of a row: as in memory, or little-endian without gaps if `in_file`.
   [[nodiscard]] Id tickType(bool in_file) const {
     struct Word {
       std::string_view name;

@@ -1,5 +1,5 @@
-/// palpate import: starts the program palpate-import, so that other verbs do not load VTK. If
-/// palpate-import is not installed, starts palpate-import-light, which is built without VTK.
+/// palpate import: starts the program palpate-import, so that other verbs need not load VTK. If
+/// palpate-import is not installed, starts palpate-import-light, which has no VTK.
 #include <cerrno>
 #include <cstring>
 #include <unistd.h>
@@ -12,7 +12,7 @@ namespace palpate::cli {
 void addImport(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("import", "Converts CT, MRI, CFD and other data to a .vdb");
   verb->prefix_command();
-  verb->set_help_flag();  // both programs print their own help
+  verb->set_help_flag();  // palpate-import and palpate-import-light print their help
   verb->callback([verb, &body] {
     body = [verb] {
       std::vector<std::string> words = verb->remaining();

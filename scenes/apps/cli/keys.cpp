@@ -9,7 +9,7 @@
 namespace palpate::cli {
 namespace {
 
-/// A background process must not change or read the terminal.
+/// Returns false for a background process, which must not change or read the terminal.
 bool ours() {
   return tcgetpgrp(0) == getpgrp();
 }
@@ -38,7 +38,7 @@ Keys::~Keys() {
 }
 
 void Keys::run() {
-  constexpr int kLook = 10;  // [ms]: time between two readings of the keys
+  constexpr int kLook = 10;  // [ms]: time between two checks of the keyboard
   while (!quit_) {
     if (ours()) {
       look();
@@ -52,7 +52,7 @@ void Keys::run() {
 }
 
 void Keys::look() {
-  // Checks the mode each time, because a shell restores its own mode while this process is stopped.
+  // A shell resets the terminal's mode while this process is stopped, so checks it each time.
   if (termios now{}; !raw_ || (tcgetattr(0, &now) == 0 && (now.c_lflag & ICANON) != 0)) {
     termios raw = usual_;
     raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);

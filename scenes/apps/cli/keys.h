@@ -12,11 +12,11 @@
 namespace palpate::cli {
 
 /// Esc cuts the force, Enter restores it; space 0 , . - + r control the playback. A separate thread
-/// reads the keys, so that output cannot delay them. A background process leaves the terminal
-/// alone.
+/// reads the keys, so that slow output cannot delay them. A background process does not touch the
+/// terminal.
 class Keys {
  public:
-  /// @param frame  Step of the playback [s]; if 0, keys do not control `clock`.
+  /// @param frame  Step of the playback [s]. If 0, the keys do not control `clock`.
   Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double frame);
   ~Keys();
   /// Sets the playback step of a new scene [s].
@@ -34,7 +34,7 @@ class Keys {
   std::atomic<double> frame_;
   termios usual_{};
   bool shown_;
-  bool raw_ = false;  ///< The terminal delivers each key at once, not line by line.
+  bool raw_ = false;  ///< True while the terminal delivers each key at once instead of whole lines.
   std::atomic<bool> quit_{false};
   std::thread thread_;
 };

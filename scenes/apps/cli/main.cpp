@@ -23,7 +23,7 @@ namespace palpate::cli {
 
 using Body = std::function<int()>;
 
-// Each verb's source file defines its function. The verb's body returns the exit status.
+// Each function is in the source file of its verb. It sets `body`, which returns the exit status.
 void addInfo(CLI::App& app, Body& body);
 void addImport(CLI::App& app, Body& body);
 void addBrick(CLI::App& app, Body& body);
@@ -77,7 +77,7 @@ void addHelp(CLI::App& app, std::function<int()>& body) {
 /// `words` is the command line without the program's name.
 int run(const std::vector<std::string>& words) {
   using namespace palpate;
-  // The synchronised std::cin would report a read error of C's stdin as the end of the input.
+  // When synchronised with C's stdin, std::cin would report a read error as the end of the input.
   std::ios::sync_with_stdio(false);
   CLI::App app{
       "palpate: feel a volume. Loads .vdb volumes and scenes, and computes the forces on a hand "
@@ -91,7 +91,7 @@ int run(const std::vector<std::string>& words) {
   for (const auto& add : cli::kVerbs) add(app, body);
   addHelp(app, body);
 
-  // Reports an unknown verb before CLI11 does, to suggest the nearest name.
+  // Reports an unknown verb before CLI11 does, and suggests the most similar verb.
   const std::string first = words.empty() ? "" : words[0];
   std::vector<std::string> verbs;
   for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
@@ -117,24 +117,24 @@ int run(const std::vector<std::string>& words) {
     return cli::kBadInput;
   }
   const int status = body();
-  // An incomplete output means that the run has failed.
+  // If the output is incomplete, the run has failed.
   if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
     throw Error("standard output", "it cannot be written", "check the disk or the pipe");
   }
   return status;
 }
 
-/// Opens /dev/null for closed standard streams; otherwise new files would get their numbers.
+/// Opens /dev/null for each closed standard stream; otherwise a new file could get its descriptor.
 void holdStandardStreams() {
   for (const int fd : {0, 1, 2}) {
     if (fcntl(fd, F_GETFD) == -1) (void)open("/dev/null", fd == 1 ? O_RDONLY : O_RDWR);
   }
-  // A write to a closed pipe or beyond the file size limit then returns an error.
+  // Then a write to a closed pipe, or beyond the limit of a file's size, returns an error.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
 }
 
-/// Restores SIGCHLD, which a parent may ignore, to get the exit status of child processes.
+/// Restores the default of SIGCHLD: if it is ignored, children's exit statuses are lost.
 void hearChildren() {
   std::signal(SIGCHLD, SIG_DFL);
 }

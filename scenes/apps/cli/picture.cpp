@@ -17,18 +17,18 @@
 namespace palpate::cli {
 namespace {
 
-constexpr int kPixels = 256;  // Number of values along the longest side of a slice
+constexpr int kPixels = 256;  // Values along the longest side of a slice
 constexpr int kArrows = 18;
 constexpr std::size_t kMostFields = 2;
 constexpr double kLeastShare = 0.01;  // Fields with a smaller share of the force are not drawn
 constexpr std::size_t kMostTicks = 20000;
 constexpr double kTouched = 0.05;          // [N]: smallest force of a contact
-constexpr std::size_t kMostTouches = 500;  // Contacts that are examined to choose the fields
+constexpr std::size_t kMostTouches = 500;  // Contacts used to choose the fields
 constexpr std::size_t kMostParts = 12;
-// Horizontal and vertical axis of each slice: x always points to the right, z always up.
+// Horizontal and vertical axis of each slice: x points to the right, z points up.
 constexpr int kPlanes[3][2] = {{0, 1}, {0, 2}, {1, 2}};
 
-/// Value of a field at a position in W, read in the field's rest pose.
+/// Value of a field at a position in W; `vector` is in the field's rest pose.
 struct Look {
   Vec3 vector = Vec3::Zero();
   double value = 0.0;  ///< Value of a scalar field, or the vector's magnitude.
@@ -59,7 +59,7 @@ bool isVector(const FieldPtr& field) {
 
 struct Frame {
   Placement world;              ///< Transform from this frame to W.
-  Box bounds;                   ///< Box about the drawn volumes, in this frame.
+  Box bounds;                   ///< Box around the drawn volumes, in this frame.
   Vec3 through = Vec3::Zero();  ///< Point in which the three slices meet, in this frame.
   bool patient = false;         ///< True for a patient's frame: +x right, +y anterior, +z superior.
   std::string unit = "mm";
@@ -67,7 +67,7 @@ struct Frame {
   [[nodiscard]] Vec3 of(const Vec3& p_W) const {
     return world.rotation.transpose() * (p_W - world.translate) / world.scale;
   }
-  /// Extends `bounds` by a box; `world_from_box` transforms its corners to W.
+  /// Extends `bounds` by a box whose corners `world_from_box` transforms to W.
   template <class Map>
   void take(const Box& box, const Map& world_from_box) {
     for (int corner = 0; corner < 8; ++corner) {
@@ -78,7 +78,7 @@ struct Frame {
   }
 };
 
-/// Returns the values on a slice, row by row, with `most` values along the box's longest side.
+/// Returns the values on a slice, row by row, with `most` values along the longest side of the box.
 template <class ValueAt>
 OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value_at) {
   const auto [a, b] = kPlanes[plane];
@@ -100,7 +100,7 @@ OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value
   return json;
 }
 
-/// Returns at most kMostParts parts: those that contain the proxy in the most ticks.
+/// Returns the parts that contain the proxy in the most ticks, at most kMostParts.
 std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& touches) {
   std::vector<std::pair<std::size_t, std::size_t>> counts;
   for (std::size_t i = 0; i < scene.parts.size(); ++i) {
@@ -133,7 +133,7 @@ std::string lastOf(const std::filesystem::path& path) {
   return (name.empty() ? path.parent_path().filename() : name).string();
 }
 
-/// Builds the JSON from which the script draws a scene's picture.
+/// Builds the JSON from which feel_picture.py draws a scene's picture.
 class Drawing {
  public:
   Drawing(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,
@@ -167,7 +167,7 @@ class Drawing {
   }
 
  private:
-  /// Returns the volume at the end of a chain of derived fields; an empty name if it is missing.
+  /// Returns the volume from which a field is derived, directly or not; empty if it is missing.
   [[nodiscard]] std::string sourceOf(std::string name) const {
     while (built_.fields.count(name) == 0) {
       const auto derived = spec_.graph.fields.find(name);
@@ -177,7 +177,7 @@ class Drawing {
     return name;
   }
 
-  /// Returns the volume that has the metadata of a field, or null.
+  /// Returns the volume whose metadata apply to a field, or null.
   [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const std::string& name) const {
     const auto computed = built_.computed.find(name);
     const auto volume =
@@ -190,8 +190,8 @@ class Drawing {
     return motion == built_.motions.end() ? Pose{} : motion->second->poseAbout(p_W, time);
   }
 
-  /// Returns the fields of the modes that gave most of the force; without any force, the field that
-  /// contained the hand for the longest time.
+  /// Returns the fields of the modes that gave most of the force. If no mode gave any, returns the
+  /// field that contained the hand longest.
   [[nodiscard]] std::vector<std::string> strongest(const Felt& felt,
                                                    const std::vector<Telemetry>& touches) const {
     const std::map<std::string, double> impulses = felt.impulses();
@@ -200,7 +200,7 @@ class Drawing {
     for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
       const std::string mode = nameOf(spec_.graph, i);
       auto found = impulses.find(mode);
-      // For a part such as "wall[7]", uses the impulse of all parts of this kind.
+      // A part such as "wall[7]" uses the impulse of all parts of its kind.
       if (found == impulses.end()) found = impulses.find(mode.substr(0, mode.rfind('[')));
       const std::string source = sourceOf(spec_.graph.modes[i].of);
       if (found == impulses.end() || source.empty()) continue;
@@ -234,7 +234,7 @@ class Drawing {
     return names;
   }
 
-  /// Uses W, or the patient's frame if the strongest field has one and does not move.
+  /// Draws in W, or in the patient's frame if the strongest field has one and does not move.
   void setFrame() {
     frame_.world.scale = 1e-3;
     const std::string name = names_.empty() ? "" : names_.front();
@@ -246,7 +246,7 @@ class Drawing {
       frame_.world = built_.placements.at(name);
     }
     if (frame_.patient) {
-      // A box in W would be larger if W is not aligned with the patient's axes.
+      // In W, a box could be larger, if W is not aligned with the patient's axes.
       for (const std::string& drawn : names_) {
         frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
       }
@@ -298,7 +298,7 @@ class Drawing {
     });
   }
 
-  /// Returns the components of the vectors in the slice's plane; null without data.
+  /// Returns the vectors' components in the slice's plane; null at points without data.
   [[nodiscard]] OrderedJson vectors(const std::string& name, int plane) const {
     const Read read = reading(built_.fields.at(name));
     return rowsOf(frame_, plane, kArrows, [&](const Vec3& p_W) {
@@ -311,7 +311,7 @@ class Drawing {
     });
   }
 
-  /// Returns true if the sign of the field's vectors has no meaning.
+  /// Returns true if vectors v and -v mean the same in this field.
   [[nodiscard]] bool isAxial(const std::string& name) const {
     const auto sampling = built_.samplings.find(name);
     if (sampling != built_.samplings.end() && sampling->second.axial) return true;
@@ -319,7 +319,7 @@ class Drawing {
     return built_.computed.count(name) == 0 && volume && metadataOf(*volume).axial;
   }
 
-  /// Returns the scalar field that sets the strength of a direction field's mode; else `name`.
+  /// Returns the scalar field that sets the strength of a mode of `name`; without one, `name`.
   [[nodiscard]] std::string scalarBeside(const std::string& name) const {
     for (const ModeSpec& mode : spec_.graph.modes) {
       if (sourceOf(mode.of) != name) continue;
@@ -373,7 +373,7 @@ void Picture::add(const Telemetry& tick) {
   if (seen_++ % stride_ != 0) return;
   ticks_.push_back(tick);
   if (ticks_.size() < kMostTicks) return;
-  // Keeps every second tick, which is enough for a picture.
+  // For a picture, every second tick is enough.
   for (std::size_t i = 0; 2 * i < ticks_.size(); ++i) ticks_[i] = ticks_[2 * i];
   ticks_.resize(ticks_.size() / 2);
   stride_ *= 2;

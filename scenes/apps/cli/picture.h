@@ -13,9 +13,9 @@
 
 namespace palpate::cli {
 
-/// Returns `path` if its ending is .png. Otherwise throws Error.
+/// Returns `path` if it ends in .png. Otherwise throws Error.
 [[nodiscard]] const std::string& pngName(const std::string& path);
-/// Returns "png", "pdf" or "svg" by the ending of `path`. Throws Error for other endings.
+/// Returns "png", "pdf" or "svg", as `path` ends. Throws Error for another ending.
 [[nodiscard]] std::string formatOf(const std::string& path);
 
 /// Collects the ticks of a run for its picture, which feel_picture.py (matplotlib) draws.
@@ -24,7 +24,7 @@ class Picture {
   /// Throws Error if the file cannot be written, its ending is unknown, or matplotlib is missing.
   explicit Picture(const std::string& path);
   void add(const Telemetry& tick);
-  /// Draws the picture. Throws Error; then leaves no partial file.
+  /// Draws the picture. Throws Error. If it throws, it leaves no file.
   void draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt);
 
  private:

@@ -2,7 +2,7 @@
 import signal
 import sys
 
-signal.signal(signal.SIGINT, signal.SIG_DFL)  # palpate itself reports an interrupt
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback after Ctrl-C: palpate reports the interrupt
 
 import warnings  # noqa: E402
 
@@ -13,9 +13,9 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 DPI = 300
 AXES = "xyz"
-# The horizontal and the vertical axis: x is always to the right, z always up.
+# The horizontal and the vertical axis: x points to the right, z points up.
 PLANES = ((0, 1), (0, 2), (1, 2))
-# Colours of Okabe and Ito, which people with colour blindness can distinguish.
+# Colours of Okabe and Ito, which colour-blind people can distinguish.
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7",
                                          "#56B4E9")
 STYLE = {"font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fontsize": 6,
@@ -30,7 +30,7 @@ def use():
     """Applies this style instead of matplotlib's configuration files of the user."""
     plt.style.use("default")
     matplotlib.rcParams.update(STYLE)
-    warnings.filterwarnings("ignore", message="Glyph .* missing")  # names may have letters that the font lacks
+    warnings.filterwarnings("ignore", message="Glyph .* missing")  # the font lacks letters of some names
 
 
 def save(figure, kind, made_by):

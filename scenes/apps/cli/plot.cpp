@@ -51,7 +51,7 @@ File scratch() {
   return file;
 }
 
-/// Returns the path by which a child process opens the inherited descriptor of a file.
+/// Returns a path by which a child process opens a file whose descriptor it has inherited.
 std::string handed(const File& file) {
   return fmt::format("/dev/fd/{}", fileno(file.get()));
 }
@@ -73,7 +73,7 @@ std::vector<std::string_view> fieldsOf(std::string_view line) {
   }
 }
 
-/// An open trace file. The constructor checks its column names; checkRows() reads the rows.
+/// An open trace file. The constructor checks the column names; checkRows() reads the rows.
 class TraceFile {
  public:
   /// Throws Error if the file cannot be read, or if a needed column is missing.
@@ -87,7 +87,7 @@ class TraceFile {
       throw Error(path, std::string("it cannot be read (") + std::strerror(errno) + ")",
                   "check the path");
     }
-    // A pipe can be read only once, so its content is copied for the drawing program.
+    // A pipe can be read only once, so its content is copied for trace_picture.py.
     if (path == "-" || !std::filesystem::is_regular_file(path, error)) copy_ = scratch();
     while (line_ = next(), line_ && trimmed(*line_).empty()) {
     }
@@ -100,7 +100,7 @@ class TraceFile {
     status_ = columnOf(names, "status");
   }
 
-  /// Throws Error if a row is invalid, or if the trace is empty.
+  /// Throws Error if a row is invalid, or if the trace has no rows.
   void checkRows() {
     std::size_t rows = 0;
     double before = 0.0;
@@ -123,7 +123,7 @@ class TraceFile {
     }
   }
 
-  /// Returns the path for the drawing program. Call checkRows() first: it copies a pipe.
+  /// Returns the path for trace_picture.py. Call checkRows() first, which copies a pipe.
   [[nodiscard]] std::string place() const { return handed(copy_ ? copy_ : file_); }
   [[nodiscard]] std::string stem() const {
     return path_ == "-" ? "stdin" : std::filesystem::path(path_).stem().string();
@@ -168,7 +168,7 @@ class TraceFile {
     double time = 0.0;
     for (std::size_t i = 0; i < numbers_.size(); ++i) {
       const std::string_view field = fields[numbers_[i]];
-      if (field.empty() && i > 0) continue;  // The tick has no value in this column
+      if (field.empty() && i > 0) continue;  // the tick has no value in this column
       double value = 0.0;
       const char* const end = field.data() + field.size();
       const auto [stop, error] = std::from_chars(field.data(), end, value);
@@ -196,7 +196,7 @@ class TraceFile {
   std::size_t status_ = 0;
 };
 
-/// Returns a title for each column. A repeated title gets a number.
+/// Returns a title for each trace. A title that occurs several times gets a number.
 std::vector<std::string> titlesOf(const std::vector<std::unique_ptr<TraceFile>>& traces) {
   std::vector<std::string> titles;
   std::vector<std::string> stems;
@@ -260,7 +260,7 @@ int plot(const PlotOptions& options) {
   try {
     script.draw(json, file, options.out, {format, "--told", handed(told)});
   } catch (const Error&) {
-    endIfInterrupted();  // Ctrl-C interrupts both processes
+    endIfInterrupted();  // Ctrl-C interrupts the script too
     throw;
   }
   endIfInterrupted();

@@ -14,7 +14,7 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kMostSteps = 1e6;  // Number of steps in one direction
+constexpr double kMostSteps = 1e6;  // Largest number of steps in one direction
 
 struct PressOptions {
   std::string scene;
@@ -27,7 +27,7 @@ struct PressOptions {
   bool json = false;
 };
 
-/// Path of the hand: along a straight line to the end and back, in equal steps.
+/// Path of the hand: straight to the end and back, in equal steps.
 struct Way {
   Vec3 at;
   Vec3 along;
@@ -36,19 +36,19 @@ struct Way {
   [[nodiscard]] double length() const { return along.norm(); }
   [[nodiscard]] Vec3 direction() const { return along / length(); }
   [[nodiscard]] bool inwards(int tick) const { return tick <= steps; }
-  /// Returns the depth as a fraction of the path's length, 0 to 1.
+  /// Returns the depth in a tick as a fraction of the path's length, 0 to 1.
   [[nodiscard]] double share(int tick) const {
     return static_cast<double>(inwards(tick) ? tick : 2 * steps - tick) / steps;
   }
   [[nodiscard]] Vec3 hand(int tick) const { return at + share(tick) * along; }
 };
 
-/// Results of one tick. "Along" and "across" refer to the hand's path.
+/// Results of one tick. "Along" and "across" mean along and perpendicular to the hand's path.
 struct Row {
   bool in = true;
   double depth = 0.0;         ///< Depth of the hand [m].
   double force_along = 0.0;   ///< Component along the path [N]; positive: pushes the hand out.
-  double force_across = 0.0;  ///< Magnitude of the component across the path [N].
+  double force_across = 0.0;  ///< Magnitude of the component perpendicular to the path [N].
   double proxy_depth = 0.0;   ///< [m]
   double proxy_across = 0.0;  ///< Distance of the proxy from the path [m].
   double injected = 0.0;      ///< Energy that the proxy's own motion added [J].
@@ -60,17 +60,17 @@ struct Row {
 struct Yield {
   double depth = 0.0;        ///< [m]
   double proxy_depth = 0.0;  ///< [m]
-  /// Load without friction and drag [N]; unset if the proxy passed the surface in this tick.
+  /// Load without friction and drag [N]; unset if the proxy has passed the surface in this tick.
   std::optional<double> force;
-  double force_along = 0.0;  ///< Component of the hand's force along the path [N]; positive: out.
+  double force_along = 0.0;  ///< Hand's force along the path [N]; positive: out.
 };
 
-/// Results of one mode. All but `held` refer to the way in.
+/// Results of one mode. All members except `held` are of the way in.
 struct ModePressed {
   std::optional<double> touched;  ///< Depth of the hand at which the mode's load begins [m].
-  double held = 0.0;              ///< Largest load on both ways [N].
-  bool ready = false;             ///< True if the mode held without yielding in at least one tick.
-  std::optional<Yield> yield;     ///< First yield after a tick in which the mode held.
+  double held = 0.0;              ///< Largest load on the way in or out [N].
+  bool ready = false;             ///< True after the mode has held in a tick without yielding.
+  std::optional<Yield> yield;     ///< First yield after such a tick.
   std::optional<double> let_go;   ///< Depth of the hand at which the load ends after the yield [m].
 };
 
@@ -112,7 +112,7 @@ class Curve {
     return row;
   }
 
-  /// Returns true if mode i yielded in any sub-step, even if it holds at the tick's end.
+  /// Returns true if mode i yielded in any sub-step, even if it holds at the end of the tick.
   static bool yielded(const StepTrace& trace, std::size_t i) {
     const auto steps = trace.steps();
     return std::any_of(steps.begin(), steps.end(), [i](const StepTrace::Step& step) {
@@ -128,7 +128,7 @@ class Curve {
     mode.held = std::max(mode.held, held);
     if (!row.in) return;
     if (carries && !mode.touched) mode.touched = row.depth;
-    // The last loads of a tick do not contain a surface that the proxy has passed.
+    // A surface that the proxy has passed in this tick is not among the loads at the tick's end.
     const bool gone = yielded && !carries;
     const bool yields = gone || holdOf(loads) == Hold::kYields;
     if (yields && mode.ready && !mode.yield) {
@@ -146,7 +146,7 @@ class Curve {
     row.contacts += (row.contacts.empty() ? "" : "; ") + names_[i] + "=" + word;
   }
 
-  /// The force of a tick acts until the next tick.
+  /// Adds a tick. Its force acts until the next tick.
   void count(int tick, const StepReport& r, const Row& row) {
     const Vec3 hand = way_.hand(tick);
     if (rows_.empty()) {
@@ -166,19 +166,19 @@ class Curve {
     last_stiffness_ = r.stiffness;
   }
 
-  /// Returns the slope of a line fitted from the first force to the first yield [N/m].
+  /// Returns the slope of a line fitted between the first force and the first yield [N/m].
   [[nodiscard]] std::optional<double> slope() const;
 
   const Scene& scene_;
   const Way way_;
   std::vector<Row> rows_;
   std::vector<ModePressed> modes_;
-  std::vector<std::string> names_;  ///< Several modes may share a name.
+  std::vector<std::string> names_;  ///< Names of the modes, which need not differ.
   std::array<int, kStepStatuses> statuses_{};
   Vec3 last_force_ = Vec3::Zero();
   double last_stiffness_ = 0.0;
   double net_ = 0.0;    ///< Work of the force on the hand [J].
-  double bound_ = 0.0;  ///< Largest work that a passive engine could do [J].
+  double bound_ = 0.0;  ///< Largest work that a passive engine could have done [J].
   double injected_ = 0.0;
   double work_in_ = 0.0;
   double work_out_ = 0.0;

@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 /// Returns the size and the checksum of a file; null if the file cannot be read.
 OrderedJson stateOf(const fs::path& file) {
   std::error_code error;
-  if (!fs::is_regular_file(file, error)) return nullptr;  // other kinds of file may have no end
+  if (!fs::is_regular_file(file, error)) return nullptr;  // reading a pipe could block forever
   std::ifstream in(file, std::ios::binary);
   if (!in) return nullptr;
   std::vector<char> piece(std::size_t{1} << 20U);
@@ -49,7 +49,7 @@ OrderedJson stateOf(const BrickManifest& manifest) {
   return {{"identity", fmt::format("{:016x}", manifest.identity())}};
 }
 
-/// Returns null if the state cannot be read: loading the scene then reports the error.
+/// Returns null if the state cannot be read; then loading the scene reports the error.
 OrderedJson stateNow(const fs::path& place) {
   if (!isRemote(place)) return stateOf(place);
   try {
@@ -100,7 +100,7 @@ SceneInput parseSceneInput(const OrderedJson& json) {
   return out;
 }
 
-/// Calls parseSceneInput, and reports files that have changed since the recording.
+/// Restores a recorded scene. Reports files that have changed since the recording.
 SceneInput sceneInputOf(const RecordedScene& scene) {
   try {
     const OrderedJson json = jsonOf(scene);
@@ -116,7 +116,7 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
   }
 }
 
-/// Returns the scene of the first tick that had one. Throws Error if the recording lacks it.
+/// Returns the scene of the first tick that has one. Throws Error if it is not in the recording.
 const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
   const auto& scenes = recording.scenes();
   std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;
@@ -138,7 +138,7 @@ const RecordedScene& firstFelt(const Recording& recording, const std::string& fi
   return *found;
 }
 
-/// Adds the files of a recorded scene; ignores an invalid scene, which parseSceneInput reports.
+/// Adds the files of a recorded scene. Ignores a scene that parseSceneInput will reject.
 void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
   const OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
   if (!json.is_object() || !json.contains("file") || !json["file"].is_string()) return;
@@ -195,7 +195,7 @@ std::string recordedScene(const std::string& file, const std::string& text, cons
   };
   for (const auto& [name, volume] : spec.volumes) {
     for (const fs::path& at : filesOf(volume)) add(at, at);
-    // Uses the manifest that the brick window already has, instead of fetching it again.
+    // The brick window already has the manifest, so it is not fetched again.
     const auto window = windows.find(name);
     if (isRemote(volume.file) && window != windows.end()) {
       add(volume.file, window->second->manifest());

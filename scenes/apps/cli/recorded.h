@@ -21,21 +21,21 @@ struct SceneInput {
   std::string text;  ///< Content of the scene file; empty for a .vdb or a folder.
   std::vector<std::filesystem::path> files;  ///< Files of the scene, or of the whole recording.
 };
-/// Opens a scene as openScene does. From a recording, restores the scene of the first tick and
+/// Opens a scene as openScene does. For a recording, restores the scene of its first tick, and
 /// reports files that have changed since. Throws Error.
 [[nodiscard]] SceneInput openSceneInput(const std::string& scene);
 
-/// Opens a scene with the text that it was parsed from. Throws Error.
+/// Opens a scene, and returns it with its source text. Throws Error.
 [[nodiscard]] SceneInput openWithText(const std::string& file, const Progress& progress);
 
-/// Returns the JSON with which a recording stores a scene, with the sizes and checksums of local
-/// files and the identities of remote bricks. Reads local files once, and no remote data.
+/// Returns the JSON by which a recording stores a scene: with the sizes and checksums of local
+/// files and the identities of remote bricks. Reads each local file once, and no remote data.
 [[nodiscard]] std::string recordedScene(const std::string& file, const std::string& text,
                                         const SceneSpec& spec, const std::vector<LiveDial>& dials,
                                         const Windows& windows);
 
-/// Returns the scene with this id; no value if it is missing or has changed, or if gains were
-/// changed. Throws Error.
+/// Returns the scene with this id. Returns no value if the scene is missing, if its files have
+/// changed, or if it has changed gains. Throws Error.
 [[nodiscard]] std::optional<SceneInput> sceneAsItIs(const Recording& recording, std::uint64_t id);
 
 struct SceneAgain {
@@ -44,8 +44,8 @@ struct SceneAgain {
 };
 /// Scenes by the ids in a recording's ticks.
 using ScenesById = std::map<std::uint64_t, SceneAgain>;
-/// Builds all scenes of a recording for the recorded device. `first` is the scene of the first
-/// tick, already built. Throws Error.
+/// Builds all scenes of a recording for the recorded device. `first` is the built scene of the
+/// first tick. Throws Error.
 [[nodiscard]] ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> first,
                                   SceneCache& cache);
 

@@ -10,7 +10,7 @@
 namespace palpate::cli {
 namespace {
 
-/// Grip of a hand that holds the arm loosely, like a pen.
+/// Grip of a relaxed hand, as on a pen.
 constexpr GripParams kRelaxed{};
 
 }  // namespace

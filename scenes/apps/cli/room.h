@@ -1,4 +1,4 @@
-/// Stability margin of a coupling on an arm, as three limits (devices/simulated/stability.h).
+/// Computes the stability margin of a coupling on an arm (devices/simulated/stability.h).
 #pragma once
 
 #include <string>
@@ -10,18 +10,18 @@
 namespace palpate::cli {
 
 /// Returns the stability margin as JSON; null if the arm's mass or friction is unknown. `coupling`
-/// is the scene's stiffest. The device's output rate may limit the loop's `rate` [Hz].
+/// is the scene's stiffest. `rate` is the loop's [Hz]; the device's output may be slower.
 [[nodiscard]] OrderedJson roomFor(const DeviceInfo& device, double rate,
                                   const CouplingParams& coupling);
-/// Returns true if the coupling is unstable even while a relaxed hand holds the arm. Here and
-/// below, `room` is a result of roomFor that is not null.
+/// Returns true if the coupling is unstable even while a relaxed hand holds the arm. In this and
+/// the next functions, `room` is a result of roomFor other than null.
 [[nodiscard]] bool swingsUp(const OrderedJson& room);
-/// Returns advice about the coupling, as a sentence without a full stop.
+/// Returns advice about the coupling: a sentence without a full stop.
 [[nodiscard]] std::string roomWords(const OrderedJson& room);
-/// Returns all three limits, on which roomWords bases its advice.
+/// Returns the limits on which roomWords bases its advice.
 [[nodiscard]] std::string roomNumbers(const OrderedJson& room);
-/// Prints the lines `stability`, with text from `column` on. Prints no line if `room` is null, and
-/// the numbers only if `verbose`.
+/// Prints the lines `stability`, with their text from `column` on, and the limits if `verbose`.
+/// Prints no line if `room` is null.
 void sayRoom(const OrderedJson& room, int column, bool verbose);
 
 }  // namespace palpate::cli

@@ -27,7 +27,7 @@ struct SampleOptions {
 /// Results at one point, in the order of the output columns.
 using Sampled = std::vector<double>;
 
-/// Output columns after x,y,z, with the function that computes their values.
+/// Names of the output columns after x,y,z, and the function that computes their values.
 struct Table {
   std::vector<std::string> columns;
   std::function<Sampled(const Vec3&)> read;

@@ -16,7 +16,7 @@
 namespace palpate::cli {
 namespace {
 
-/// The real-time loop of one hand, and the state that the main thread observes.
+/// The real-time loop of one hand, with the state that the main thread has reported.
 class OnTime {
  public:
   OnTime(const Run& run, std::size_t number, Guardian& guardian, const PlayClock& clock)
@@ -38,7 +38,7 @@ class OnTime {
   }
   [[nodiscard]] HapticThread& thread() { return *thread_; }
   [[nodiscard]] const IgtlHand& shown() const { return shown_; }
-  /// Prints new faults and warnings. Returns false once the loop has stopped or run all its ticks.
+  /// Prints new faults and warnings. Returns false after the loop has stopped or run all its ticks.
   bool look() {
     hand_.drain();
     hand_.tellUnwritten(name_);
@@ -51,7 +51,7 @@ class OnTime {
     if (now.fault == Fault::kNone && told_ != Fault::kNone)
       complain(name_ + ": the force is on again");
     told_ = now.fault;
-    // If the hand merely trembles, `moving` stays above 0.5.
+    // While the hand trembles, `moving` stays above 0.5.
     const bool still = now.report.moving < 0.5;
     if (still && !told_still_) {
       complain(name_ +
@@ -80,7 +80,7 @@ class OnTime {
   }
   void end() {
     thread_->stop();
-    // The guardian could otherwise overwrite the last output of the profile.
+    // Otherwise the guardian could overwrite the output with which the profile ends.
     if (watch_.heart != nullptr) guardian_.forget(watch_);
     hand_.drain();
     const std::int64_t lost = hand_.log.lost();
@@ -123,7 +123,7 @@ class OnTime {
   std::optional<HapticThread> thread_;
 };
 
-/// Delays the ticks of a replay to their recorded times, divided by a speed factor.
+/// Delays the ticks of a replay to their recorded times, divided by the replay's speed.
 class Pacer {
  public:
   explicit Pacer(std::optional<double> speed) : speed_(speed) {}
@@ -145,7 +145,7 @@ class Pacer {
   std::optional<Begin> begun_;
 };
 
-/// Returns the step of the keys , and . [s]: the shortest frame interval; 0 without a sequence.
+/// Returns the step of the keys , and . [s]: the shortest frame interval; 0 without sequences.
 double stepOf(const Fetched& of) {
   double shortest = 0.0;
   for (const auto& [name, sequence] : of.sequences()) {
@@ -157,7 +157,7 @@ double stepOf(const Fetched& of) {
   return shortest;
 }
 
-/// Announces the next scene to all recordings, before the hands use it.
+/// Announces the next scene to all recordings. Call it before the hands use the scene.
 void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
   const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
   if (std::none_of(run.hands.begin(), run.hands.end(), recorded)) return;
@@ -167,7 +167,7 @@ void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
   for (const auto& hand : run.hands) hand->recorder->expect({built.scene->id, text});
 }
 
-/// While this object lives, clients of the OpenIGTLink server can cut the force.
+/// Lets clients of the OpenIGTLink server cut the force, until it is destroyed.
 class Obeyed {
  public:
   Obeyed(IgtlServer* server, const std::vector<HapticThread*>& hands) : server_(server) {
@@ -184,7 +184,7 @@ class Obeyed {
 };
 
 bool canBeLate(const Device* device) {
-  constexpr double kAnyTime = 1.0;  // [s]: with a greater limit, no delay counts as late
+  constexpr double kAnyTime = 1.0;  // [s]: limits from here on mean that no tick counts as late
   return device->info().hand && device->info().watch.late < kAnyTime;
 }
 
@@ -197,7 +197,7 @@ void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
                   1e3 * seen->worst, seen->late, 1e3 * WatchLimits{}.late));
 }
 
-/// Sends the state of the hands to the clients, and takes images that clients have sent.
+/// Sends the state of the hands to the clients, and passes a client's image to the watcher.
 void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands, Watcher& watcher,
            std::chrono::steady_clock::time_point& next_image) {
   IgtlShown shown;
@@ -268,7 +268,7 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   SiteParams params = siteFrom(options.site, options.with);
   params.keys = options.site_keys;
   name_ = params.name;
-  // Only known sites may edit the scene: those on this machine, or those with keys.
+  // Only trusted sites may edit the scene: sites on this machine, or with the same keys.
   const bool known = options.with.empty() || !options.site_keys.empty();
   params.scene = shares_ = known && !options.own_scene && !from.text.empty();
   if (!known && options.watch && !options.own_scene) {
@@ -276,14 +276,14 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }
-  // Uses the time of day, so that a restarted program has a greater life than before.
+  // By the time of day, a restarted program gets a greater `life` than it had before.
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
   LinkParams link;
-  // Limits the links, so that the scene's own coupling remains stable.
+  // Limits the links to other sites, so that the coupling to the scene remains stable.
   link.stiffness = std::min(link.stiffness, 0.25 * device.max_stiffness);
   link.peak = std::min(link.peak, 0.5 * device.limits.peak);
-  // A step of 0 means exact positions if no force can reach a hand; otherwise an unknown step.
+  // Step 0 means exact positions only if no force can act on a hand; otherwise it is unknown.
   const double step = device.limits.tank.arm.step;
   if (step > 0.0 || !device.hand) link.step = step;
   links_.emplace(static_cast<std::uint64_t>(life), link);
@@ -424,10 +424,10 @@ void runOnTime(Run& run, Guardian& guardian) {
     threads.push_back(&hands.back()->thread());
   }
   Keys keys(threads, clock, stepOf(run.fetched));
-  const Obeyed obeyed(run.igtl, threads);  // ready before the first force
+  const Obeyed obeyed(run.igtl, threads);  // before the first force
   for (HapticThread* thread : threads) thread->publish(run.scene);
   constexpr auto kLook = std::chrono::milliseconds(10);
-  constexpr int kWatch = 25;  // Number of looks between two checks of the scene
+  constexpr int kWatch = 25;  // The scene file is checked for changes once per this number of polls
   std::chrono::steady_clock::time_point next_image;
   constexpr double kMeasured = 5.0;  // [s]
   std::optional<BareLoop> bare;
@@ -435,7 +435,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     try {
       bare.emplace(kMeasured, RealtimeRequest{}.priority - 1);
     } catch (const std::system_error&) {
-      bare.reset();  // the run works without the measurement
+      bare.reset();  // the measurement is optional
     }
   }
   bool feeling = true;
@@ -459,7 +459,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     if (const auto built = watcher->look()) {
       run.fetched.now(*built);
       keys.step(stepOf(run.fetched));
-      // An edit that leaves the scene's playback unchanged keeps the user's playback.
+      // If an edit does not change the scene's playback, the user's own changes of it remain.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
       record(run, *built, *watcher);
       if (run.igtl != nullptr) run.igtl->expect(*built);

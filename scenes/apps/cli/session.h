@@ -50,10 +50,10 @@ struct FeelOptions {
   bool watch = false;
   bool passive = false;
   double refill = 0.0;
-  std::string site;  ///< This site, in the format of siteFrom; empty: no connection to other sites.
+  std::string site;  ///< This site, as siteFrom reads it; empty: no connection to other sites.
   std::vector<std::string> with;  ///< Addresses of the machines of other sites.
   std::string site_keys;          ///< SiteParams::keys.
-  bool own_scene = false;         ///< If true, exchanges no edits of the scene.
+  bool own_scene = false;         ///< If true, exchanges no edits of the scene with other sites.
   bool window = false;
   std::optional<double> speed;  ///< Relative to the recording; unset: as fast as possible.
   std::string still;            ///< File for a picture of the last tick.
@@ -67,7 +67,7 @@ struct FeelOptions {
   bool json = false;
 };
 
-/// Receives every tick of a hand: adds it to the results, and queues it for the trace.
+/// Receives every tick of a hand, adds it to the results, and queues a row for the trace.
 class Log final : public TickSink {
  public:
   Log(const Scene& scene, double rate, bool rows) : felt(scene, rate) {
@@ -88,10 +88,10 @@ class Log final : public TickSink {
       ring_->pop();
     }
   }
-  /// Returns the number of rows that a full queue has lost.
+  /// Returns the number of rows that were lost because the queue was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
 
-  /// Announces the scene of the next ticks before it is published, with its gains.
+  /// Announces the scene of the next ticks, with its gains. Call it before the scene is published.
   void expect(const Scene& scene, const std::vector<LiveDial>& dials) {
     felt.expect(scene);
     if (live != nullptr) live->expect(scene, dials);
@@ -110,18 +110,18 @@ class Log final : public TickSink {
     Loads loads;  ///< Loads of the carriers, in the order of Felt::carriers().
   };
   static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
-  // try_emplace does not allocate, so the queue does not grow.
+  // try_emplace never grows the queue, and so does not allocate.
   std::optional<moodycamel::ReaderWriterQueue<Row>> ring_;
   std::int64_t lost_ = 0;
 };
 
 struct Hand {
-  Log log;  // first member: the queue in it is aligned to cache lines
+  Log log;  // first, because its queue is aligned to cache lines
   std::unique_ptr<Device> device;
   std::unique_ptr<Recorder> recorder;
   bool told_unwritten = false;
   Trace trace;
-  Picture* picture = nullptr;  ///< Null except for the first hand.
+  Picture* picture = nullptr;  ///< Picture of the first hand; null for other hands.
   OrderedJson granted;
 
   Hand(std::unique_ptr<Device> d, const Scene& scene, const FeelOptions& options,
@@ -130,7 +130,7 @@ struct Hand {
         device(std::move(d)),
         trace(trace_place, log.felt.carriers()),
         picture(drawn) {}
-  /// Prints the reason why the recording has stopped, once.
+  /// Prints once why the recording has stopped.
   void tellUnwritten(const std::string& name) {
     if (!recorder || told_unwritten) return;
     const std::string why = recorder->trouble();
@@ -148,7 +148,7 @@ struct Hand {
 };
 using Hands = std::vector<std::unique_ptr<Hand>>;
 
-/// Data that are loaded during a run: bricks near the hands, and frames ahead of the playback.
+/// Data that are loaded during a run: bricks near the hands, and frames before they are played.
 class Fetched {
  public:
   void now(const BuiltScene& built) {
@@ -156,7 +156,7 @@ class Fetched {
     sequences_ = built.sequences;
   }
   void tellTroubles() const;
-  /// Adds "bricks" and "sequences" to the summary, with an entry for each volume.
+  /// Adds the keys "bricks" and "sequences", with an entry for each volume, to the summary.
   void addTo(OrderedJson& summary) const;
   void sayThem() const;
   [[nodiscard]] const std::map<std::string, std::shared_ptr<const FrameSequence>>& sequences()
@@ -169,10 +169,10 @@ class Fetched {
   std::map<std::string, std::shared_ptr<const FrameSequence>> sequences_;
 };
 
-/// Connects the first hand with the hands at other sites, in the same scene.
+/// Connects the first hand with the hands at other sites in the same scene.
 class WithSites {
  public:
-  /// Makes no connection without a site in the options. Throws Error.
+  /// Makes no connection if the options name no site. Throws Error.
   WithSites(const FeelOptions& options, const DeviceInfo& device, const SceneInput& from);
   /// Returns the links for the first hand's loop; null: not connected.
   [[nodiscard]] HandLinks* links() noexcept { return links_ ? &*links_ : nullptr; }
@@ -192,7 +192,7 @@ class WithSites {
   bool shares_ = false;
 };
 
-/// The checked input of a run, and the objects that all its hands share.
+/// The checked input of a run, and objects that its hands share.
 struct Run {
   const FeelOptions& options;
   Hands& hands;
@@ -215,11 +215,11 @@ struct Run {
   }
 };
 
-/// Runs the ticks in virtual time, as fast as possible. The results are the same in every run.
+/// Runs the ticks in virtual time, as fast as possible. Repeated runs give equal results.
 void runInVirtualTime(const Run& run);
-/// Replays recorded hands at `run.options.speed`; every device must be a ReplayDevice. Ends early
-/// if the window is closed. `scenes` has the scenes by their recorded ids; ticks of other scenes
-/// use `run.scene`.
+/// Replays recorded hands at `run.options.speed`; each device must be a ReplayDevice. `scenes`
+/// contains scenes by recorded id; ticks of other ids use `run.scene`. Ends early if the user
+/// closes the window.
 void runAgain(const Run& run, const ScenesById& scenes);
 /// Runs the hands in real time, each in its own thread.
 void runOnTime(Run& run, Guardian& guardian);

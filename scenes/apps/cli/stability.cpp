@@ -39,7 +39,7 @@ struct StabilityOptions {
   bool json = false;
 };
 
-constexpr double kLeastStiffness = 50.0;  // [N/m]: lowest stiffness of the maps
+constexpr double kLeastStiffness = 50.0;  // [N/m]: lowest stiffness in a map
 constexpr double kMostDamping = 50.0;     // [N s/m]
 
 struct Setup {
@@ -48,7 +48,7 @@ struct Setup {
   std::vector<MapMethod> methods;
 };
 
-/// Contact on an exploration path with the force nearest to --load, and the parts near it.
+/// The contact on an exploration path whose force is nearest to --load, and the parts near it.
 struct Touch {
   MapContact contact;
   Near near;
@@ -84,7 +84,7 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
     throw Error(options.scene, "an exploring hand found no surface to press on",
                 "run palpate check to see where the volumes are");
   }
-  // Adds parts that an oscillating hand can reach.
+  // Adds the parts that an oscillating hand can reach.
   constexpr double kAround = 0.01;  // [m]: distance from the contact
   for (std::size_t i = 0; i < scene.parts.size(); ++i) {
     const Box& bounds = scene.parts[i].bounds;
@@ -119,7 +119,7 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   return setup;
 }
 
-/// Copies the measured parameters of a tested arm, except those that the user gives as options.
+/// Copies the measured parameters of a tested arm, except those that the user has given.
 void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {
@@ -184,7 +184,7 @@ void check(const StabilityOptions& options) {
         fmt::format("{} s is {} ticks", options.delay, rounded(options.delay * options.rate)),
         fmt::format("give at most {} ticks, or a lower rate", kMostPeriods));
   }
-  // At a larger angle the hand would touch neither plane.
+  // At a larger angle the hand touches neither plane.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0);
   if (options.planes && !options.scene.empty()) {
     throw Error("--planes", "it cannot be combined with a scene", "leave out one of the two");
@@ -227,7 +227,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
     one["tried"] = map.tried;
     one["stiffness"] = map.stiffness;
     one["damping"] = map.damping;
-    // Letters: r rests, c cycles, l leaves; a capital letter: the coupling generated energy.
+    // r: rests, c: cycles, l: leaves. A capital letter: the coupling generated energy.
     one["rows"] = OrderedJson::array();
     const std::size_t n = map.stiffness.size();
     long rests = 0;
@@ -242,7 +242,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
       one["rows"].push_back(word);
     }
     one["rests"] = static_cast<double>(rests) / static_cast<double>(n * n);
-    // Finds the highest stiffness up to which all undamped cells come to rest.
+    // Finds the highest stiffness up to which all cells without damping come to rest.
     std::size_t first = 0;
     while (first < n && map.cells[first].outcome == MapOutcome::kRests) ++first;
     one["rests_to"] = first == 0 ? OrderedJson() : OrderedJson(map.stiffness[first - 1]);
@@ -251,7 +251,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
   return json;
 }
 
-/// Output files of --map. A script draws all formats but JSON.
+/// Output files of --map. stability_picture.py draws all formats except JSON.
 struct MapFiles {
   std::vector<std::string> names;
   std::vector<std::unique_ptr<WholeFile>> files;

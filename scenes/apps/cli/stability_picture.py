@@ -14,7 +14,7 @@ import numpy as np  # noqa: E402
 from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.patches import Patch  # noqa: E402
 
-# Colours of the outcomes r (rests), c (cycles) and l (leaves). Capital letters: the coupling generated energy.
+# Colours of outcomes: r rests, c cycles, l leaves. Capital letters: the coupling generated energy.
 COLOURS = {"r": "#e8f2e4", "R": "#b7d7a8", "c": "#fde2b3", "C": "#f5b041", "l": "#f1b0a8",
            "L": "#c0392b"}
 WORDS = {"r": "rests", "R": "rests, energy gained", "c": "oscillates", "C": "oscillates, energy gained",
@@ -30,7 +30,7 @@ def draw_map(ax, method, boundaries):
     ax.pcolormesh(stiffness, rows, cells, cmap=ListedColormap([COLOURS[k] for k in ORDER]),
                   vmin=-0.5, vmax=5.5, shading="nearest", rasterized=True)
     ax.set_xscale("log")
-    # The damping grows by the same factor from row to row. The first row, without damping, counts as half the second.
+    # Damping grows by a constant factor from row to row. Row 0, without damping, is drawn at half of row 1's damping.
     place = np.interp(np.log([max(b["damping"], damping[1] / 2) for b in boundaries]),
                       np.log(np.maximum(damping, damping[1] / 2)), rows)
     for key, style in (("stable", "-"), ("passive", ":")):

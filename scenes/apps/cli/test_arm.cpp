@@ -28,7 +28,7 @@ namespace {
 
 constexpr double kRate = 1000.0;
 constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
-constexpr double kSlew = 100.0;     // [N/s]: keeps all forces of a test gradual
+constexpr double kSlew = 100.0;     // [N/s]: slew of all forces of the test
 constexpr double kMostForce = 3.0;  // [N]: largest force of a test
 constexpr double kPatience = 5.0;   // [s]: longest wait until the arm is ready
 
@@ -36,17 +36,17 @@ struct Tested {
   ArmAxes axes;
   SelfTestResult result;
   Fault fault = Fault::kNone;
-  std::string not_ready;  ///< Reason; empty if the arm was ready.
+  std::string not_ready;  ///< Why the arm was not ready; empty if it was.
 };
 
-/// Sends zero force until the user presses Enter; ignores earlier keys. Returns the tip's position
-/// [m]; no value after an interrupt or at the end of standard input.
+/// Sends zero force until the user presses Enter; ignores keys pressed before. Returns the tip's
+/// position [m], or no value after an interrupt or the end of standard input.
 std::optional<Vec3> atEnter(Arm& arm) {
   (void)tcflush(STDIN_FILENO, TCIFLUSH);
   for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
     sleepUntil(next);
     const HandState hand = arm.read();
-    arm.write(Vec3::Zero());  // needed by firmware that sends a report only in reply to a force
+    arm.write(Vec3::Zero());  // some firmware reports only in reply to a force
     pollfd keys{STDIN_FILENO, POLLIN, 0};
     if (poll(&keys, 1, 0) <= 0) continue;
     char key = 0;
@@ -69,11 +69,11 @@ std::optional<Vec3> atEnter(Arm& arm) {
 struct Ruled {
   /// Measured distance divided by the ruler's length, for each axis.
   std::array<double, 3> scale{};
-  std::string trouble;  ///< First error that rulerTrouble reported.
+  std::string trouble;  ///< First error reported by rulerTrouble.
 };
 
-/// Lets the user move the tip by a ruler's length along each movable axis, each time from where the
-/// last move ended. Returns no value if the user skips or ends the measurement.
+/// Lets the user move the tip by a ruler's length along each movable axis. Each move starts at the
+/// end of the last one. Returns no value if the user skips or ends the measurement.
 std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   if (ruler == 0.0) return std::nullopt;
   const ArmAxes axes = axesWithin(arm.traits().moves);
@@ -105,13 +105,13 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   return ruled;
 }
 
-/// Returns the ruler length [m]. Three moves of this length in a row fit into the arm's workspace.
+/// Returns the ruler's length [m]: three such moves in a row fit into the arm's workspace.
 double rulerFor(const ArmTraits& traits) {
   const double most = 2.0 / std::sqrt(3.0) * traits.workspace_radius;
   return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
 }
 
-/// look() returns the guardian's fault, or kNone while the loop may continue.
+/// Observes the guardian: look() returns its fault, or kNone while the loop may continue.
 class GuardianSays {
  public:
   explicit GuardianSays(const LoopWatch& watch)
@@ -133,7 +133,7 @@ class GuardianSays {
   Pulse guard_;
 };
 
-/// Runs the test in real time, under the force limiter and the guardian.
+/// Runs the test in real time, with force limiter and guardian.
 Tested run(Arm& arm, Guardian& guardian, double force) {
   LoopWatch watch;
   if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
@@ -168,7 +168,7 @@ Tested run(Arm& arm, Guardian& guardian, double force) {
     if (dt > arm.info().watch.late) out.fault = Fault::kLate;
     if (const Fault said = guardian_says.look(t); said != Fault::kNone) out.fault = said;
     if (out.fault != Fault::kNone) break;
-    // Waits until the arm has reported, is homed and is held by the user.
+    // Waits until the arm has reported a position, is homed, and is held by the user.
     arm.carry(hand.ready);
     if (!hand.ready) {
       arm.write(Vec3::Zero());
@@ -186,13 +186,13 @@ Tested run(Arm& arm, Guardian& guardian, double force) {
   }
   arm.carry(false);
   arm.write(Vec3::Zero());
-  // The guardian could otherwise overwrite the last output of the profile.
+  // Otherwise the guardian could overwrite the output with which the profile ends.
   if (watch.heart != nullptr) guardian.forget(watch);
   out.result = test.result();
   return out;
 }
 
-/// Returns the measured arm's stability margin with the stiffest coupling of the profile.
+/// Returns the stability margin of the measured arm with the profile's stiffest coupling.
 OrderedJson roomOf(const SelfTestResult& result, const Arm& arm) {
   DeviceInfo info = arm.info();
   ArmDissipation& known = info.limits.tank.arm;
@@ -306,7 +306,7 @@ void complainOf(const Tested& tested) {
   }
 }
 
-/// Stores that an arm has passed, if its scale was measured and the arm can be identified.
+/// Stores that an arm has passed, if its scale was measured and its identity is known.
 void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, bool json) {
   if (!ruled) {
     complain(
@@ -357,7 +357,7 @@ int testArm(const DevicesOptions& options) {
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.tests = true;
-  // The test moves the arm by centimetres only, and the user has been asked to let go.
+  // The test moves the arm by centimetres only, after it has asked the user to let go.
   host.carries = kMostForce;
   const auto [arm, identity] = openAnyArm(options.test, host);
   if (!arm->traits().drives) {

@@ -11,10 +11,10 @@
 
 namespace palpate::cli {
 
-/// Writes a CSV row for each tick, if a file is requested.
+/// Writes a CSV row for each tick, or does nothing without a file.
 class Trace {
  public:
-  /// Throws Error if `path` cannot be written; empty: no file. Each of `carriers` gets a column.
+  /// Throws Error if `path` cannot be written. Empty: no file. Each carrier gets a column.
   Trace(const std::string& path, std::span<const std::string> carriers);
   /// `loads` has the force of each carrier [N].
   void add(const Telemetry& tick, std::span<const double> loads);

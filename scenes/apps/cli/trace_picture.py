@@ -24,17 +24,17 @@ from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: E402
 
 CHUNK = 200000  # rows read at a time
-LINE = 1000     # sections of a line over time: more than a column has dots
+LINE = 1000     # sections of a line over time: more than a panel has dots from left to right
 PATH = 60000    # sections of all paths in a row of panels
 BINS = 60       # bins of the histogram
 NUMBERS = ["t", *(f"{what}_{a}" for what in ("probe", "proxy", "force") for a in AXES),
            "error_bound", "tick_ns", "limited"]
-# Names of the statuses as in the engine. A status that does not occur has a lane only if it is in ALWAYS.
+# Names of the statuses in the engine. A status in ALWAYS has a lane even if it does not occur.
 STATUSES = ["converged", "hairpin", "substep-limit", "iteration-limit", "dropped", "fault"]
 ALWAYS = ("converged", "substep-limit", "fault")
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 COLOURS = dict(zip(STATUSES, (BLUE, PURPLE, ORANGE, SKY, GREEN, RED)), limited="black")
-# Colours of the force: zero is pale, the largest dark. The palest colours, invisible on paper, are left out.
+# Colours of the force, from pale (zero) to dark (the largest). The palest colours of the map are left out.
 FORCES = ListedColormap(plt.get_cmap("magma_r")(np.linspace(0.15, 0.95, 256)))
 
 
@@ -56,10 +56,10 @@ class Run:
         self.tick = 1e-3 * table[:, 11]  # [us]
         self.limited = table[:, 12] != 0
         self.status = np.concatenate(words)
-        # The force of a tick acts until the next reading of the hand. Its work in N mm is in mJ.
+        # The force of a tick acts until the next reading of the hand. Work in N mm is energy in mJ.
         work = np.einsum("ij,ij->i", forces[:-1], np.diff(self.probe, axis=0))
         self.energy = np.concatenate([[0.0], np.cumsum(np.nan_to_num(work))])
-        # The smallest time that this fraction of the ticks does not exceed, as in the summary of `palpate feel`.
+        # share -> least time that this share of the ticks does not exceed, as in the summary of `palpate feel`.
         ticks = np.sort(self.tick[np.isfinite(self.tick)])
         self.percentiles = {word: float(ticks[max(0, math.ceil(share * len(ticks)) - 1)])
                             for word, share in SHARES.items()} if len(ticks) else {}
@@ -166,7 +166,7 @@ class Picture:
     def __init__(self, runs):
         self.runs = runs
         self.panels = []
-        self.lines = {}  # the line in each panel over time
+        self.lines = {}  # the line in each panel that shows a quantity over time
         self.lanes = [w for w in STATUSES if w in ALWAYS or any(r.lane(w).any() for r in runs)]
         self.lanes.append("limited")
         one = len(runs) == 1
@@ -222,7 +222,7 @@ class Picture:
 
     def draw_path(self, ax, run, plane):
         a, b = plane
-        # All panels have the same range, so that the paths of different runs can be compared.
+        # All panels have equal ranges, so that paths of different runs can be compared.
         ranges = [together(self.runs, lambda r, i=i: np.concatenate([r.probe[:, i], r.proxy[:, i]]))
                   for i in range(3)]
         half = 0.54 * max(high - low for low, high in ranges) or 1.0
@@ -256,7 +256,7 @@ class Picture:
 
     def draw_force(self, ax, run):
         self.draw_line(ax, run, lambda r: r.force, BLUE)
-        # In each section, marks the limited tick with the largest force.
+        # In each section, marks only the limited tick with the largest force.
         marked = np.flatnonzero(run.limited & np.isfinite(run.force))
         if len(marked) > LINE:
             marked = np.array([part[np.argmax(run.force[part])] for part in np.array_split(marked, LINE)])
@@ -281,7 +281,7 @@ class Picture:
         low, high = 10.0 ** math.floor(math.log10(low) - 1e-9), 10.0 ** math.ceil(math.log10(high) + 1e-9)
         exact = any(np.any(r.bound == 0) for r in self.runs)
         if exact:
-            low /= 10.0  # the position at which an error of zero is drawn
+            low /= 10.0  # an error of zero is drawn here, because the axis is logarithmic
         self.draw_line(ax, run, lambda r: np.where(r.bound == 0, low, r.bound), BLUE)
         ax.set_yscale("log")
         ax.set_ylim(low / 1.5, high)
@@ -332,7 +332,7 @@ class Picture:
         ax.xaxis.set_minor_formatter(plt.NullFormatter())
         ax.set_yscale("log")
         least = 0.5 * min(100.0 / len(r.t) for r in self.runs)
-        ax.set_ylim(least, 100.0 * (100.0 / least) ** 0.3)  # room for the legend
+        ax.set_ylim(least, 100.0 * (100.0 / least) ** 0.3)  # space for the legend
         ax.yaxis.set_major_formatter(plain)
         ax.yaxis.set_minor_locator(NullLocator())
         ax.set_yticks([p for p in LogLocator(numticks=5).tick_values(least, 100.0) if least < p <= 100.0])

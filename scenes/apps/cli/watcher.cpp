@@ -94,7 +94,7 @@ void Watcher::buildShared(Made& made, bool read, bool still, const Dials& dials)
   } catch (const std::exception&) {
     if (all.empty()) throw;
   }
-  // Tries the edits one by one. The call without edits reports errors of the scene file itself.
+  // Tries the edits one by one. The call without edits throws if the scene file is wrong.
   with({});
   SharedEdits felt;
   for (const SharedEdits& edit : in_order) {
@@ -128,12 +128,12 @@ void Watcher::tellOfEdits(const Made& made) {
     const bool same = old == before.end() || one == now.end()
                           ? (old == before.end()) == (one == now.end())
                           : old->second == one->second;
-    // Edits of this site's own user are reported as a change of the scene file.
+    // Edits of this site are reported as a change of the scene file.
     if (!same && !(read_ && edit.stamp.site == shared_->site())) {
       changed[edit.stamp.site].push_back(key);
     }
   }
-  // Any program may claim to be many sites.
+  // A program may claim to be many sites, so limits the lines.
   constexpr std::size_t kMostLines = 4;
   std::size_t lines = 0;
   for (const auto& [site, keys] : changed) {
@@ -169,7 +169,7 @@ std::optional<BuiltScene> Watcher::takeBuilt() {
     if (image != nullptr) news_ = error.what();
     complain(std::string(error.what()) + "; the previous scene stays active");
   }
-  // The gains may still be valid: the next build tries them with the present scene.
+  // The gains may still be valid, so the next build tries them with the present scene.
   if (read_ && edited_) shared_->renew();
   if (read_ || edited_ || image != nullptr) return std::nullopt;
   refused_ = trying_;
@@ -204,7 +204,7 @@ void Watcher::startBuild() {
   const auto now = std::chrono::steady_clock::now();
   edited_ = shared_ && now >= next_edits_ && shared_->takeNews();
   if (edited_) next_edits_ = now + kBetweenEdits;
-  // Gains precede images: a reduction of a strength must not wait for a stream of images.
+  // Gains precede images: a reduced strength must not wait for a stream of images.
   making_image_ = !read_ && !edited_ && image_ != nullptr && wanted_ == felt_;
   if (!read_ && !edited_ && !making_image_ && wanted_ == felt_) return;
   const bool still = wanted_ == felt_ || making_image_;

@@ -49,7 +49,7 @@ Window::Window(double rate) : writer_(share_.block(), rate) {
 Window::~Window() {
   share_.block().over = 1;
   if (child_ < 0) return;
-  // The window checks for the end of the run thirty times a second.
+  // The window checks 30 times a second whether the run has ended.
   constexpr auto kPatience = std::chrono::milliseconds(1500);
   const auto end = std::chrono::steady_clock::now() + kPatience;
   while (!ended()) {

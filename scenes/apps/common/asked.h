@@ -1,4 +1,4 @@
-/// Requests of a window's user, from memory that another process writes; always within bounds.
+/// Reads a window's requests from memory that another process writes; limits all numbers.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@ struct Asked {
 [[nodiscard]] Asked asked(const LiveWishes& before, const LiveWishes& now);
 
 /// Returns a hand that follows the mouse from `start` [m], below WatchLimits::max_speed. A low-pass
-/// filter smooths the mouse, which jumps 30 times a second. `mouse` must outlive the result.
+/// filter smooths the mouse's 30 positions per second. `mouse` must outlive the result.
 [[nodiscard]] HandTarget behindMouse(const Published<LiveHand>& mouse, const Vec3& start);
 
 }  // namespace palpate::cli

@@ -46,7 +46,7 @@ void forgetPartial(const std::filesystem::path& file) {
   }
 }
 
-/// Signal handler: makes only async-signal-safe calls.
+/// Signal handler: calls only async-signal-safe functions.
 void endNow(int /*signal*/) {
   for (const auto& place : partials) {
     if (const char* file = place.load()) unlink(file);
@@ -62,7 +62,7 @@ void handle(void (*handler)(int)) noexcept {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     struct sigaction now {};
     sigaction(signal, nullptr, &now);
-    // Signals that the parent process ignores stay ignored, as nohup requires.
+    // Signals that the parent process ignores, as nohup does, stay ignored.
     if (now.sa_handler == SIG_IGN) continue;
     struct sigaction action {};
     action.sa_handler = handler;
@@ -72,7 +72,7 @@ void handle(void (*handler)(int)) noexcept {
   }
 }
 
-/// A progress line. A thread advances its time even if the work reports no progress.
+/// A progress line. Its own thread updates the elapsed time, even while no progress is reported.
 class Line {
  public:
   explicit Line(std::string what) : what_(std::move(what)), drawer_([this] { draw(); }) {}
@@ -163,7 +163,7 @@ std::filesystem::path behindLinks(std::filesystem::path path) {
   std::error_code error;
   for (int links = 0; links < 40 && std::filesystem::is_symlink(path, error); ++links) {
     const auto behind = path.parent_path() / std::filesystem::read_symlink(path, error);
-    // Keeps a link to a target without a file name, such as a pipe behind /dev/stdout.
+    // A link such as /dev/stdout can lead to a pipe, which has no file name: then keeps the link.
     if (!std::filesystem::exists(std::filesystem::symlink_status(behind, error)) &&
         std::filesystem::exists(std::filesystem::status(path, error))) {
       break;

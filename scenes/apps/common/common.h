@@ -27,16 +27,16 @@ inline constexpr int kInternal = 3;
 inline constexpr int kNothingFelt = 4;
 inline constexpr int kInterrupted = 130;
 
-/// Not 0 after a signal has interrupted the program.
+/// Not 0 after a signal such as SIGINT.
 extern volatile std::sig_atomic_t interrupted;
 
-/// Returns null if the number is not finite.
+/// Returns the number, or null if it is not finite.
 [[nodiscard]] inline OrderedJson finite(double value) {
   return std::isfinite(value) ? OrderedJson(value) : OrderedJson();
 }
 
-/// Returns a callback that shows the progress, 0 to 1, on a terminal. The line appears after 1 s,
-/// and disappears with the last copy. Returns null if standard error is not a terminal.
+/// Returns a callback that shows the progress, 0 to 1, on a terminal, after 1 s. The line
+/// disappears with the callback's last copy. Returns null if standard error is not a terminal.
 [[nodiscard]] std::function<void(double done)> showProgress(const std::string& what);
 
 /// Returns the shortest text that converts back to the same double; empty if it is not finite.
@@ -51,29 +51,29 @@ extern volatile std::sig_atomic_t interrupted;
 /// Returns a null-terminated argv for exec and posix_spawn, valid while `words` is unchanged.
 [[nodiscard]] std::vector<char*> argumentsOf(std::vector<std::string>& words);
 
-/// Quotes a text for a shell's command line if necessary.
+/// Returns a text as one word of a shell's command line, quoted if necessary.
 [[nodiscard]] std::string shellWord(const std::string& text);
 
-/// Follows symbolic links, so that a new file replaces the target and not the link.
+/// Returns the target of symbolic links, so that a new file replaces the target and not the link.
 [[nodiscard]] std::filesystem::path behindLinks(std::filesystem::path path);
 
-/// Throws Error if the path exists but is not a regular file, because an output would replace it.
+/// Throws Error if the path exists but is not a regular file, because the output would replace it.
 void checkReplaceable(const std::filesystem::path& file);
 
 /// An output file that appears complete or not at all: commit() renames a temporary file in the
 /// same folder. The path `-` is standard output.
 class WholeFile {
  public:
-  /// Creates the temporary file. Throws Error, even if the path is a pipe, a device or a folder.
+  /// Creates the temporary file. Throws Error, also if the path is a pipe, device or folder.
   explicit WholeFile(std::filesystem::path path);
   WholeFile(const WholeFile&) = delete;
   WholeFile& operator=(const WholeFile&) = delete;
   ~WholeFile();
 
   void write(const std::string& text);
-  /// Returns the file descriptor, for a child process that writes the file.
+  /// Returns the descriptor of the file, for a child process that writes to it.
   [[nodiscard]] int descriptor() const;
-  /// Returns the temporary path, for a library. Throws Error for standard output.
+  /// Returns the temporary path, for a library that writes to it. Throws Error for standard output.
   [[nodiscard]] std::filesystem::path place() const;
   /// Completes the file. Throws Error if writing has failed.
   void commit();
@@ -84,16 +84,16 @@ class WholeFile {
   std::FILE* file_ = nullptr;
 };
 
-/// Returns true if both paths lead to the same file, which need not exist.
+/// Returns true if both paths name the same file, which need not exist.
 [[nodiscard]] bool isSamePlace(const std::filesystem::path& a, const std::filesystem::path& b);
 
 /// Throws Error if two outputs are the same file, or if an output is also an input.
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs);
 
-/// Lets Ctrl-C, SIGTERM and SIGHUP remove uncommitted files and end the program with kInterrupted.
+/// Lets SIGINT, SIGTERM and SIGHUP remove uncommitted files and end with kInterrupted.
 void endAtInterrupts() noexcept;
-/// Lets these signals only set `interrupted`, for programs with more work to do at the end.
+/// After this call, these signals only set `interrupted`, so that a program can finish its work.
 void noteInterrupts() noexcept;
 /// Thrown after an interrupt: the program writes no output and ends with kInterrupted.
 struct Interrupted {};

@@ -8,7 +8,7 @@
 namespace palpate::cli {
 namespace {
 
-/// Returns the position at which fields of this motion were read, in the motion's rest frame.
+/// Returns the position at which fields with this motion were read, in their rest pose.
 const Vec3& seenFrom(const ExplainedTick& tick, int motion) {
   return motion < 0 ? tick.place() : tick.state.bodies()[static_cast<std::size_t>(motion)].seen;
 }

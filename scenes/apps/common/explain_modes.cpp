@@ -33,8 +33,8 @@ Primitive primitiveOf(const ExplainedTick& tick, const GuideMode& guide) {
 }
 
 struct Parts {
-  int scalar = -1;  ///< Scalar property that must have data, or -1.
-  int vector = -1;  ///< Vector property that must have a direction, or -1.
+  int scalar = -1;  ///< Scalar property that must have data; -1: none.
+  int vector = -1;  ///< Vector property that must have a direction; -1: none.
   const Transfer* strength = nullptr;
   const Transfer* friction = nullptr;
   const Transfer* viscosity = nullptr;
@@ -62,7 +62,7 @@ Parts partsOf(const ExplainedTick& tick, const GuideMode& m) {
   return {-1, -1, &m.strength, nullptr, nullptr, distanceTo(primitiveOf(tick, m), tick.hand)};
 }
 
-/// Names the first factor of a transfer function that is zero.
+/// Names the first factor of a transfer function whose output is zero.
 std::string whyZero(const OrderedJson& transfer) {
   for (const OrderedJson& factor : transfer["factors"]) {
     if (factor["output"].get<double>() != 0.0) continue;
@@ -204,7 +204,7 @@ const char* directionWords(PrimitiveKind kind) {
   return "";
 }
 
-/// Returns true for two opposed planes, which hold the proxy in both directions.
+/// Returns true for two opposed planes, which hold the proxy from both sides.
 bool isSlab(const std::vector<Load>& loads) {
   return loads.size() == 2 && loads[0].primitive.kind == PrimitiveKind::kPlane &&
          loads[1].primitive.kind == PrimitiveKind::kPlane &&
@@ -269,7 +269,7 @@ OrderedJson modeReport(const ExplainedTick& tick, std::size_t i) {
   json["mode"] = wordFor(spec.kind);
   json["of"] = spec.of.empty() ? OrderedJson() : OrderedJson(spec.of);
   json["active"] = !loads.empty();
-  json["because"] = "";  // set at the end; inserted here for the order of the fields
+  json["because"] = "";  // set below; inserted here for the order of the keys
   json["contact"] = std::holds_alternative<IsosurfaceMode>(mode)
                         ? OrderedJson(wordFor(sideOf(tick.state.memory(i))))
                         : OrderedJson();

@@ -14,7 +14,7 @@ namespace palpate::cli {
 struct ExplainedTick {
   const Opened& opened;
   const Scene& scene;  ///< The built scene: `opened.built.scene`.
-  Vec3 at;             ///< Position at which the hand and the proxy rest before the tick [m].
+  Vec3 at;             ///< Position of hand and proxy at rest before the tick [m].
   Vec3 hand;           ///< Position of the hand in the tick [m].
   Rest rest;           ///< State before the tick.
   StepReport report;
@@ -24,15 +24,15 @@ struct ExplainedTick {
   const StepTrace& trace;
   const ProxyState& state;  ///< State after the tick.
 
-  /// Returns the last place at which properties were read [m]; after a fault, the proxy before the
-  /// tick.
+  /// Returns the position of the last reading of properties [m]; after a fault, the proxy before
+  /// the tick.
   [[nodiscard]] const Vec3& place() const {
     const auto steps = trace.steps();
     const auto last = std::find_if(steps.rbegin(), steps.rend(),
                                    [](const StepTrace::Step& step) { return !step.foreseen; });
     return last == steps.rend() ? rest.report.proxy : last->at;
   }
-  /// Returns the proxy before its last move [m], from which guides measure their distances.
+  /// Returns the proxy before its last move [m]. Guides measure their distances from there.
   [[nodiscard]] const Vec3& proxy() const {
     return trace.count == 0 ? rest.report.proxy : trace.steps().back().proxy;
   }
@@ -48,7 +48,7 @@ struct ExplainedTick {
   return tick.properties().vectors[static_cast<std::size_t>(i)];
 }
 
-/// Returns the fields with bounds that contain the proxy.
+/// Returns the fields whose bounds contain the proxy.
 [[nodiscard]] FieldSet fieldsAround(const ExplainedTick& tick);
 
 [[nodiscard]] OrderedJson fieldsReport(const ExplainedTick& tick);

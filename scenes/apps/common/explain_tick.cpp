@@ -38,7 +38,7 @@ OrderedJson balanceReport(const ExplainedTick& tick) {
   return json;
 }
 
-/// Reports the steps from the spring's force to the force that is sent.
+/// Reports how the force that is sent follows from the spring's force, step by step.
 OrderedJson forceReport(const ExplainedTick& tick) {
   const StepReport& r = tick.report;
   const Vec3 spring = r.stiffness * (r.proxy - tick.hand);
@@ -57,7 +57,7 @@ OrderedJson forceReport(const ExplainedTick& tick) {
   return json;
 }
 
-/// Returns an empty text if the limiter left the force unchanged.
+/// Describes what the limiter changed; empty if it changed nothing.
 std::string limiterWords(const ExplainedTick& tick) {
   if (tick.limited.slewed) {
     return fmt::format("the limiter lets the force grow by {} N per tick",
@@ -121,7 +121,7 @@ OrderedJson because(const ExplainedTick& tick) {
   return json;
 }
 
-/// The move of a foreseen sub-step is that of the next reading, not of the proxy.
+/// Reports a sub-step. `went` is the move of the proxy or, if foreseen, of the next reading.
 OrderedJson stepReport(const ExplainedTick& tick, const StepTrace::Step& step) {
   OrderedJson json;
   json["foreseen"] = step.foreseen;

@@ -22,17 +22,17 @@ constexpr double kRest = 0.15;      // [s]: rest at the deepest point
 constexpr double kCircle = 4e-3;    // [m]: radius of a stroke
 constexpr double kFine = 2.5e-4;    // [m]: step of the probe near contacts
 constexpr double kCoarse = 2e-3;    // [m]: step of the probe between contacts
-constexpr double kFelt = 0.3;       // [N]: a mode with a smaller force has a lower value
+constexpr double kFelt = 0.3;       // [N]: modes with a smaller force are visited later
 constexpr double kPlan = 60.0;      // [s]: length of the planned path, which is then repeated
 constexpr std::size_t kMostStops = 3;
 
-/// Depths along a ray [m] at which the hand strokes and presses one mode.
+/// Depths along a ray [m] for one mode.
 struct Stop {
-  double stroke = 0.0;  ///< At 70 % of the mode's largest force on this ray.
-  double press = 0.0;   ///< At 95 % of this force.
+  double stroke = 0.0;  ///< Where the force is 70 % of the mode's largest on this ray.
+  double press = 0.0;   ///< Where the force is 95 % of it.
 };
 
-/// Depth of the first contact on a ray [m], and the stops behind it.
+/// Depth of the first contact on a ray [m], and the depths of the modes behind it.
 struct Profile {
   double contact = 0.0;
   std::vector<Stop> stops;
@@ -40,7 +40,7 @@ struct Profile {
 
 Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<double>& top) {
   const int steps = std::max(1, static_cast<int>(std::ceil(ray.length / kFine)));
-  std::vector<std::vector<float>> held;  // force of each mode at each step
+  std::vector<std::vector<float>> held;  // force of each mode at each step [N]
   held.resize(top.size());
   Profile profile;
   profile.contact = ray.length;
@@ -67,7 +67,7 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
     };
     stops.push_back({most, {reach(0.7), reach(0.95)}});
   }
-  // Keeps the strongest stops, in the order of depth. Stops within 2 mm count as one.
+  // Keeps the stops with the largest forces, sorted by depth. Of stops within 2 mm, keeps one.
   std::stable_sort(stops.begin(), stops.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   for (const auto& [worth, stop] : stops) {
@@ -95,7 +95,7 @@ class Plan {
   [[nodiscard]] std::vector<PathPoint> take() { return std::move(path_); }
   [[nodiscard]] long reads() const { return probe_.reads() + scout_.reads(); }
 
-  /// Returns the ray of the highest value, or null, and the mode that contributes most.
+  /// Returns the ray with the highest value, or null, and the mode that contributes most to it.
   [[nodiscard]] std::pair<const ProbeRay*, std::size_t> choose(const RaySearch& found) const {
     std::pair<const ProbeRay*, std::size_t> best{nullptr, 0};
     double most = 0.0;
@@ -132,7 +132,7 @@ class Plan {
     return best;
   }
 
-  /// Adds a visit: approach, press, stroke, withdraw. The path follows a slowly moving volume.
+  /// Adds a visit: approach, press, stroke, withdraw. The path follows a slow volume.
   void visit(const ProbeRay& ray, std::size_t mode, const std::vector<double>& top) {
     ride(mode);
     scout_.lift();
@@ -165,7 +165,7 @@ class Plan {
 
  private:
   void ride(std::size_t mode) {
-    constexpr double kRidden = 0.05;  // [m/s]: the path does not follow faster volumes
+    constexpr double kRidden = 0.05;  // [m/s]: the path does not follow a faster volume
     const Graph& graph = scene_.graph;
     const int motion = mode < graph.mode_motions.size() ? graph.mode_motions[mode] : -1;
     if (motion < 0) return;
@@ -186,8 +186,8 @@ class Plan {
     return from_.linear * (ride_->poseOf(from_.toRest(at_), time()).back * probe_.force());
   }
 
-  /// Moves the probe to `to` within dt [s]. Offsets the hand's target, so that the grip's spring
-  /// and the force on the probe cancel at `to`.
+  /// Moves the probe to `to` within dt [s]. The hand's target is offset, so that the spring of the
+  /// grip and the force on the probe cancel there.
   void step(const Vec3& to, double dt) {
     const Vec3 place = here(to, time() + dt);
     probe_.touch(place, dt);
@@ -217,8 +217,8 @@ class Plan {
     for (int k = 0; k < kTimes; ++k) step(at_, kRest / kTimes);
   }
 
-  /// Moves the probe in circles perpendicular to the force, at a depth with constant force.
-  /// Reverses if the contact is lost, and ends after 0.4 s without contact.
+  /// Moves the probe in circles perpendicular to the force, and adapts the depth to keep the force
+  /// constant. Reverses if the contact is lost, and ends after 0.4 s without contact.
   void stroke() {
     const double newtons = probe_.force().norm();
     if (!(newtons > kLeastContact)) return;
@@ -256,8 +256,8 @@ class Plan {
     }
   }
 
-  /// Moves to a place before a ray's contact: straight if the contacts on the way are light.
-  /// Otherwise moves out along the last ray, around the scene, and in along the next ray.
+  /// Moves to a point before the contact of a ray: straight if all contacts on the way are light.
+  /// Otherwise moves out along the last ray, around the scene, and in along the new ray.
   void travel(const ProbeRay& to, double clear) {
     const Vec3 place = to.at(clear);
     if (path_.empty()) {
@@ -299,7 +299,7 @@ class Plan {
   const Scene& scene_;
   HandRange within_;
   SearchProbe probe_;  ///< Follows the path; its ticks advance the scene's time.
-  SearchProbe scout_;  ///< Examines rays without advancing the scene's time.
+  SearchProbe scout_;  ///< Probes rays without advancing the scene's time.
   std::vector<PathPoint> path_;
   Vec3 at_ = Vec3::Zero();
   MotionPtr ride_;            ///< Motion that the path follows, or null.
@@ -307,7 +307,7 @@ class Plan {
   Vec3 last_ = Vec3::Zero();  ///< Start of the last ray [m].
   ProbeRay first_;
   double first_clear_ = 0.0;
-  /// Visits of each mode; a visit counts by its share of the mode's largest force.
+  /// For each mode, the sum over all visits of the force divided by the mode's largest force.
   std::vector<double> credit_;
   std::vector<double> felt_;  ///< Largest force of each mode in the present visit [N].
   std::vector<std::pair<Vec3, Vec3>> visited_;
@@ -320,7 +320,7 @@ HandTarget findingHand(const Scene& scene, const Box& bounds, double radius, dou
   const auto start = std::chrono::steady_clock::now();
   const HandRange within = handRangeOf(scene, bounds, radius);
   const bool moves = !scene.graph.motions.empty();
-  constexpr double kShare = 0.125;  // share of the limits, for each visit in a moving scene
+  constexpr double kShare = 0.125;  // share of the limits per visit in a moving scene
   Search did;
   Plan plan(scene, within);
   std::optional<RaySearch> found;
@@ -334,7 +334,7 @@ HandTarget findingHand(const Scene& scene, const Box& bounds, double radius, dou
     }
     const auto [ray, mode] = plan.choose(*found);
     if (ray == nullptr) {
-      // Without a mode, moves through the middle of the range.
+      // A scene without modes gets a path through the middle of the range.
       ProbeRay through;
       const auto [from, to] = within.part(within.box.centre(), through.along);
       through.from = within.box.centre() + from * through.along;

@@ -1,4 +1,4 @@
-/// Exploration path of a simulated hand, through the places where modes act.
+/// Finds a path of a simulated hand that touches the modes of a scene.
 #pragma once
 
 #include "palpate/devices/simulated/simulated_device.h"

@@ -13,12 +13,12 @@ namespace {
 
 constexpr int kLeastRays = 256;
 constexpr int kMostRays = 4096;
-constexpr int kEnough = 32;           // rays on which each mode acted, after which the search ends
-constexpr int kSteps = 96;            // steps of a ray as long as the diagonal of the range
-constexpr long kMostReads = 1000000;  // readings of fields
-constexpr std::size_t kMostBoxes = 512;  // boxes of parts at which rays are aimed
+constexpr int kEnough = 32;              // the search ends once each mode acted on so many rays
+constexpr int kSteps = 96;               // steps along a ray as long as the diagonal of the range
+constexpr long kMostReads = 1000000;     // readings of fields
+constexpr std::size_t kMostBoxes = 512;  // largest number of boxes for rays
 
-/// Returns boxes in which contacts are possible, at the given time.
+/// Returns boxes at a time [s] in which contacts are possible.
 std::vector<Box> boxesOf(const Scene& scene, double time) {
   std::vector<Box> boxes;
   const auto add = [&](const Box& at_rest, int motion) {
@@ -42,7 +42,7 @@ std::vector<Box> boxesOf(const Scene& scene, double time) {
   for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
     add(graph.vector_frames[i].bounds, graph.vector_motions[i]);
   }
-  // Guides have no volume, so boxes about their positions are added.
+  // A guide has no volume, so adds a box around its position.
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
     const auto* guide = std::get_if<GuideMode>(&graph.modes[i]);
     if (guide == nullptr) continue;
@@ -67,7 +67,7 @@ std::array<double, 5> spread(int n) {
   return out;
 }
 
-/// Moves the probe along a ray until the force against it exceeds kHardestPress.
+/// Moves the probe along a ray, until the opposing force exceeds kHardestPress.
 void cast(SearchProbe& probe, ProbeRay& ray, double step) {
   probe.lift();
   const auto modes = probe.forces().size();
@@ -170,7 +170,7 @@ HandRange handRangeOf(const Scene& scene, const Box& bounds, double radius) {
   const Vec3 lower = (within.box.lower.array() - about).matrix().cwiseMax(-reach);
   const Vec3 upper = (within.box.upper.array() + about).matrix().cwiseMin(reach);
   within.box = {lower, upper};
-  if (within.box.empty()) within.box = {-reach, reach};  // the scene lies outside the workspace
+  if (within.box.empty()) within.box = {-reach, reach};  // the scene is outside the workspace
   return within;
 }
 
@@ -189,7 +189,7 @@ RaySearch::RaySearch(const Scene& scene, const HandRange& within, double time, d
         std::all_of(met.begin(), met.end(), [](int n) { return n >= kEnough; })) {
       break;
     }
-    // Aims every second ray at the whole range, and the others at one box each.
+    // Aims every second ray at the whole range, and each of the others at one box.
     const std::array<double, 5> at = spread(rays_cast);
     const auto n = static_cast<std::size_t>(rays_cast);
     const Box& box = n % 2 == 0 || boxes.empty() ? within.box : boxes[n / 2 % boxes.size()];

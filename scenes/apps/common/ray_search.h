@@ -14,8 +14,8 @@ inline constexpr double kLeastContact = 0.02;  ///< Smallest force that counts a
 inline constexpr double kClearance =
     8e-3;  ///< Distance between a visit's start and the contact [m].
 
-/// A probe that forces do not deflect, with the force of each mode on it. Parts with equal lists of
-/// mode names share these modes.
+/// A probe that forces do not deflect, with the force of each mode on it. Parts whose lists of mode
+/// names are equal share one entry for each name.
 class SearchProbe {
  public:
   /// The scene has to outlive the probe.
@@ -23,7 +23,7 @@ class SearchProbe {
 
   /// Moves the probe away from all fields, which ends its contacts.
   void lift();
-  /// Evaluates a tick with the probe at `at` [m]. If dt [s] is 0, the scene's time stands still.
+  /// Runs a tick with the probe at `at` [m]. If dt [s] is 0, the scene's time stands still.
   void touch(const Vec3& at, double dt);
 
   [[nodiscard]] double time() const { return state_.time(); }
@@ -47,9 +47,9 @@ class SearchProbe {
   long reads_ = 0;
 };
 
-/// The space that the hand may use: the scene with a small margin, within the arm's workspace.
+/// The region that the hand may use: the scene and a small margin, within the arm's workspace.
 struct HandRange {
-  Box box;              ///< Box about the scene and the margin [m].
+  Box box;              ///< Box around the scene and the margin [m].
   double radius = 0.0;  ///< Radius of the workspace about the origin of W [m].
 
   /// Returns the interval of t in which the line p + t u, with a unit vector u, lies in the range.
@@ -64,9 +64,9 @@ struct HandRange {
 struct ProbeRay {
   Vec3 from = Vec3::Zero();    ///< [m]
   Vec3 along = Vec3::UnitX();  ///< A unit vector.
-  double length = 0.0;         ///< Up to where the force exceeds kHardestPress [m].
+  double length = 0.0;         ///< Ends where the force exceeds kHardestPress [m].
   std::vector<float> held;     ///< Largest force of each mode against the probe's direction [N].
-  std::vector<float> depth;    ///< Distance from the start to each mode's largest force [m].
+  std::vector<float> depth;    ///< Distance to each mode's largest force [m].
   double hardest = 0.0;        ///< Largest total force against the probe's direction [N].
 
   [[nodiscard]] Vec3 at(double t) const { return from + t * along; }
@@ -80,7 +80,7 @@ class RaySearch {
 
   std::vector<ProbeRay> rays;  ///< Rays on which a mode acted.
   std::vector<double> top;     ///< Largest force of each mode on any ray [N].
-  int rays_cast = 0;           ///< Number of rays, with those on which no mode acted.
+  int rays_cast = 0;           ///< Number of all rays, also those on which no mode acted.
   long reads = 0;              ///< Field readings.
 };
 

@@ -37,8 +37,8 @@ Character firstOf(std::string_view text) {
 }
 
 /// Returns true for characters that move the cursor, change the writing direction, or are
-/// invisible. These are the Unicode categories Cc, Zl, Zp and Cf, noncharacters, and
-/// Default_Ignorable_Code_Point. The 16-bit variation selectors, which emoji contain, are allowed.
+/// invisible: categories Cc, Zl, Zp and Cf, noncharacters, and Default_Ignorable_Code_Point of
+/// Unicode. The 16-bit variation selectors, which emoji contain, are allowed.
 bool isHidden(char32_t point) {
   constexpr std::array<std::pair<char32_t, char32_t>, 27> kHidden{
       {{0x00, 0x1f},       {0x7f, 0x9f},       {0xad, 0xad},       {0x34f, 0x34f},
@@ -75,7 +75,7 @@ bool beginsCharacter(char byte) {
   return (static_cast<unsigned char>(byte) & 0xc0U) != 0x80U;
 }
 
-/// Shortens valid UTF-8 text to `most` characters by replacing its middle.
+/// Shortens valid UTF-8 text to `most` characters by cutting out its middle.
 std::string cut(std::string text, std::size_t most) {
   if (text.size() <= most) return text;
   const auto length =
@@ -110,14 +110,14 @@ Legible::Legible(std::string_view text, std::size_t most) {
 
 std::string dump(const OrderedJson& json, int indent) {
   const std::string plain = json.dump(indent, ' ', false, OrderedJson::error_handler_t::replace);
-  // Hidden characters beyond ASCII occur only in JSON strings, where escapes are allowed.
+  // In JSON, characters beyond ASCII occur only in strings, where escapes are allowed.
   std::string out;
   out.reserve(plain.size());
   for (std::string_view rest = plain; !rest.empty();) {
     const Character character = firstOf(rest);
     if (character.point >= 0x7f && isHidden(character.point)) {
       const auto point = static_cast<unsigned>(character.point);
-      // JSON escapes a character beyond 16 bits as a pair of surrogates.
+      // JSON escapes a character beyond 16 bits as two surrogates.
       out += point < 0x10000 ? fmt::format("\\u{:04x}", point)
                              : fmt::format("\\u{:04x}\\u{:04x}", 0xd7c0U + (point >> 10U),
                                            0xdc00U + (point & 0x3ffU));

@@ -1,5 +1,5 @@
-/// Output to the terminal. These functions keep names from files, scenes, devices and the command
-/// line from moving the cursor, starting a new line or filling the screen.
+/// Output to the terminal. Names from files, scenes, devices and the command line cannot move the
+/// cursor, start a new line or fill the screen.
 #pragma once
 
 #include <cstddef>
@@ -15,16 +15,16 @@ namespace palpate::cli {
 
 using OrderedJson = nlohmann::ordered_json;
 
-/// Longest name in a message, in characters as shown.
+/// Longest name in a message [characters as shown].
 inline constexpr std::size_t kLongestName = 200;
-/// Longest sentence with several names, in characters as shown.
+/// Longest sentence with several names [characters as shown].
 inline constexpr std::size_t kLongestLine = 1000;
 
 class Legible;
 template <class T>
 using Formatted = std::conditional_t<std::is_arithmetic_v<T>, T, std::string>;
-/// Formats like fmt::format, but converts text arguments to Legible first. The format itself is the
-/// program's own text: it is not converted, and may contain line ends.
+/// Formats like fmt::format, but converts text arguments to Legible first. The format is trusted
+/// text: it is not converted, and may contain line ends.
 template <class... Args>
 [[nodiscard]] Legible words(fmt::format_string<Formatted<Args>...> format, const Args&... args);
 
@@ -59,7 +59,7 @@ class Legible {
 /// Returns JSON as valid UTF-8, with escapes for the characters that Legible escapes.
 [[nodiscard]] std::string dump(const OrderedJson& json, int indent = -1);
 
-/// Writes data to standard output without conversion. Throws std::system_error.
+/// Writes data to standard output unchanged. Throws std::system_error.
 void sayRaw(std::string_view data);
 void sayJson(const OrderedJson& json, int indent = 2);
 /// Writes the line `palpate: ...` to standard error.

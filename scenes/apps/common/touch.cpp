@@ -16,13 +16,13 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kFarthest = 1e6;  // [m]: the same limit as that of hapticStep
+constexpr double kFarthest = 1e6;  // [m]: limit of hapticStep
 
 DeviceInfo pathDevice() {
   return PathDevice({PathPoint{}}, 1000.0).info();
 }
 
-/// A primitive that shares a load can hold at full strength: it yields if the proxy has left it.
+/// A primitive at full strength holds if it shares a load. It yields once the proxy has left it.
 Hold holdOf(const Load& load, const StepReport& report) {
   if (load.primitive.kind == PrimitiveKind::kForce) return Hold::kPushes;
   const double carried = load.force.norm();
@@ -116,7 +116,7 @@ Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, 
     try {
       opened.built = buildScene(opened.told, nullptr, &cache);
     } catch (const SceneError&) {
-      // The whole scene is valid, so the parts near the hand exceed the limits of one graph.
+      // The scene is valid, so the parts near the hand are too many for one graph.
       throw Error(scene,
                   fmt::format("the hand comes near {} of its {} parts; a report covers at most {} "
                               "volumes, {} properties and {} modes",
@@ -157,7 +157,7 @@ ForceLimits pathLimits() {
 }
 
 Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at, double dt) {
-  constexpr double kLongest = 2.0;  // [s]: longest time for which a varying stiffness may settle
+  constexpr double kLongest = 2.0;  // [s]: longest wait for a varying stiffness
   const bool varies = !scene.graph.stiffness.factors.empty();
   Rest rest;
   double last = 0.0;
@@ -173,7 +173,7 @@ Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& rep
   Load load;
   load.primitive = primitive;
   load.force = force;
-  // Uncertainty due to the error bound of the balance.
+  // Uncertainty that follows from the error bound of the balance.
   load.known = 1e-9 * primitive.strength + report.stiffness * report.error_bound;
   load.hold = holdOf(load, report);
   return load;

@@ -14,7 +14,7 @@
 
 namespace palpate::cli {
 
-/// Reads "x,y,z" [m]. Throws Error about `option` unless all numbers are finite and below 1,000 km.
+/// Parses "x,y,z" [m]. Throws Error about `option` unless all are finite and below 1,000 km.
 [[nodiscard]] Vec3 readVector(const std::string& option, const std::string& text);
 
 /// Returns true if p is in the box or on its faces.
@@ -24,28 +24,28 @@ namespace palpate::cli {
 [[nodiscard]] std::vector<std::filesystem::path> inputsOf(const std::string& scene,
                                                           const SceneSpec& spec);
 
-/// Throws Error about `name`, an option or an argument, if a coordinate exceeds hapticStep's limit.
+/// Throws Error about `name` (an option or argument) if a coordinate exceeds hapticStep's limit.
 void checkReach(const std::string& name, const Vec3& p);
 
 /// Throws Error unless the rate is 10 to 100,000 Hz.
 void checkRate(const std::string& name, double rate);
 
-/// An open scene. Its notes were printed, and its coupling fits the device `path`.
+/// An open scene. Its notes were printed. Its coupling fits the device `path`.
 struct Opened {
   SceneSpec spec;
-  /// Description of `built`. If `spec` has parts, it has only the parts near the hand, in one
+  /// Description of `built`. If `spec` has parts, contains only the parts near the hand, in one
   /// graph.
   SceneSpec told;
   BuiltScene built;
 };
 struct Near {
   std::set<std::size_t> parts;  ///< Indices into Scene::parts.
-  double missing = 0.0;         ///< Largest force of parts that did not fit in a tick [N].
+  double missing = 0.0;         ///< Largest force of near parts that did not fit in a tick [N].
 
   /// Adds the parts that were near the hand in a tick.
   void add(const ProxyState& state, const StepReport& report);
 };
-/// Moves the caller's hand through a scene with parts, and returns the parts near the hand.
+/// Moves the caller's hand through a scene with parts. Returns the parts that were near the hand.
 using TrialRun = std::function<Near(const BuiltScene&)>;
 /// Receives messages to the user, one line each.
 using Say = std::function<void(const std::string&)>;
@@ -58,15 +58,15 @@ void complainOf(const std::string& line);
 /// Returns the names of the modes, and of the coupling, that read a field.
 [[nodiscard]] std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field);
 
-/// Returns the force limits of the device `path`.
+/// Returns the limits with which the device `path` limits forces.
 [[nodiscard]] ForceLimits pathLimits();
 
 struct Rest {
   StepReport report;
   int ticks = 0;
 };
-/// Runs one tick with the hand at rest at `at` [m], which finds the contacts. If the stiffness
-/// varies, runs ticks until it is constant, for at most 2 s.
+/// Runs a tick with the hand at rest at `at` [m], so that the modes find their contacts. If the
+/// stiffness varies, runs further ticks until it is constant, for at most 2 s.
 [[nodiscard]] Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at,
                           double dt);
 
@@ -81,7 +81,7 @@ enum class Hold : std::uint8_t {
 struct Load {
   Primitive primitive;
   Vec3 force = Vec3::Zero();  ///< Force on the proxy [N].
-  double known = 0.0;         ///< Uncertainty of the force [N].
+  double known = 0.0;         ///< Uncertainty of the force's magnitude [N].
   Hold hold = Hold::kIdle;
   bool friction = false;     ///< A friction line: its strength is mu times its plane's load.
   double coefficient = 0.0;  ///< Friction coefficient mu; 0 without friction.
@@ -89,13 +89,13 @@ struct Load {
 };
 
 [[nodiscard]] Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& report);
-/// Returns the loads of mode i in the last sub-step; an empty list after a fault.
+/// Returns the loads of mode i in the last sub-step; empty after a fault.
 [[nodiscard]] std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report,
                                         std::size_t i);
 /// Returns the sum of the loads: the mode's force on the proxy [N].
 [[nodiscard]] Vec3 totalOf(const std::vector<Load>& loads);
-/// Returns the loads that decide whether a mode holds: its planes, or all loads if it has no plane.
-/// Friction and a surface's drag do not count, because they depend on the planes. Two opposed
+/// Returns the loads that decide whether a mode holds: its planes, or all loads if it has no
+/// planes. Friction and the drag of a surface depend on the planes and do not count. Two opposed
 /// planes count as their sum.
 [[nodiscard]] std::vector<Load> bearersOf(const std::vector<Load>& loads);
 /// Returns the most severe state of the loads; kIdle if their sum is zero.

@@ -22,7 +22,7 @@ namespace {
 
 using Cells = std::vector<vtkIdType>;
 
-/// An array of the cells, its averages at the points, and the range of the cells.
+/// Values of the cells, their averages at the points, and their range.
 struct Moved {
   vtkDataArray* cells = nullptr;
   vtkDataArray* points = nullptr;
@@ -66,7 +66,7 @@ std::vector<Vec3> centresOf(vtkDataSet* mesh) {
   return centres;
 }
 
-/// Moves the averages to the points of one range. Each task has its own object.
+/// Extrapolates the averages at a range of points. Each task has one.
 class BoundaryFit {
  public:
   BoundaryFit(vtkDataSet* mesh, const std::vector<Vec3>& centres)
@@ -94,7 +94,7 @@ class BoundaryFit {
     mesh_->GetPointCells(point, cells_);
     return {cells_->begin(), cells_->end()};
   }
-  /// Returns cells and all cells that share a point with them, in order.
+  /// Returns `cells` and all cells that share a point with them, in ascending order.
   [[nodiscard]] Cells grown(const Cells& cells) {
     Cells points;
     for (const vtkIdType c : cells) {
@@ -115,22 +115,20 @@ class BoundaryFit {
     ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
   }
 
-  /// Returns true if the centres of the cells at a point lie on one side of it, seen along the line
-  /// from the point to their mean. At points inside of a mesh, the distances to both sides are
-  /// alike.
+  /// Returns true if nearly all cells at p have their centres on one side of p, along the line from
+  /// p to the mean of the centres, `mean`.
   [[nodiscard]] bool isOneSided(const Cells& own, const Vec3& p, const Vec3& mean) const {
-    constexpr double kShare = 0.8;  // 0 inside of even cells, 1 at a plane boundary
+    constexpr double kShare = 0.8;  // 0 between equal cells, 1 at a plane boundary
     const Vec3 way = mean - p;
     double apart = 0.0;
     for (const vtkIdType c : own) apart += std::abs(way.dot(centre(c) - p));
     return way.squaredNorm() > kShare * apart / static_cast<double>(own.size());
   }
 
-  /// Returns the weights of the cells' values in the difference between p and `mean`.
+  /// Returns the weight of each cell's value in the difference between p and `mean`.
   [[nodiscard]] Eigen::VectorXd weightsOf(const Cells& cells, const Vec3& p,
                                           const Vec3& mean) const {
-    constexpr double kFlat =
-        1e-12;  // relative variance of a direction in which all centres are one
+    constexpr double kFlat = 1e-12;  // relative variance below which centres are in one plane
     // Scales the positions to variance 1 along their main axes, because cells at walls are flat.
     Mat3 spread = Mat3::Zero();
     for (const vtkIdType c : cells) spread += (centre(c) - mean) * (centre(c) - mean).transpose();
@@ -192,7 +190,7 @@ void extrapolateToBoundary(vtkDataSet* mesh, const std::vector<std::string>& nam
   const std::vector<Moved> arrays = movedOf(mesh, names);
   if (arrays.empty()) return;
   const std::vector<Vec3> centres = centresOf(mesh);
-  mesh->GetPointCells(0, vtkNew<vtkIdList>());  // prepares data that all threads then read
+  mesh->GetPointCells(0, vtkNew<vtkIdList>());  // VTK builds its table here, not in several threads
   tbb::parallel_for(tbb::blocked_range<vtkIdType>(0, mesh->GetNumberOfPoints(), 256),
                     [&](const tbb::blocked_range<vtkIdType>& part) {
                       BoundaryFit fit(mesh, centres);

@@ -1,4 +1,4 @@
-/// Private to the importer: values at the boundary of a mesh, from one value per cell.
+/// Private to the importer: extrapolates one value per cell to the boundary of a mesh.
 #pragma once
 
 #include <string>
@@ -8,16 +8,16 @@
 
 namespace palpate::importer {
 
-/// Moves averages of cells to the boundary of a mesh.
+/// Corrects averages of cells at the points on the boundary of a mesh.
 ///
-/// An average over the cells around a point is a value at the mean of their centres. At a boundary,
-/// all cells are on one side, so this mean is half a cell away, and derivatives there are about
-/// half of those inside. This function adds the difference between the point and the mean, from a
+/// An average over the cells around a point is the value at the mean of their centres. At a
+/// boundary, all cells are on one side, so this mean is half a cell away, and derivatives there are
+/// about half of those inside. This function adds the difference between point and mean, from a
 /// polynomial of degree 2 that fits the cells within three cells of the point (of degree 1 if these
-/// cells do not determine degree 2). The difference is at most the range of these cells. Scalars
-/// stay in the range of all cells, so that a share or a temperature gets no new extreme.
+/// do not determine degree 2). The difference is limited to the range of these cells. Scalars stay
+/// in the range of all cells, so that a fraction or a temperature gets no new extreme.
 ///
-/// Changes arrays of floats and doubles only. Points beside a value that is not finite keep their
+/// Changes only arrays of floats and doubles. Points near a value that is not finite keep their
 /// averages. Works in parallel.
 /// @param mesh   Mesh with the cells' values, and with their averages at the points.
 /// @param names  Arrays of the points to change.

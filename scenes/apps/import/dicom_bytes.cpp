@@ -60,7 +60,7 @@ std::optional<ElementHead> elementAt(std::string_view bytes, std::size_t at, boo
     head.value = at + (is_long ? 12 : 8);
     head.size = is_long ? numberAt(bytes, at + 8, 4) : numberAt(bytes, at + 6, 2);
   }
-  if (head.size % 2 != 0) return std::nullopt;  // DICOM pads values to an even length
+  if (head.size % 2 != 0) return std::nullopt;  // DICOM pads each value to an even length
   return head;
 }
 
@@ -69,7 +69,7 @@ bool beginsAsDataSet(std::string_view bytes, bool is_explicit) {
   if (!first.has_value()) return false;
   const std::uint32_t group = first->tag >> 16U;
   if (group != 0x0002 && group != 0x0008) return false;
-  // The elements of group 0002 are always explicit.
+  // Elements of group 0002 are always explicit.
   if (group == 0x0002 && !is_explicit) return false;
   const auto second = elementAt(bytes, first->value + first->size, is_explicit);
   return second.has_value() && second->tag > first->tag && second->tag >> 16U <= 0x0010;
@@ -113,9 +113,9 @@ struct InflateEnd {
   ~InflateEnd() { inflateEnd(stream); }
 };
 
-/// Inflates the rest of a file into `to`. Returns the defect; "" if the file is valid.
+/// Inflates the rest of a file into `to`. Returns what is damaged; "" if the file is valid.
 std::string inflateInto(int to, std::istream& in) {
-  // The length of an element has 32 bits, so a larger data set has no image that can be read.
+  // The length of an element has 32 bits, so a larger data set has no readable image.
   constexpr std::uint64_t kMost = std::uint64_t{1} << 32U;
   z_stream stream{};
   if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) return "zlib has too little memory";
@@ -157,7 +157,7 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   std::string head(begin.data(), static_cast<std::size_t>(in.gcount()));
   const SyntaxField syntax = syntaxOf(head);
   if (syntax.text.substr(0, syntax.text.find('\0')) != kDeflatedSyntax) return;
-  // The copy states the plain transfer syntax, padded to the same length.
+  // The copy states the plain transfer syntax, padded to the old length.
   head.resize(syntax.data_set);
   std::fill_n(head.begin() + static_cast<std::ptrdiff_t>(syntax.at), syntax.text.size(), '\0');
   std::copy(kPlainSyntax.begin(), kPlainSyntax.end(),
@@ -184,7 +184,7 @@ bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out) {
   constexpr std::size_t kHeader = 64;
   const std::size_t first = numberAt(item, 4, 4);
   if (item.size() < kHeader || numberAt(item, 0, 4) != 1 || first < kHeader) return false;
-  // PackBits: a count from 0 precedes count + 1 bytes, a negative count precedes one repeated byte.
+  // PackBits: a count >= 0 precedes count + 1 bytes; a negative one precedes a repeated byte.
   std::vector<unsigned char> bytes;
   for (std::size_t at = first; at < item.size() && bytes.size() < pixels;) {
     const auto count = static_cast<signed char>(item[at++]);
@@ -200,7 +200,7 @@ bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out) {
     }
     at += taken;
   }
-  // Eight pixels per byte, the lowest bit first, or one byte per pixel. A frame may have padding.
+  // A frame has one bit per pixel, the lowest first, or one byte per pixel, and then padding.
   const std::size_t packed = (pixels + 7) / 8;
   if (bytes.size() >= pixels) {
     for (std::size_t i = 0; i < pixels; ++i) out[i] = bytes[i] != 0 ? 1 : 0;

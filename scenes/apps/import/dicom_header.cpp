@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Tolerance for perpendicular unit vectors, because files round them.
+/// Tolerance for perpendicular unit vectors, which files round.
 constexpr double kPerpendicular = 1e-3;
 constexpr unsigned kPacked = 0xffffffffU;
 
@@ -49,7 +49,7 @@ double secondsOf(const std::string& clock) {
   }
 }
 
-/// Sets `placed` only if the header has a valid position and valid directions.
+/// Reads position and directions. Sets `placed` only if both are valid.
 void place(Slice& slice, vtkDICOMMetaData* meta) {
   const vtkDICOMValue& position = meta->Get(0, slice.frame, DC::ImagePositionPatient);
   const vtkDICOMValue& directions = meta->Get(0, slice.frame, DC::ImageOrientationPatient);
@@ -63,7 +63,7 @@ void place(Slice& slice, vtkDICOMMetaData* meta) {
   position.GetValues(slice.position.data(), 3);
   slice.row = Vec3(both[0], both[1], both[2]);
   slice.column = Vec3(both[3], both[4], both[5]);
-  // The first number is the distance between rows, which is the step along a column.
+  // PixelSpacing: first the distance between rows, then that between columns.
   slice.down = spacing.GetDouble(0);
   slice.across = spacing.GetDouble(1);
   if (!slice.position.allFinite() || !(std::abs(slice.row.norm() - 1.0) < kPerpendicular) ||
@@ -77,7 +77,7 @@ void place(Slice& slice, vtkDICOMMetaData* meta) {
   slice.placed = true;
 }
 
-/// Converts PixelPaddingValue to the range of the values: some files write the wrong sign.
+/// Corrects the sign of PixelPaddingValue, which some files write wrong.
 double paddingOf(const vtkDICOMValue& value, const Slice& slice) {
   double stored = numberOf(value);
   const int bits = slice.format[2];
@@ -119,7 +119,7 @@ Slice sliceOf(vtkDICOMMetaData* meta, int frame) {
   return slice;
 }
 
-/// Returns true for images, and for files without a class, which may end before the class.
+/// Returns true for classes of images, and for none: a truncated file may lack its class.
 bool isImageClass(const std::string& uid) {
   if (uid.empty()) return true;
   static constexpr std::array kClasses = {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "130"};
@@ -128,14 +128,14 @@ bool isImageClass(const std::string& uid) {
          std::find(kClasses.begin(), kClasses.end(), uid.substr(begin.size())) != kClasses.end();
 }
 
-/// Files without group 0002 state the SOP class in the data set only.
+/// Returns the SOP class. Only group 0002 or only the data set may state it.
 std::string classOf(vtkDICOMMetaData* meta) {
   const std::string uid = meta->Get(0, DC::MediaStorageSOPClassUID).AsString();
   return uid.empty() ? meta->Get(0, DC::SOPClassUID).AsString() : uid;
 }
 
 void takePurpose(File& file, vtkDICOMMetaData* meta) {
-  // Secondary Capture Image Storage; the classes for several frames have this prefix
+  // Secondary Capture Image Storage. The classes for several frames begin with it.
   constexpr std::string_view kCapture = "1.2.840.10008.5.1.4.1.1.7";
   const std::string uid = classOf(meta);
   const std::string kind = meta->Get(0, DC::ImageType).AsString();
@@ -144,9 +144,9 @@ void takePurpose(File& file, vtkDICOMMetaData* meta) {
   file.is_localiser = kind.find("LOCALIZER") != std::string::npos;
 }
 
-/// Returns true if the codec reads this transfer syntax: still images with any compression.
+/// Returns true if the decoder supports this transfer syntax: still images with any compression.
 bool isReadable(const std::string& syntax) {
-  constexpr std::array kPlain = {"",  // old files do not state it
+  constexpr std::array kPlain = {"",  // not stated in old files
                                  "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"};
   if (std::find(kPlain.begin(), kPlain.end(), syntax) != kPlain.end()) return true;
   const vtkDICOMImageCodec codec(syntax);
@@ -155,11 +155,11 @@ bool isReadable(const std::string& syntax) {
 
 constexpr const char* kTooFew = "the file has fewer pixels than its header states";
 
-/// Checks that all parts are present, because the decoders would fill in missing parts.
+/// Returns what is missing; "" if nothing. The decoders would invent missing parts.
 std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int frames) {
   std::ifstream in(path, std::ios::binary);
   auto at = static_cast<std::int64_t>(parser->GetFileOffset());
-  int parts = -1;  // the first part is a table of the other parts
+  int parts = -1;  // the first part is a table of the others
   while (true) {
     std::array<unsigned char, 8> head{};
     in.seekg(at);
@@ -176,7 +176,7 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
   return parts < frames ? kTooFew : "";
 }
 
-/// Returns the defect of an image file, without decoding pixels; "" if valid.
+/// Returns the damage of an image file, without decoding its pixels; "" if valid.
 std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames) {
   if (!parser->GetPixelDataFound()) return "the file ends before its pixels";
   const std::string syntax = textOf(meta->Get(0, DC::TransferSyntaxUID));
@@ -193,7 +193,7 @@ std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames)
                         meta->Get(0, DC::BitsAllocated).AsInt() *
                         std::max(1, meta->Get(0, DC::SamplesPerPixel).AsInt()) * frames / 8.0;
   if (bytes < needed) {
-    // Colour images are rejected later. In 4:2:2 format, they need fewer bytes.
+    // Colour images are rejected later. In 4:2:2 format they need fewer bytes than computed here.
     if (meta->Get(0, DC::SamplesPerPixel).AsInt() > 1) return "";
     return kTooFew;
   }

@@ -17,8 +17,8 @@ namespace palpate::importer {
 
 inline constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
-/// A tag with the time of an image. kTimeTags begins with the preferred tag. `seconds` is the tag's
-/// unit [s]; 0: the tag gives only the order of the images.
+/// A tag that orders images by time. kTimeTags begins with the preferred tag. `seconds` is the unit
+/// of the tag [s]; 0: the tag has only an order.
 struct TimeTag {
   DC::EnumType tag;
   double seconds;
@@ -32,7 +32,7 @@ inline constexpr std::array kTimeTags = {
     TimeTag{DC::AcquisitionTime, 1.0},
 };
 
-/// A tag that differs between kinds of images. Images that differ in this tag are not time steps.
+/// A tag that differs between kinds of images, whose values must be equal in all time steps.
 struct KindTag {
   DC::EnumType tag;
   const char* name;
@@ -47,24 +47,24 @@ inline constexpr std::array kKindTags = {
     KindTag{DC::FrameType, "kind of image"},
 };
 
-/// One image: a whole file, or one frame of a file.
+/// An image: a whole file or one frame of a file.
 struct Slice {
   std::size_t file = 0;
   int frame = 0;
-  /// Number of rows, columns, allocated bits and stored bits; 1 if values are signed.
+  /// Number of rows, columns, allocated bits and stored bits; then 1 if values are signed, else 0.
   std::array<int, 5> format{};
-  bool placed = false;  ///< True if the next members, down to `down`, are known.
+  bool placed = false;  ///< True if the members from `position` to `down` are known.
   Vec3 position = Vec3::Zero();
   Vec3 row = Vec3::Zero();  ///< Direction in which the column number grows.
   Vec3 column = Vec3::Zero();
   double across = 0.0;      ///< Distance between columns [mm].
   double down = 0.0;        ///< Distance between rows [mm].
-  double depth = 0.0;       ///< Position along the slices' normal [mm].
-  double number = kUnsaid;  ///< InstanceNumber; NaN: not stated, or a frame of a larger file.
+  double depth = 0.0;       ///< Position along the normal of the slices [mm].
+  double number = kUnsaid;  ///< InstanceNumber; NaN: not stated, or several frames in a file.
   bool has_rescale = false;
   double slope = 1.0;
   double intercept = 0.0;
-  /// Stored values between these two, inclusive, are padding. NaN: no padding.
+  /// Stored values from the first to the second number are padding. NaN: no padding.
   std::array<double, 2> padding{kUnsaid, kUnsaid};
   std::array<double, kTimeTags.size()> times{};
   std::array<std::string, kKindTags.size()> kinds;
@@ -81,9 +81,9 @@ struct File {
   bool is_lossy = false;
   bool is_capture = false;
   bool is_localiser = false;
-  /// Position of the first item of RLE pixels with one bit [bytes]; else 0.
+  /// Offset of the first item of RLE pixels with one bit [bytes]; 0: other pixels.
   std::int64_t bits_at = 0;
-  /// True if a lookup table maps the stored values, instead of slope and intercept.
+  /// True if a lookup table, not slope and intercept, maps the stored values.
   bool has_table = false;
   std::string series;
   int series_number = 0;
@@ -98,7 +98,7 @@ struct File {
 
 [[nodiscard]] bool isDicom(const std::filesystem::path& path);
 
-/// Reads a header without pixels. Writes defects of the file to File::damage.
+/// Reads a header without pixels. Writes damage of the file to File::damage.
 [[nodiscard]] File headerOf(const std::filesystem::path& path);
 
 }  // namespace palpate::importer

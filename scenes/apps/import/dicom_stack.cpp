@@ -16,19 +16,19 @@
 namespace palpate::importer {
 namespace {
 
-/// Largest deviation of a slice from its regular position, relative to the slice distance.
+/// Largest deviation of a slice from its regular position, relative to the distance of slices.
 constexpr double kUneven = 0.05;
-/// Largest distance of images at the same position, relative to a pixel's edge.
+/// Largest distance of images that count as at the same position, relative to a pixel's edge.
 constexpr double kSamePlace = 1e-3;
-/// Tolerance for equal and for perpendicular unit vectors, because files round them.
+/// Tolerance for equal and for perpendicular unit vectors, which files round.
 constexpr double kSameDirection = 1e-3;
 
-/// Converts DICOM's patient axes (+x left, +y back) to +x right, +y front.
+/// Converts from DICOM's patient axes (+x left, +y back) to RAS (+x right, +y front).
 Vec3 toRas(const Vec3& lps) {
   return {-lps.x(), -lps.y(), lps.z()};
 }
 
-/// Describes positions for messages, along the axis that is closest to the slices' normal.
+/// Describes the positions of slices for messages, along the axis nearest to their normal.
 class Ruler {
  public:
   explicit Ruler(const Vec3& normal) { normal.cwiseAbs().maxCoeff(&axis_); }
@@ -58,7 +58,7 @@ std::vector<Group> byPlace(std::vector<Slice> slices) {
 }
 
 /// Sorts each group by time. Returns the index in kTimeTags of the tag that distinguishes the
-/// times, or no value.
+/// times; no value without one.
 std::optional<std::size_t> sortByTime(std::vector<Group>& groups) {
   for (std::size_t tag = 0; tag < kTimeTags.size(); ++tag) {
     const auto earlier = [&](const Slice& a, const Slice& b) {
@@ -84,12 +84,12 @@ bool hasPlace(const File& file) {
                      [](const Slice& slice) { return slice.placed; });
 }
 
-/// Some programs write slices as secondary captures, so a slice must have a place and no colour.
+/// Some programs write slices as captures, so one with a place and no colour is a slice.
 bool isScreenSave(const File& file) {
   return file.is_capture && (file.is_colour || !hasPlace(file));
 }
 
-/// Returns the reason why a series cannot be a volume, or "". A damaged file may belong to one.
+/// Returns why a series cannot be a volume; "" if it can, or if one of its files is damaged.
 std::string reasonAgainst(const Series& series) {
   const auto all = [&](const auto& is) {
     return std::all_of(series.files.begin(), series.files.end(),
@@ -129,7 +129,7 @@ class Stacker {
     throw VolumeError(what_, why, remedy);
   }
 
-  /// Returns all images. Throws VolumeError unless their size, orientation and format are equal.
+  /// Returns all images. Throws VolumeError unless they have equal size, orientation and format.
   std::vector<Slice> alike() const {
     std::vector<Slice> slices;
     std::vector<std::string> colour;
@@ -199,7 +199,7 @@ class Stacker {
     return series_.files[slice.file]->path.filename().string();
   }
 
-  /// Sets the times of several images at each position. Throws VolumeError without times.
+  /// Finds the times of several images at each position. Throws VolumeError without times.
   void separate(std::vector<Group>& groups, const Ruler& ruler, Stack& out) const {
     const auto fewer = [](const Group& a, const Group& b) { return a.size() < b.size(); };
     const auto [fewest, most] = std::minmax_element(groups.begin(), groups.end(), fewer);
@@ -234,7 +234,7 @@ class Stacker {
                          fewest->size(), ruler.at(fewest->front()), count, ruler.at(twice.front())),
              "copy or export all images of the series");
     }
-    // Acquisition times are times of day. Subtracts the first one.
+    // Acquisition times are times of day, so subtracts the first one.
     const TimeTag& kind = kTimeTags[*tag];
     const double step = series_.files.front()->time_step;
     const double start = kind.tag == DC::AcquisitionTime || kind.seconds == 0.0
@@ -256,8 +256,9 @@ class Stacker {
     }
   }
 
-  /// The step between slices follows their positions, because a tilted gantry shears the volume.
-  /// Sets `out.depths` if the distances change. Throws VolumeError if slices are missing.
+  /// Returns the transform. Its step between slices follows their positions, because a tilted
+  /// gantry shears the volume. Sets `out.depths` if distances vary. Throws VolumeError without all
+  /// slices.
   Affine mapOf(const std::vector<Group>& groups, const Vec3& normal, const Ruler& ruler,
                Stack& out) const {
     const Slice& first = groups.front().front();
@@ -328,7 +329,7 @@ class Stacker {
       out.depths.push_back((group.front().depth - first.depth) / length * steps);
     }
     out.depths.back() = steps;
-    const double scale = whole.norm() / length;  // distances along the line of a tilted stack
+    const double scale = whole.norm() / length;  // along the line of slices, which may be tilted
     out.notes.push_back(fmt::format(
         "the slices are {:.4g} to {:.4g} mm apart: they are resampled every {:.4g} mm, linearly "
         "between slices",
@@ -336,8 +337,8 @@ class Stacker {
     return whole / steps;
   }
 
-  /// Returns the number of even steps for slices with changing distances. The step is the smallest
-  /// distance that occurs twice in a row: a smaller one alone is a displaced slice.
+  /// Returns the number of equal steps for slices at varying distances. The step is the smallest
+  /// distance that occurs twice in a row: a single smaller one belongs to a displaced slice.
   static double evenSteps(const std::vector<double>& gaps, double length) {
     double finest = gaps.size() == 1 ? gaps.front() : std::max(gaps[0], gaps[1]);
     for (std::size_t i = 1; i < gaps.size(); ++i) {
@@ -347,8 +348,8 @@ class Stacker {
         std::min(length / finest, kVoxelsPerPoint * static_cast<double>(gaps.size())));
   }
 
-  /// Returns the steps between image numbers, relative to the smallest; empty if the numbers are
-  /// unknown or out of order.
+  /// Returns the differences of successive image numbers, divided by the smallest one; empty if the
+  /// numbers are unknown or out of order.
   static std::vector<double> jumpsOf(const std::vector<Group>& groups) {
     std::vector<double> jumps;
     for (std::size_t i = 1; i < groups.size(); ++i) {
@@ -364,11 +365,11 @@ class Stacker {
     return jumps;
   }
 
-  /// Returns the number of missing slices: the numbers of the images jump, and the gap is larger
-  /// than one beside it. Without numbers, the gap must be a multiple of both gaps beside it.
+  /// Returns the number of slices missing in gap i. Image numbers jump there, and the gap exceeds
+  /// one beside it; without numbers, it must be a multiple of both gaps beside it.
   static std::size_t missingIn(const std::vector<double>& gaps, const std::vector<double>& jumps,
                                std::size_t i) {
-    std::vector<double> ratios;  // to the gaps beside it; i - 1 wraps around for the first gap
+    std::vector<double> ratios;  // relative to the gaps beside it; for i = 0, i - 1 is not a gap
     for (const std::size_t beside : {i - 1, i + 1}) {
       if (beside < gaps.size()) ratios.push_back(gaps[i] / gaps[beside]);
     }

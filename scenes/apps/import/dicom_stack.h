@@ -1,4 +1,4 @@
-/// Private to the importer: selects the DICOM images of a volume, and sorts and places them.
+/// Private to the importer: selects, sorts and places the DICOM images of a volume.
 #pragma once
 
 #include <cstddef>
@@ -19,16 +19,16 @@ struct Series {
 /// Returns a line for the user, such as: 2: "T1 axial" MR 24 images.
 [[nodiscard]] std::string nameOf(std::size_t number, const Series& series);
 
-/// Groups files by series, sorted by series number, then by UID. `files` must outlive the result.
+/// Groups files by series, sorted by number, then by UID. `files` must outlive the result.
 [[nodiscard]] std::vector<Series> seriesOf(const std::vector<File>& files);
 
-/// Returns the series that the user has requested by number, UID or description; otherwise the only
+/// Returns the series that the user requests by number, UID or description, otherwise the only
 /// series that can be a volume. Adds notes about localisers, screen saves, single images and images
-/// without a position. Throws VolumeError, with a list, unless exactly one series fits.
+/// without a position. Throws VolumeError with a list of the series unless exactly one fits.
 [[nodiscard]] const Series& chosen(const std::vector<Series>& all, const Request& request,
                                    std::vector<std::string>& notes);
 
-/// Removes screen saves and localisers, unless the series has no other images. Adds a note.
+/// Removes screen saves and localisers, unless the series has nothing else. Adds a note.
 [[nodiscard]] Series withoutStrays(const Series& series, std::vector<std::string>& notes);
 
 struct Stack {
@@ -41,7 +41,7 @@ struct Stack {
 };
 
 /// Stacks the images of a series. Throws VolumeError, which names `what`, if images differ in kind,
-/// size or orientation, are missing, duplicated or not on a line, or have equal times.
+/// size or orientation, are missing or duplicated, are not on a line, or have equal times.
 [[nodiscard]] Stack stackOf(const Series& series, const std::string& what);
 
 }  // namespace palpate::importer

@@ -1,4 +1,4 @@
-/// Private to the importer: adds up the differences between values before and after resampling.
+/// Private to the importer: sums differences between values before and after resampling.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,6 @@
 
 namespace palpate::importer {
 
-/// Differences between values before and after resampling.
 struct Differences {
   struct Sum {
     double squares = 0.0;
@@ -26,7 +25,7 @@ struct Differences {
     }
   };
   Sum within;
-  Sum edge;  ///< Points beside voxels without data.
+  Sum edge;  ///< Differences at points beside voxels without data.
   std::uint64_t lost_points = 0;
 
   [[nodiscard]] ResamplingError relativeTo(double range) const {

@@ -15,13 +15,13 @@
 namespace palpate::importer {
 namespace {
 
-/// The first of two neighbouring slices, and the weight of the second one.
+/// Two neighbouring slices, of which `first` is the lower, and the weight of the upper one.
 struct Neighbours {
   std::size_t first = 0;
   double weight = 0.0;
 };
 
-/// Returns the slices around a depth. Ignores distances below the rounding of the depths.
+/// Returns the slices around a depth. Ignores differences below the rounding of the depths.
 Neighbours slicesAround(const std::vector<double>& depths, double depth) {
   constexpr double kRounding = 1e-6;
   const auto above = std::upper_bound(depths.begin(), depths.end(), depth + kRounding);
@@ -39,7 +39,7 @@ class SliceReader {
         depths_(&depths),
         each_(values.tuples() / depths.size()) {}
 
-  /// Returns NaN without data.
+  /// Returns the interpolated value; NaN if one of the slices lacks data there.
   [[nodiscard]] double at(const Neighbours& slices, std::size_t point, int component) const {
     const double one = in(slices.first, point, component);
     if (slices.weight == 0.0) return one;

@@ -20,10 +20,10 @@
 namespace palpate::importer {
 namespace {
 
-/// Largest number of fill values at each end of the range, for example "no data" and "land".
+/// Largest number of fill values at each end of the range, such as "no data" and "land".
 constexpr std::size_t kMostFills = 2;
 
-/// Outermost different finite values, in the order of `Before`. The last one belongs to the data.
+/// The outermost different finite values, in the order `Before`. The last one is of the data.
 template <class Before>
 struct Outermost {
   std::array<double, kMostFills + 1> values{};
@@ -54,7 +54,7 @@ struct Ends {
   }
 };
 
-/// Returns the outermost values of component c.
+/// Returns the outermost values of component c in all ranks.
 Ends endsOf(const Values& values, std::size_t c, const Shared& shared) {
   const auto width = static_cast<std::size_t>(values.components());
   const Ends own = visit(values, [&](const auto* data) {
@@ -109,11 +109,11 @@ Fills fillsOf(const Ends& ends) {
   return {};
 }
 
-/// Replaces values outside of the ranges of their components by NaN, and subtracts an offset from
-/// the others. Returns the array in a floating-point type.
+/// Replaces values outside their component's range by NaN, and subtracts an offset from all others.
+/// The result has floats or doubles.
 Values onlyWithin(const Values& values, const std::vector<Fills>& fills, double offset) {
   const bool is_float = values.type() == Type::kFloat32 || values.type() == Type::kFloat64;
-  // Doubles represent all numbers of four bytes.
+  // A double represents every number of four bytes.
   const Type type = values.bytesEach() < 4 ? Type::kFloat32 : Type::kFloat64;
   Values out = is_float ? values : Values(type, values.components(), values.tuples());
   if (!is_float) {
@@ -157,7 +157,7 @@ bool isFillNumber(double value) {
     if (value == lowest || value == lowest + 1.0) return true;
   }
   if (size < 999.0) return false;
-  // Floats round the digits, so those of a power of ten may begin with 9.99999.
+  // A float may round a power of ten, so that its digits begin with 9.99999.
   constexpr double kRounding = 1e-6;
   const double digits = size / std::pow(10.0, std::floor(std::log10(size)));
   const bool is_power = digits < 1.0 + kRounding || digits > 10.0 - kRounding;

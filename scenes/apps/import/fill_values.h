@@ -8,20 +8,20 @@
 
 namespace palpate::importer {
 
-/// Replaces fill values of an array by NaN, and adds a note about each. Returns false if there are
+/// Replaces the fill values of an array by NaN, and adds a note about each. Returns false if it has
 /// none.
 ///
 /// A fill value satisfies two conditions. First, programs write this number for missing data
-/// (isFillNumber). Second, it stands alone: its distance to all other values of its component is at
-/// least the range of these values. The other values must differ, so two labels stay unchanged. The
-/// result is in the memory of the array if it has floats or doubles. From whole numbers it may
-/// subtract an offset (wholeOffset).
-/// @param shared  Process group. All ranks find the same fill values.
+/// (isFillNumber). Second, it is isolated: its distance to all other values of its component is at
+/// least the range of these values. The other values must differ, so an array of two labels stays
+/// unchanged. The result replaces floats and doubles in place. From whole numbers an offset may be
+/// subtracted (wholeOffset).
+/// @param shared  Process group; all ranks find the same fill values.
 bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared);
 
-/// Returns true for numbers that programs write for missing data: -999, -9999 and more numbers
-/// with 999 as their first digits; powers of ten from 1e10 on; the lowest integers of 16, 32 and 64
-/// bits, and these plus one; all numbers beyond 1e30.
+/// Returns true for numbers that programs write for missing data: negative ones whose digits begin
+/// with 999, such as -999; magnitudes from 1e10 on that are powers of ten or begin with 999; the
+/// lowest integers of 16, 32 and 64 bits, and these plus one; all magnitudes above 1e30.
 [[nodiscard]] bool isFillNumber(double value);
 
 }  // namespace palpate::importer

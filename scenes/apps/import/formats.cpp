@@ -1,4 +1,4 @@
-/// Selects the reader of a file by the file's first bytes, or else by its name.
+/// Selects the reader of a file by the file's first bytes, otherwise by the file's name.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -37,7 +37,7 @@ bool hasKey(const std::string& text, std::string_view key) {
   return false;
 }
 
-/// Returns the header file name.hdr, given either that file or name.img.
+/// Returns the header file name.hdr, if `file` is name.hdr or name.img.
 std::filesystem::path headerOf(const std::filesystem::path& file) {
   std::filesystem::path plain = file;
   if (plain.extension() == ".gz") plain.replace_extension();
@@ -53,7 +53,7 @@ std::filesystem::path headerOf(const std::filesystem::path& file) {
 struct Format {
   const char* name;
   bool (*begins)(const std::string& bytes);
-  /// Opens the file; null if the importer recognizes the format but cannot import it.
+  /// Opens the file; null: the importer recognizes this format but cannot import it.
   std::unique_ptr<Reader> (*open)(const Request& request);
   const char* remedy = nullptr;
   const char* option = "";
@@ -83,11 +83,11 @@ bool isNifti(const std::string& b) {
 bool isDicom(const std::string& b) {
   return beginsAsDicom(b);
 }
-/// Recognizes MINC 2, which is in HDF5. MINC 1 is in netCDF (openNetcdf).
+/// Recognizes MINC 2, an HDF5 file. MINC 1 is a netCDF file (openNetcdf).
 bool isMinc2(const std::string& b) {
   return has(b, 0, "\x89HDF") && b.find("minc-2.0") != std::string::npos;
 }
-/// Recognizes MGH, FreeSurfer's format: version, four sizes and a type, as big-endian integers.
+/// Recognizes MGH, FreeSurfer's format: version, four sizes and type as big-endian integers.
 bool isMgh(const std::string& b) {
   if (b.size() < 284 || !has(b, 0, {"\0\0\0\1", 4})) return false;
   const auto number = [&](std::size_t at) {
@@ -126,7 +126,7 @@ const std::array kFormats = {
     Format{"netCDF or HDF5", isNetcdf, openNetcdf},
     Format{"CGNS", [](const std::string& b) { return b.find("ADF Database Version") < 32; },
            openCgns},
-    // Formats that are recognized but cannot be imported.
+    // The importer recognizes these formats but cannot import them.
     Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
            "open it with palpate feel, without an import"},
     Format{"MRC (an electron density)", [](const std::string& b) { return has(b, 208, "MAP"); },
@@ -178,7 +178,7 @@ bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
   return has(bytes, 0, "GRIB") || std::find(kNames.begin(), kNames.end(), end) != kNames.end();
 }
 
-/// Returns true if the name or the options say that the file is PLOT3D. Its content has no mark.
+/// Returns true if the name or the options say PLOT3D. Its content has no mark.
 bool isPlot3d(const Request& request) {
   if (!request.solution.empty()) return true;
   const std::string end = request.file.extension().string();

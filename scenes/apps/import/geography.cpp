@@ -47,7 +47,7 @@ double kilometres(std::string unit) {
       {1e-4, {"dm"}},
       {1e-5, {"cm", "centimeter", "centimeters", "centimetre", "centimetres"}},
       {0.3048e-3, {"ft", "foot", "feet"}},
-      // One decibar of sea water corresponds to a depth of one metre, within 1 %.
+      // The pressure of sea water grows by one decibar per metre of depth, within 1 %.
       {1e-3, {"dbar", "decibar", "decibars"}},
   };
   for (const Length& length : lengths) {
@@ -58,7 +58,7 @@ double kilometres(std::string unit) {
   return 0.0;
 }
 
-/// Returns true if two units differ only in notation, such as m/s, m s-1, m s**-1 and m.s^-1.
+/// Returns true if two units differ only in notation: m/s, m s-1, m s**-1 and m.s^-1.
 bool isSameUnit(const std::string& a, const std::string& b) {
   const auto plain = [](const std::string& unit) {
     std::string out;
@@ -76,7 +76,7 @@ bool isSameUnit(const std::string& a, const std::string& b) {
   return plain(a) == plain(b);
 }
 
-/// Adds or subtracts 360 degrees so that consecutive longitudes differ by at most 180 degrees.
+/// Adds multiples of 360 degrees so that successive longitudes differ by at most 180 degrees.
 void unwrap(std::vector<double>& longitudes) {
   for (std::size_t i = 1; i < longitudes.size(); ++i) {
     const double step = std::remainder(longitudes[i] - longitudes[i - 1], 360.0);
@@ -176,7 +176,7 @@ class Layout {
       for (double& at : z.at) at = standardHeight(at);
       note("pressures became heights in the standard atmosphere");
     } else if (z.along == Along::kNumber || kilometres(z.unit) == 0.0) {
-      // Spaces the levels evenly from height 0 and ignores their numbers. Depths go down.
+      // Levels without heights get equal distances from height 0 on. Depths go down.
       const double step =
           side / 4.0 / static_cast<double>(std::max<std::size_t>(z.at.size(), 2) - 1);
       const double up = z.along == Along::kDepth ? -step : step;
@@ -260,7 +260,7 @@ void joinBy(const Flows& flows, const std::vector<std::string>& names, double st
     if (!fields.empty() && std::find(fields.begin(), fields.end(), flow.vector) == fields.end()) {
       continue;
     }
-    // In many files the upward component has another unit, Pa/s, and cannot be joined.
+    // The upward component often has another unit, Pa/s, and then cannot be joined.
     if (parts[2] != nullptr && !isSameUnit(parts[2]->unit, parts[0]->unit)) parts[2] = nullptr;
     const std::size_t count = parts[0]->values.tuples();
     Values out(Type::kFloat32, 3, count);
@@ -306,7 +306,7 @@ Values risen(const Values& values, const std::array<std::size_t, 3>& size,
   return out;
 }
 
-/// Returns a VTK array over the same memory. It does not keep the memory alive.
+/// Returns a VTK array that shares the memory of `array` without owning it.
 vtkSmartPointer<vtkDataArray> viewOf(const Array& array) {
   const auto length = static_cast<vtkIdType>(array.values.size());
   vtkSmartPointer<vtkDataArray> out;
@@ -367,7 +367,7 @@ std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& f
     content.value_unit[array.name] = array.unit;
   }
   std::vector<Piece> pieces = piecesOf(points, file, content.notes);
-  // The VTK arrays do not own their memory. Uses the arrays of `grid` that own the same memory.
+  // The VTK arrays do not own their memory, so replaces them by the arrays of `grid`, which do.
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {
       for (const Array& own : grid.arrays) {

@@ -11,12 +11,12 @@
 namespace palpate::importer {
 
 enum class Along : std::uint8_t {
-  kOther,      ///< Positions in `unit`; indices if `unit` is empty.
+  kOther,      ///< Other positions, in `unit`; indices if `unit` is empty.
   kLongitude,  ///< Longitude [degrees].
   kLatitude,   ///< Latitude [degrees].
   kPressure,   ///< Pressure [hPa].
   kDepth,      ///< Depth, positive downwards, in `unit`.
-  kNumber,     ///< Numbers of levels without known heights, as in a model.
+  kNumber,     ///< Numbers of levels whose heights are unknown, as in a model.
 };
 
 struct Axis {
@@ -25,7 +25,7 @@ struct Axis {
   std::string unit;
 };
 
-/// Fields on one grid. Values are in the order of `axes`, with the first axis fastest.
+/// Fields on one grid. Values are in the order of `axes`, the first axis fastest.
 struct EarthGrid {
   std::array<Axis, 3> axes;
   /// True if x and y are coordinates of a map projection, such as Lambert's.
@@ -34,16 +34,16 @@ struct EarthGrid {
   std::vector<std::string> standard;  ///< CF standard_name of each array; may be empty.
 };
 
-/// Returns the size of a pressure unit of the CF conventions [hPa]; 0 for other units.
+/// Returns the size of a unit of pressure in the CF conventions [hPa]; 0 for other units.
 [[nodiscard]] double hectopascals(const std::string& unit);
 
-/// Converts one grid to pieces: an image if its points form an even lattice, else a mesh.
+/// Converts a grid to pieces: an image if its points form an even lattice, otherwise a mesh.
 ///
 /// Longitudes and latitudes become km on a plane, at the scale of the middle latitude. Pressures
-/// become heights in the standard atmosphere (ISO 2533). Small heights are stretched by a round
-/// number, so that the height is at least a quarter of the longer side. Components of wind or
-/// current become one vector, with the same factor for z. Adds a note for each change. Throws
-/// VolumeError if positions along an axis neither increase nor decrease.
+/// become heights in the standard atmosphere (ISO 2533). Heights below a quarter of the longer side
+/// are stretched by a round number, to at least a quarter. Components of wind or current become one
+/// vector, with its z component stretched too. Adds a note for each change. Throws VolumeError if
+/// positions along an axis neither increase nor decrease.
 [[nodiscard]] std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                              const std::string& file, Content& content);
 

@@ -55,7 +55,7 @@ bool isHidden(const Piece& image, std::size_t point) {
   return !image.hidden.none() && image.hidden.as<std::uint8_t>()[point] != 0;
 }
 
-/// Returns the index of a point among the slices that are held in memory.
+/// Returns the index of a point in the slices that are in memory.
 std::size_t pointAt(const Piece& image, int i, int j, int k) {
   return (static_cast<std::size_t>(k - image.slices().first) *
               static_cast<std::size_t>(image.size[1]) +
@@ -66,7 +66,7 @@ std::size_t pointAt(const Piece& image, int i, int j, int k) {
 
 struct Surroundings {
   float middle = 0.0F;  ///< Median of the values on the image's faces.
-  /// 99 % of the values on the image's faces differ from `middle` by at most this.
+  /// On the image's faces, 99 % of the values differ from `middle` by at most this.
   float spread = 0.0F;
 };
 
@@ -109,7 +109,7 @@ struct OwnVoxels {
   }
 };
 
-/// Reads cubes in the image's bounding box, by trilinear interpolation of the image.
+/// Computes the values of cubes in an image's bounding box, by trilinear interpolation.
 template <class T, int C>
 struct Cubes {
   const Piece& image;
@@ -118,7 +118,7 @@ struct Cubes {
   Affine index_from_cube;
 
   Found at(const Coord& c, typename Native<T, C>::Value& value) const {
-    // Due to rounding, the last voxels of the image can lie just outside the last cubes.
+    // Rounding can put the last cubes slightly outside the image's last voxels.
     constexpr double kRounding = 1e-9;
     const Vec3 p_I = index_from_cube.linear * Vec3(c.x(), c.y(), c.z()) + index_from_cube.origin;
     std::array<int, 3> low{};
@@ -158,7 +158,7 @@ struct Counts {
   std::uint64_t voxels = 0;
   std::uint64_t active = 0;
   std::uint64_t holes = 0;
-  std::uint64_t loud = 0;  ///< Voxels that differ from the background by more than the spread.
+  std::uint64_t loud = 0;  ///< Voxels whose difference from the background exceeds the spread.
   double lowest = std::numeric_limits<double>::infinity();
   double highest = -std::numeric_limits<double>::infinity();
 
@@ -174,7 +174,7 @@ struct Counts {
 
 struct Made {
   Slab all;      ///< Slices to make.
-  Slab counted;  ///< Slices among these that count in the report.
+  Slab counted;  ///< Slices of `all` that count in the report.
 };
 
 template <class Leaf, class Voxels, class Value>
@@ -314,7 +314,7 @@ Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& 
   return out;
 }
 
-/// OpenVDB treats a transform as singular if the volume of a voxel is very small.
+/// OpenVDB rejects a transform if the volume of a voxel is very small.
 [[noreturn]] void refuseSmall(const std::string& file, double edge) {
   throw VolumeError(file,
                     fmt::format("voxels with an edge of {:g} are too small for OpenVDB", edge),
@@ -329,7 +329,7 @@ openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const s
     throw VolumeError(file, "the voxels have no volume: the spacing or the directions are wrong",
                       "correct the header");
   }
-  openvdb::Mat4R map;  // OpenVDB multiplies row vectors from the left
+  openvdb::Mat4R map;  // OpenVDB multiplies a row vector by the matrix
   map.setIdentity();
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) map(column, row) = M(row, column);
@@ -405,7 +405,7 @@ Gridded gridOnCubes(const Piece& image, const Array& array, double voxel, double
   const Mat3 index_from_file = map.linear.inverse();
   lattice.index_from_cube.linear = index_from_file * voxel;
   lattice.index_from_cube.origin = index_from_file * (box.lower - map.origin);
-  SingleProcess alone;  // every rank of a process group makes all cubes
+  SingleProcess alone;  // in a process group, every rank makes all cubes
   Gridded out = buildOnLattice(lattice, image, array, tolerance, progress, Shared(alone));
   out.grid->setTransform(
       cubes(voxel, openvdb::Vec3d(box.lower.x(), box.lower.y(), box.lower.z()), file));

@@ -1,4 +1,4 @@
-/// Converts images to OpenVDB grids. Voxels that equal the image's surroundings become inactive.
+/// Converts images to OpenVDB grids. Voxels with the value of the surroundings are inactive.
 #pragma once
 
 #include <array>
@@ -11,19 +11,19 @@
 
 namespace palpate::importer {
 
-/// A grid, and numbers for the report in the array's unit; for a vector, magnitudes.
+/// A grid, and numbers for the report in the unit of the values; for vectors, of their magnitudes.
 struct Gridded {
   openvdb::GridBase::Ptr grid;  ///< FloatGrid or Vec3SGrid, named, with its transform.
-  std::uint64_t voxels = 0;     ///< Number of voxels of the image, or in the mesh.
+  std::uint64_t voxels = 0;     ///< Number of voxels in the image, or inside the mesh.
   std::uint64_t active = 0;
-  std::uint64_t holes = 0;  ///< Number of voxels among these without data: not finite, or hidden.
+  std::uint64_t holes = 0;  ///< Number of these without data: not finite, or hidden.
   double lowest = 0.0;      ///< Range of the active values.
   double highest = 0.0;
   double background = 0.0;
   double tolerance = 0.0;
   /// Suggested tolerance that hides noise around the object: 99 % of the values on the image's
-  /// faces are within it. The share is the fraction of voxels that would stay active. Both are 0 if
-  /// few voxels would become inactive, or if the tolerance exceeds 5 % of the range.
+  /// faces are within it. `quieter_share` is the fraction of voxels that would stay active. Both
+  /// are 0 if few voxels would become inactive, or if the tolerance would exceed 5 % of the range.
   double quieter_tolerance = 0.0;
   double quieter_share = 0.0;
 };
@@ -36,20 +36,20 @@ struct Gridded {
 }
 
 /// Makes a grid of floats from an image. Voxels without data (not finite, or hidden) are inactive.
-/// Voxels within the tolerance of the background are also inactive, and get its value. The
-/// background is the median of the values on the image's faces; for a vector, it is zero. Works in
-/// parallel; needs memory only for the grid. Throws VolumeError, which names `file`, if the
+/// Voxels within the tolerance of the background are inactive too, and get its value. The
+/// background is the median of the values on the image's faces; for vectors it is zero. Works in
+/// parallel. Needs memory only for the grid. Throws VolumeError, which names `file`, if the
 /// transform is singular or the values are not numbers.
-/// @param tolerance  Tolerance about the background, in the array's unit, >= 0.
-/// @param shared     Process group. Each rank gets the part of the grid in its own bricks and their
-///                   aprons. All other results describe the whole image.
+/// @param tolerance  Tolerance of the background, in the array's unit, >= 0.
+/// @param shared     Process group. Each rank gets the grid in its own bricks and their aprons. All
+///                   other results are of the whole image.
 [[nodiscard]] Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
                                     const std::string& file, const Progress& progress,
                                     const Shared& shared);
 
 /// Makes a grid of cubes with edge `voxel` as gridFromImage does, by trilinear interpolation. The
-/// first cube is at the lowest corner of the image's bounds. A cube has no data if a voxel that it
-/// reads has no data. Throws VolumeError as countCubes does.
+/// first cube is at the lowest corner of the image's bounds. A cube has no data if one of the
+/// voxels that it reads has none. Throws VolumeError as countCubes does.
 [[nodiscard]] Gridded gridOnCubes(const Piece& image, const Array& array, double voxel,
                                   double tolerance, const std::string& file,
                                   const Progress& progress);
@@ -58,14 +58,14 @@ struct Gridded {
 [[nodiscard]] openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
                                                   const std::string& file);
 
-/// Returns the number of cubes along each axis that fill a box. Throws VolumeError for more than
-/// kMostVoxels, for more than 1e6 along an axis, or for one along each axis.
+/// Returns the number of cubes along each axis that fill a box. Throws VolumeError if that is more
+/// than kMostVoxels, more than 1e6 along an axis, or only 1 along each axis.
 /// @param sides  Lengths of the box's sides, in the unit of `voxel` (the edge of a cube).
-/// @param slack  Fraction of an edge by which the last voxel may lie outside the box.
+/// @param slack  Fraction of an edge by which the last voxel may be outside the box.
 [[nodiscard]] std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel,
                                             double slack, const std::string& file);
 
-/// Largest number of voxels in a box. To make the leaves of a larger box would take an hour.
+/// Largest number of voxels in a box. More voxels would need an hour for their leaves alone.
 inline constexpr double kMostVoxels = 4e9;
 
 }  // namespace palpate::importer

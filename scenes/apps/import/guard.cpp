@@ -29,7 +29,7 @@ void passOn(int /*signal*/) {
   if (child_of_signals != 0) kill(static_cast<pid_t>(child_of_signals), SIGKILL);
 }
 
-/// Length of a message's head: a letter, and the length of the text as 8 hexadecimal digits.
+/// Length of a message's head: a letter, and the length of the text in 8 hexadecimal digits.
 constexpr std::size_t kHead = 9;
 
 bool writeAll(int file, const char* data, std::size_t count) {
@@ -45,10 +45,10 @@ bool writeAll(int file, const char* data, std::size_t count) {
 
 [[noreturn]] void runChild(int pipe, const std::function<int(Teller&)>& work) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  signal(SIGINT, SIG_IGN);  // a terminal sends SIGINT to both processes; the parent ends the child
+  signal(SIGINT, SIG_IGN);  // a terminal sends it to both processes; the parent ends the child
   signal(SIGTERM, SIG_DFL);
   signal(SIGHUP, SIG_DFL);
-  signal(SIGXFSZ, SIG_IGN);  // a write beyond the file size limit then returns an error
+  signal(SIGXFSZ, SIG_IGN);  // a write beyond the limit of file sizes then returns an error
   const int nowhere = open("/dev/null", O_WRONLY);
   if (nowhere >= 0) {
     dup2(nowhere, STDOUT_FILENO);
@@ -82,7 +82,7 @@ struct Written {
   std::filesystem::path file;
 };
 
-/// Gives all files their final names. After a failure, removes files that did not exist before.
+/// Renames all files to their final names. If one fails, removes files that did not exist before.
 void appear(const std::vector<Written>& files) {
   std::error_code error;
   std::vector<std::filesystem::path> fresh;

@@ -1,4 +1,4 @@
-/// Private to the importer: checks that data files can hold what an image's header states.
+/// Private to the importer: checks that data files are as large as an image's header states.
 #pragma once
 
 #include <filesystem>
@@ -7,30 +7,30 @@
 
 namespace palpate::importer {
 
-/// Returns the name of a data file for errors: "the file" if the data are in the header file.
+/// Returns the name of a data file for errors, or "the file" if it is the header file.
 [[nodiscard]] std::string calledBy(const std::filesystem::path& header,
                                    const std::filesystem::path& data);
 
-/// Returns the size of an array with the counts `sizes` along its axes and `bytes` bytes per value
-/// [bytes]. Throws VolumeError, which names `header`, if a count is not a positive whole number or
-/// the size exceeds 1e15 bytes.
+/// Returns the size of an array [bytes] with the counts `sizes` along its axes and `bytes` bytes
+/// per value. Throws VolumeError, which names `header`, if a count is not a positive whole number
+/// or the size exceeds 1e15 bytes.
 [[nodiscard]] double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
                              double bytes);
 
-/// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if it cannot
-/// be read or, unless `follow` is true, if it or a link's target is outside of the header's folder.
+/// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if it is
+/// unreadable or, unless `follow`, if it or its link's target is outside the header's folder.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,
                                 const std::filesystem::path& data, bool follow);
 
-/// Throws VolumeError, which names `header`, if a data file has less than `least` bytes.
+/// Throws VolumeError, which names `header`, if `held` (a file's size) < `least` [bytes].
 void checkHeld(const std::filesystem::path& header, const std::filesystem::path& data, double held,
                double least);
 
-/// Returns the least size after deflate, which compresses at most 1032:1 [bytes].
+/// Returns the smallest size after deflate, which compresses at most 1032:1 [bytes].
 [[nodiscard]] constexpr double leastDeflated(double bytes) noexcept {
   return bytes / 1040.0;
 }
-/// Returns the smallest possible size of values as text [bytes]: a digit and a space for each.
+/// Returns the smallest size of values as text [bytes]: a digit and a space for each.
 [[nodiscard]] constexpr double leastText(double values) noexcept {
   return 2.0 * values - 1.0;
 }

@@ -43,8 +43,8 @@ std::string emptyBecause(const Imported& imported) {
   return "all voxels have the same value";
 }
 
-/// Finds missing data, subtracts an offset from large whole numbers, and adds notes about the
-/// losses that remain.
+/// Replaces fill values by NaN, subtracts an offset from large whole numbers, and adds a note about
+/// the loss that remains.
 void prepareValues(Array& array, EarlierSteps& earlier, std::vector<std::string>& notes,
                    const Shared& shared) {
   hideFillValues(array, notes, shared);
@@ -105,7 +105,7 @@ Slab neededOf(const Options& options, const Shared& shared, int slices, const Af
   return shared.own(slices, kBrickApron + smoothingReach(map, slices, options.smooth));
 }
 
-/// Returns an image without its arrays, so that the copy does not keep their memory alive.
+/// Returns an image without its arrays, which would keep their memory.
 Piece withoutArrays(const Piece& image) {
   Piece out;
   out.size = image.size;
@@ -123,10 +123,10 @@ ResamplingError sumOf(ResamplingError second, const ResamplingError& first) {
   return second;
 }
 
-/// Tolerance with which no voxel counts as background.
+/// With this tolerance, no voxel counts as background.
 constexpr double kKeepAll = -1.0;
 
-/// Vectors may be a displacement of zero, and a sequence needs all its frames.
+/// Keeps vectors, which may be displacements of zero, and all frames of a sequence.
 bool keepsConstant(const Options& options, const Array& array) {
   return !options.iso && (options.time == "all" || array.values.components() == 3);
 }
@@ -146,7 +146,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   Piece piece = withoutArrays(whole);
   if (!piece.depths.empty()) imported.resampling = evenSlices(piece, array);
   if (!shared.isAlone()) {
-    // Selects the slices of this rank, because the reader may have read the whole image.
+    // Takes the slices of this rank: the reader may have read the whole image.
     imported.share = shared.bricks(piece.size[2]);
     const Slab needed = neededOf(options, shared, piece.size[2], piece.file_from_index);
     array.values = slicesOf(piece, array.values, needed);
@@ -163,7 +163,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
         smoothImage(piece, array, options.smooth, in, telling.progress, shared);
     telling.stage(array.name);
     imported.smoothing = smoothed.rms_change;
-    // The filter leaves small values around each object, so they become inactive by default.
+    // The filter leaves small values around each object, so the default makes them inactive.
     if (!options.tolerance) tolerance = 1e-3 * smoothed.range;
   }
   const bool on_cubes = options.voxel > 0.0 && !options.iso;
@@ -277,7 +277,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
-  // With these entries, `palpate scene` guesses the same scene as this import.
+  // By these entries, `palpate scene` guesses the same scene as this import.
   text(guess::kMetaFrom, imported.image ? "image" : "mesh");
   if (imported.image && !imported.image->empty() && !imported.level_set) {
     const openvdb::Coord size = imported.image->dim();
@@ -294,7 +294,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
 }
 
-/// Throws Error if the arrays do not have the meaning of --as, which some readers ignore.
+/// Throws Error if the arrays are not what --as says, because some readers ignore this option.
 void checkAsked(const Request& request, const Content& content) {
   if (request.as.empty()) return;
   const int width = content.pieces.front().arrays.front().values.components();
@@ -353,7 +353,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
       continue;
     }
     for (Array& array : piece.arrays) {
-      // Frees each array before the next one is converted: only one array is in memory twice.
+      // Passes each array on before the next one is converted, so that only one is in memory twice.
       Imported imported = fromImage(options, piece, std::exchange(array, {}), in, telling,
                                     out.notes, shared, earlier);
       const std::string name = imported.made.grid->getName();
@@ -398,7 +398,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
         in, fmt::format("{} cannot be used in a scene ({})", what, refusal),
         "check the sizes, positions and values in the file, or choose arrays with --field");
   };
-  malloc_trim(0);  // gives free memory back to the system: describeGrids needs memory for one grid
+  malloc_trim(0);  // returns free memory to the system: describeGrids needs memory for one grid
   std::vector<GridInfo> read;
   try {
     read = describeGrids(file);
@@ -406,7 +406,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
     const std::string_view why = e.what();
     refused("the result", std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
   }
-  // For each vector, describeGrids adds entries for its components behind the grids.
+  // After the grids, describeGrids lists components of vectors, which are ignored here.
   for (std::size_t i = 0; i < std::min(read.size(), count); ++i) {
     if (!read[i].refusal.empty()) refused("array \"" + read[i].name + "\"", read[i].refusal);
   }
@@ -435,7 +435,7 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
   }
   BrickInput input = brickInput(makeVolume(*grid));
   grid.reset();
-  // Uses the metadata of rank 0: computed values may differ between machines in the last digit.
+  // Values may differ in the last digit between machines, so all ranks use the metadata of rank 0.
   const ProcessGroup::Bytes text = group.gather(std::as_bytes(std::span(input.metadata))).front();
   input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
   (void)writeBricks(folder, input, options);

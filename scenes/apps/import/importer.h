@@ -20,14 +20,14 @@ namespace palpate::importer {
 struct Options {
   Request request;
   std::filesystem::path out;
-  /// Edge of cubic voxels, in the file's unit; 0: the image's voxels, or a suggestion for a mesh.
+  /// Edge of cubic voxels [unit of the file]; 0: the image's voxels, or a suggestion for a mesh.
   double voxel = 0.0;
   SmoothWidth smooth;  ///< Standard deviation of the smoothing filter; 0: no smoothing.
-  /// Tolerance about the background, in the values' unit, >= 0; unset: default.
+  /// Tolerance of the background [unit of the values], >= 0; unset: the default.
   std::optional<double> tolerance;
-  std::optional<double> iso;    ///< If set, makes a level set of the isosurface of this value.
+  std::optional<double> iso;    ///< If set, makes a level set of the surface at this value.
   std::string time;             ///< Empty, the number of a step, or "all".
-  std::filesystem::path scene;  ///< File for the scene guess; may be empty; "-": standard output.
+  std::filesystem::path scene;  ///< File for the scene guess; empty: none; "-": standard output.
   bool json = false;
   bool bricks = false;
 };
@@ -35,17 +35,17 @@ struct Options {
 struct Imported {
   Gridded made;
   std::string unit;    ///< Unit of the values; empty: unknown.
-  bool axial = false;  ///< The sign of the vectors has no meaning.
+  bool axial = false;  ///< True if vectors v and -v mean the same.
   /// Whole number that was subtracted from the values (Array::value_offset).
   double value_offset = 0.0;
   std::optional<ResamplingError> resampling;
   double voxel = 0.0;      ///< Edge after resampling; 0: not resampled.
-  double smoothing = 0.0;  ///< RMS of the changes.
+  double smoothing = 0.0;  ///< RMS of the changes by smoothing.
   std::optional<LevelSet> level_set;
-  /// Box of the image's voxels, at which the image cuts off objects. Empty if the image was
-  /// resampled. No value for a mesh.
+  /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled.
+  /// No value for a mesh.
   std::optional<openvdb::CoordBBox> image;
-  /// In a process group: the grid contains only these bricks (BrickInput::share).
+  /// In a process group: the grid has only these bricks (BrickInput::share).
   std::optional<Share> share;
 };
 
@@ -61,14 +61,14 @@ struct Telling {
   Progress progress;
 };
 
-/// In a process group, each rank reads only its own part if the format allows this.
+/// Opens the file. In a process group, a rank reads only its part, if the format allows this.
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                               ProcessGroup& group);
 
-/// What a step of a series takes from earlier steps, by the name of a scalar array.
+/// Data that a step of a series needs from earlier steps, by the name of a scalar array.
 struct EarlierSteps {
-  /// Background at the last step that had data. A step without data gets this value, so that the
-  /// sequence has all its frames.
+  /// Background of the last step with data. A step without data gets this value, so that the
+  /// sequence has all frames.
   std::map<std::string, double> backgrounds;
   std::map<std::string, std::optional<double>> value_offsets;  ///< Array::value_offset.
 };
@@ -76,8 +76,8 @@ struct EarlierSteps {
 [[nodiscard]] bool hasContrast(const Step& step);
 
 /// Reads a step, makes its grids and sets their metadata. Leaves out constant scalars, unless
-/// --time all makes a sequence. If no grid is left, the notes state the reason. Throws Error. Each
-/// rank gets its part of an image's grid (Imported::share), and other grids as a whole.
+/// --time is "all". If no grid remains, the notes say why. Throws Error. In a process group, each
+/// rank gets its part of an image's grid (Imported::share), and other grids completely.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, ProcessGroup& group, EarlierSteps& earlier);
 
@@ -85,12 +85,12 @@ struct EarlierSteps {
 /// Error, which names `in`, if a grid is then rejected; the file remains.
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
-/// Writes the only grid as bricks, and frees it. Throws Error for several grids. All ranks must
-/// call this function.
+/// Writes the only grid as bricks and frees it. Throws Error for several grids. All ranks must call
+/// this function.
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
                    ProcessGroup& group);
 
-/// Adds the region of the largest body (guess/body.h) of each CT with several bodies.
+/// Adds the region of the largest body (guess/body.h) of each CT that has several bodies.
 void addBodies(Step& step);
 
 /// Returns the scene guess for a .vdb at `vdb`. Throws VolumeError if all grids are constant.

@@ -25,7 +25,7 @@ using openvdb::tools::BoxSampler;
 
 constexpr float kHalfWidth = 3.0F;  ///< [voxels]
 
-/// Forwards OpenVDB's progress, which arrives from any thread.
+/// Passes on OpenVDB's progress, which arrives from any thread.
 class Watcher final : public openvdb::util::NullInterrupter {
  public:
   explicit Watcher(const Progress& progress) : shared_(progress, 100) {}
@@ -39,7 +39,7 @@ class Watcher final : public openvdb::util::NullInterrupter {
   SharedProgress shared_;
 };
 
-/// Returns the share of the original surface's points that are a voxel or more from the level set.
+/// Returns the fraction of the original surface's points at a voxel or more from the level set.
 double lostPart(const std::vector<openvdb::Vec3s>& points, const openvdb::FloatGrid& surface) {
   const auto level = surface.getConstAccessor();
   const double edge = surface.voxelSize().x();
@@ -49,7 +49,7 @@ double lostPart(const std::vector<openvdb::Vec3s>& points, const openvdb::FloatG
   return static_cast<double>(lost) / static_cast<double>(std::max<std::size_t>(points.size(), 1));
 }
 
-/// Returns first-order distances between the two surfaces, where voxel edges cross the level set.
+/// Returns first-order distances between the surfaces where voxel edges cross the level set.
 std::vector<double> distances(const openvdb::FloatGrid& surface, const openvdb::FloatGrid& original,
                               double iso) {
   const auto level = surface.getConstAccessor();
@@ -105,12 +105,12 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
         file, fmt::format("the surface would need too many voxels with an edge of {:g}", edge),
         "give a larger --voxel");
   }
-  // OpenVDB's signs would drop cavities: it treats the space that a surface encloses as inside.
+  // OpenVDB's own signs would fill cavities, because all that a surface encloses counts as inside.
   Watcher watcher(progress);
   out.grid = openvdb::tools::meshToUnsignedDistanceField<openvdb::FloatGrid>(
       watcher.interrupter(), *transform, points, {}, quads, kHalfWidth);
   quads = {};
-  // The values determine the side. As in OpenVDB, a voxel with the iso-value is above it.
+  // The values determine the side; a value equal to `iso` counts as above.
   const auto accessor = grid.getConstAccessor();
   std::uint64_t inside = 0;
   for (auto value = out.grid->beginValueOn(); value; ++value) {

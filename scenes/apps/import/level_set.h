@@ -9,23 +9,22 @@ namespace palpate::importer {
 
 struct LevelSet {
   openvdb::FloatGrid::Ptr grid;
-  /// True if the material has values above the iso-value; false if below.
+  /// True if the solid is above the iso-value; false if below.
   bool solid_above = true;
-  /// Distance to the isosurface of the original's trilinear interpolation [voxels], to first order.
+  /// Distance to the isosurface in the original's trilinear interpolation [voxels], to first order.
   double rms_error = 0.0;
   double p99_error = 0.0;
   std::uint64_t crossings = 0;
-  /// Fraction of the original surface in places that are thinner than the voxels.
+  /// Fraction of the original surface that is lost, in parts thinner than a voxel.
   double lost = 0.0;
 };
 
-/// Returns the level set of the isosurface at `iso`: the signed distance within three voxels on
-/// each side. Voxels are cubes with edge `voxel`; 0: the smallest edge of the grid's voxels. The
-/// background, which surrounds the object, is outside.
+/// Returns the level set of the isosurface at `iso`: the signed distance up to three voxels on each
+/// side. Voxels are cubes with edge `voxel`; 0: the smallest edge of the grid's voxels. The side
+/// with the background is outside.
 ///
-/// Takes the signs from the values, so that cavities stay hollow. Throws VolumeError if no surface
-/// has this value, if the whole surface is thinner than the voxels, or if there would be too many
-/// voxels.
+/// The signs come from the values, so that cavities stay hollow. Throws VolumeError if there is no
+/// such surface, if all of it is thinner than the voxels, or if it needs too many voxels.
 [[nodiscard]] LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                                   const std::string& file, const Progress& progress);
 

@@ -1,4 +1,4 @@
-/// `palpate-import`: converts files of scanners and simulation programs to a .vdb.
+/// `palpate-import`: converts files of scanners and simulation programs to .vdb.
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -66,7 +66,7 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
   if (to_stdout) return scene;
   const fs::path partial = partialOf(options.scene);
   teller.file(partial, options.scene);
-  // Does not try another name, because the parent process renames only this partial file.
+  // Tries no second name, because the parent process renames only this partial file.
   const int descriptor = createNewFile(partial);
   if (descriptor >= 0) {
     std::ofstream file(nameOfOpen(descriptor, partial), std::ios::binary);
@@ -79,7 +79,7 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
               "choose another path, or free space on the disk");
 }
 
-/// `first` is the first .vdb, or empty.
+/// Returns the last lines of output. `first` is the first .vdb, or empty.
 std::string lastWords(const Options& options, const fs::path& first, const std::string& scene) {
   std::string text;
   if (!scene.empty()) {
@@ -96,7 +96,7 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
   }
   if (first.empty()) return text;
   const std::string felt = scene.empty() ? first.string() : options.scene.string();
-  // If the scene guess failed, the volume needs a scene before the hand can feel it.
+  // Without a scene guess, the user must write a scene first.
   const bool none = options.bricks || (scene.empty() && !options.scene.empty());
   return text + cli::words("next: palpate {} {}{}\n", none ? "info" : "feel",
                            cli::sentence(cli::shellWord(felt)), none ? "" : " --seconds 10")
@@ -116,7 +116,7 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
 
   std::string text;
   std::string scene;
-  fs::path first;  // the first step with contrast, else the first step
+  fs::path first;  // the first step with contrast, otherwise the first step
   bool has_contrast = false;
   EarlierSteps earlier;
   cli::OrderedJson reports = cli::OrderedJson::array();
@@ -153,7 +153,7 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     if (!step.grids.empty()) {
       telling.stage("writing");
       if (options.bricks) {
-        // An interrupted export of bricks resumes, so that a partial file is not needed.
+        // An interrupted export of bricks can resume, so it needs no partial file.
         writeAsBricks(out, step, telling.progress, group);
       } else {
         const fs::path partial = partialOf(out);
@@ -213,7 +213,7 @@ void check(const Options& options) {
   }
 }
 
-/// Returns the width that --smooth states: a number in the file's unit, or one of voxels, such as
+/// Returns the width that --smooth states: a number in the file's unit, or in voxels, such as
 /// 1.5vx.
 SmoothWidth smoothWidthOf(const std::string& text) {
   SmoothWidth width;
@@ -226,7 +226,6 @@ SmoothWidth smoothWidthOf(const std::string& text) {
   return width;
 }
 
-/// Adds the option --smooth.
 void addSmooth(CLI::App& app, SmoothWidth& width) {
   app.add_option_function<std::string>(
          "--smooth", [&](const std::string& text) { width = smoothWidthOf(text); },
@@ -235,8 +234,8 @@ void addSmooth(CLI::App& app, SmoothWidth& width) {
       ->type_name("WIDTH");
 }
 
-/// Imports, and converts OpenVDB's exceptions to VolumeError: they mean that the file has invalid
-/// transforms or positions.
+/// Imports. Converts OpenVDB's exceptions to VolumeError: the file has invalid transforms or
+/// positions.
 int import(const Options& options, Teller& teller, ProcessGroup& group) {
   try {
     return importAll(options, teller, group);
@@ -259,9 +258,9 @@ void checkTogether(const Options& options) {
   }
 }
 
-/// Every rank checks options and files, which may differ between machines. Only one rank reports.
+/// Every rank checks options and files, which may differ between machines. One rank reports.
 int importTogether(const Options& options) {
-  // MPI may end a process by exit() without a message; then this message is printed.
+  // MPI may end a process by exit() without a message; then this one is printed.
   const Error silent("mpirun", "this rank stopped without a message",
                      "check the network between the machines, or import the file with one process");
   return runGuarded(
@@ -344,12 +343,12 @@ int main(int argc, char** argv) {
       "  palpate import dicom_folder/ ct.vdb --iso 300\n"
       "  palpate import flow.ex2 flow.vdb --field V --field Pres --voxel 0.1\n"
       "  palpate import mri.raw mri.vdb --raw '{\"size\":[128,128,84],\"type\":\"uint8\"}'");
-  // If there are several ranks, only rank 0 reports errors in the options.
+  // Of several ranks, only rank 0 reports errors in the options.
   const std::optional<int> rank = importer::rankByEnvironment();
   bool quiet = rank.value_or(0) != 0;
   try {
     app.parse(argc, argv);
-    // mpirun may have started a script that calls this program. One rank can then import alone.
+    // mpirun may have started a script that calls this program once: then this rank works alone.
     const bool together = rank && (options.bricks || importer::ranksByEnvironment() > 1);
     if (together) importer::checkTogether(options);
     quiet = false;
@@ -357,7 +356,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::Success& e) {
     return quiet ? cli::kDone : app.exit(e);
   } catch (const CLI::ParseError& e) {
-    // With a nonzero status, mpirun would end the reporting rank too early.
+    // A nonzero status would let mpirun end the rank that reports.
     if (quiet) return cli::kDone;
     cli::complain(fmt::format("usage: {}: see palpate import --help", e.what()));
   } catch (const Error& e) {

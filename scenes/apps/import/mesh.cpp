@@ -30,7 +30,7 @@ bool isWedge(int type) {
   return type == VTK_WEDGE || type == VTK_QUADRATIC_WEDGE || type == VTK_QUADRATIC_LINEAR_WEDGE ||
          type == VTK_BIQUADRATIC_QUADRATIC_WEDGE;
 }
-/// Returns true if parametric coordinates show whether a place is in a cell of this type.
+/// Returns true if isInsideCell() supports cells of this type.
 bool hasCoordinates(int type) {
   switch (type) {
     case VTK_VOXEL:

@@ -7,7 +7,7 @@
 #include <thread>
 #include <vector>
 
-// Uses only the C interface of MPI.
+// The headers then declare only MPI's C interface.
 #define OMPI_SKIP_MPICXX 1
 #define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
@@ -17,7 +17,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Message of each rank when all ranks synchronize.
+/// Message of each rank in a synchronization of all ranks.
 struct Word {
   std::uint64_t bytes = 0;  ///< Number of bytes that the rank will send.
   std::uint64_t gives_up = 0;
@@ -35,7 +35,7 @@ class MpiGroup final : public ProcessGroup {
   MpiGroup(const MpiGroup&) = delete;
   MpiGroup& operator=(const MpiGroup&) = delete;
   ~MpiGroup() override {
-    // MPI_Finalize waits for the other ranks, and would never return if a rank is lost.
+    // MPI_Finalize waits for all ranks, and would block forever if a rank is lost.
     if (!lost_) MPI_Finalize();
   }
 
@@ -48,8 +48,8 @@ class MpiGroup final : public ProcessGroup {
       if (word.gives_up != 0) throw GroupEnded();
     }
     std::vector<Bytes> all(words.size());
-    // From here on, every rank must send the announced bytes. A rank that cannot loses its contact
-    // with the others.
+    // From here on, every rank must send the bytes that it has announced. A rank that fails loses
+    // its contact with the others.
     try {
       for (std::size_t r = 0; r < words.size(); ++r) {
         all[r].resize(words[r].bytes);
@@ -77,10 +77,10 @@ class MpiGroup final : public ProcessGroup {
   }
 
  private:
-  /// Sends data from one rank to all, in parts, because MPI counts bytes with an int.
+  /// Sends data from one rank to all, in parts: MPI counts bytes by an int.
   void share(Bytes& bytes, int from) {
     constexpr std::uint64_t kMost = 1U << 30U;
-    // wait() tests the request until it is complete.
+    // wait() completes the request.
     // NOLINTNEXTLINE(clang-analyzer-optin.mpi.MPI-Checker)
     for (std::uint64_t at = 0; at < bytes.size(); at += kMost) {
       MPI_Request request{};
@@ -99,7 +99,7 @@ class MpiGroup final : public ProcessGroup {
     return all;  // NOLINT(clang-analyzer-optin.mpi.MPI-Checker): as above
   }
 
-  /// Sleeps between tests: MPI's own wait would occupy a core that another rank may need.
+  /// Waits for a request, and sleeps between tests: MPI's own wait would occupy a core.
   void wait(MPI_Request& request) {
     using std::chrono::microseconds;
     constexpr microseconds kLongest(2000);

@@ -1,4 +1,4 @@
-/// Private to the importer: the group of processes that mpirun has started, if built with MPI.
+/// Private to the importer: the group of processes that mpirun has started.
 #pragma once
 
 #include <memory>
@@ -15,8 +15,8 @@ namespace palpate::importer {
 
 [[nodiscard]] bool canJoinGroup();
 
-/// Joins the process group, which ends with the result. All ranks must call this function once, in
-/// the process that does the work, and only if canJoinGroup() is true.
+/// Joins the process group; the result's destructor leaves it. All ranks must call this function
+/// once, in the process that does the work, and only if canJoinGroup() is true.
 [[nodiscard]] std::unique_ptr<ProcessGroup> joinGroup();
 
 }  // namespace palpate::importer

@@ -144,7 +144,7 @@ void NetcdfFile::refuse(const std::string& why) const {
                     "the file may be truncated or damaged: copy or export it again");
 }
 
-/// Uses the axis, units, standard name and name of the variable with the dimension's name.
+/// Finds the axis of a dimension by its variable's axis, units and names, and its own name.
 void NetcdfFile::findMeaning(int d) {
   Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];
   for (std::size_t v = 0; v < variables_.size(); ++v) {
@@ -159,7 +159,7 @@ void NetcdfFile::findMeaning(int d) {
   const auto named = [&](std::initializer_list<const char*> names) {
     return std::find(names.begin(), names.end(), name) != names.end();
   };
-  // Not in space: members of an ensemble, and forecast steps beside a time dimension.
+  // Members of an ensemble, and forecast steps beside a time dimension, are not in space.
   const std::string standard =
       dimension.variable < 0 ? "" : text(dimension.variable, "standard_name");
   if (standard == "realization" || standard == "forecast_period" ||
@@ -198,7 +198,7 @@ void NetcdfFile::findMeaning(int d) {
   }
 }
 
-/// In WRF's files, the faces of "west_east" are "west_east_stag".
+/// Finds the centres of a dimension of faces: in WRF, "west_east" for "west_east_stag".
 void NetcdfFile::findCentres(int d) {
   constexpr std::string_view kFaces = "_stag";
   Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];

@@ -1,4 +1,4 @@
-/// Private to the importer: opens a netCDF file, and finds the meaning of its dimensions.
+/// Private to the importer: opens a netCDF file, and finds which dimensions are x, y, z and time.
 #pragma once
 
 #include <cstddef>
@@ -15,9 +15,9 @@ enum class Is : std::uint8_t { kUnknown, kX, kY, kZ, kTime, kNoSpace };
 struct Dimension {
   std::string name;
   std::size_t length = 0;
-  int variable = -1;  ///< Index of the variable with its positions, or -1.
+  int variable = -1;  ///< Index of the variable with its positions; -1: none.
   Is is = Is::kUnknown;
-  /// For faces of cells, as in WRF's staggered grid: dimension of the cells' centres; else -1.
+  /// For faces of cells, as in WRF's staggered grid: dimension of the centres; otherwise -1.
   int centres = -1;
 };
 
@@ -27,7 +27,7 @@ struct Variable {
   std::vector<int> dimensions;
 };
 
-/// An open file of the netCDF library. All functions throw VolumeError if the file is damaged.
+/// An open netCDF file. All functions throw VolumeError if the file is damaged.
 class NetcdfFile {
  public:
   explicit NetcdfFile(const std::filesystem::path& path);
@@ -42,11 +42,11 @@ class NetcdfFile {
   [[nodiscard]] const Dimension& dimension(int d) const {
     return dimensions_[static_cast<std::size_t>(d)];
   }
-  /// Returns the dimension of the centres if d is a dimension of faces, else d.
+  /// Returns the dimension of the centres if d is a dimension of faces, otherwise d.
   [[nodiscard]] int centresOf(int d) const {
     return dimension(d).centres < 0 ? d : dimension(d).centres;
   }
-  /// Return the index for a name, or -1.
+  /// Return the index of a name; -1 if it is absent.
   [[nodiscard]] int dimensionNamed(const std::string& name) const;
   [[nodiscard]] int variableNamed(const std::string& name) const;
 
@@ -58,13 +58,13 @@ class NetcdfFile {
   /// Return the text or the numbers of an attribute; empty if it is absent.
   [[nodiscard]] std::string text(int variable, const char* name) const;
   [[nodiscard]] std::vector<double> numbers(int variable, const char* name) const;
-  /// Reads the values of a variable from the indices `start` on, `count` along each dimension.
+  /// Reads `count` values along each dimension of a variable, from the indices `start` on.
   void read(int variable, const std::vector<std::size_t>& start,
             const std::vector<std::size_t>& count, double* to) const;
   /// Returns the positions along a dimension; indices from 0 if the file has no positions.
   [[nodiscard]] std::vector<double> positions(int d) const;
 
-  /// Throws VolumeError for more values than the file could hold at the best compression.
+  /// Throws VolumeError for more values than the file can hold at the best compression.
   void checkAbsurd(double values) const;
 
  private:

@@ -8,7 +8,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Reads big-endian numbers. `ok` becomes false at the end of the file, or for impossible numbers.
+/// Reads big-endian numbers. `ok` becomes false at the end of the file or for impossible numbers.
 class Header {
  public:
   explicit Header(std::istream& in, int version) : in_(in), version_(version) {}
@@ -22,11 +22,11 @@ class Header {
     }
     return out;
   }
-  /// Reads a count or a length, which has 8 bytes in CDF-5 and 4 bytes in older versions.
+  /// Reads a count or a length: 8 bytes in CDF-5, 4 bytes in older versions.
   std::uint64_t count() { return number(version_ == 5 ? 8 : 4); }
   std::uint64_t offset() { return number(version_ == 1 ? 4 : 8); }
   void skip(std::uint64_t bytes) {
-    constexpr std::uint64_t kLongest = 1U << 28U;  // [bytes]: longer than any real header
+    constexpr std::uint64_t kLongest = 1U << 28U;  // [bytes]: longer than any header
     if (bytes > kLongest) {
       ok = false;
       return;
@@ -97,14 +97,14 @@ std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file) {
       const std::uint64_t dimension = header.count();
       if (dimension >= lengths.size()) return std::nullopt;
       if (d == 0 && lengths[dimension] == 0) {
-        is_record = true;  // the record dimension has length 0
+        is_record = true;  // the dimension of records has length 0
       } else {
         values *= lengths[dimension];
       }
     }
     skipAttributes(header);
     const std::uint64_t bytes = values * widthOf(header.number(4));
-    (void)header.count();  // skips the stated size, which overflows for large variables
+    (void)header.count();  // skips the stated size, which can be too small for large variables
     const std::uint64_t begin = header.offset();
     if (!is_record) {
       end = std::max(end, begin + bytes);
@@ -116,9 +116,9 @@ std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file) {
     last_part = bytes;
   }
   if (!header.ok) return std::nullopt;
-  constexpr std::uint64_t kStreaming = 0xffffffffU;  // means that the number of records is unknown
+  constexpr std::uint64_t kStreaming = 0xffffffffU;  // the number of records is unknown
   if (parts > 0 && records > 0 && records != kStreaming) {
-    // If there is only one record variable, its records have no padding.
+    // The records of a single record variable have no padding.
     const std::uint64_t padding = parts == 1 ? record - last_part : 0;
     const std::uint64_t all = records * (record - padding);
     end = std::max(end, record_begin + all - (parts == 1 ? 0 : (4 - last_part % 4) % 4));

@@ -1,4 +1,4 @@
-/// Replaces read_dicom.cpp in a build without vtk-dicom, such as the program without VTK.
+/// Replaces read_dicom.cpp in a build without vtk-dicom.
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/reader.h"
 

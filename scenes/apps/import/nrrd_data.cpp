@@ -22,13 +22,13 @@ std::string teemError() {
   char* text = biffGetDone(NRRD);
   if (text == nullptr) return "unknown error";
   std::istringstream lines(text);
-  std::free(text);  // NOLINT(cppcoreguidelines-no-malloc): teem's
+  std::free(text);  // NOLINT(cppcoreguidelines-no-malloc): teem allocated it by malloc
   std::string line;
   std::string last;
   while (std::getline(lines, line)) {
     if (!line.empty()) last = line;
   }
-  const auto colon = last.find(": ");  // the message has the form "[nrrd] function: what"
+  const auto colon = last.find(": ");  // the message is "[nrrd] function: what"
   if (colon != std::string::npos) last.erase(0, colon + 2);
   for (char& c : last) {
     if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
@@ -71,7 +71,7 @@ void NrrdData::refuse(const std::string& why, const std::string& remedy) const {
   throw VolumeError(request_.file.string(), why, remedy);
 }
 
-/// Rejects long words, because teem reads words into 1024 characters without a check.
+/// Rejects long words, because teem reads a word into 1024 characters without a check.
 void NrrdData::checkWords(std::FILE* in) const {
   const long start = std::ftell(in);
   constexpr int kLongest = 500;
@@ -83,8 +83,8 @@ void NrrdData::checkWords(std::FILE* in) const {
   std::fseek(in, start, SEEK_SET);
 }
 
-/// Decompresses `bytes` bytes of a part, from byte `first` of its values on. The compressed data
-/// begin at `offset`. The first call verifies the whole part.
+/// Decompresses `bytes` bytes of a part, from byte `first` of its values on, into `to`. The
+/// compressed data begin at `offset`. The first call for a file also verifies its checksum.
 void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::size_t first,
                           std::size_t bytes, char* to) {
   const auto open = [&] {
@@ -92,7 +92,7 @@ void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::siz
                                       static_cast<std::uint64_t>(offset));
   };
   auto before = static_cast<std::uint64_t>(std::max(skip, 0L));
-  // the values end `-skip - 1` bytes before the end, which is known only after decompression
+  // the values end `-skip - 1` bytes before the end, which only decompression finds
   if (skip < 0) {
     const std::uint64_t needed =
         part_values_ * nrrdElementSize(nrrd_) + (static_cast<std::uint64_t>(-(skip + 1)));

@@ -1,5 +1,5 @@
-/// Private to the importer: reads NRRD data with teem. Limits how much is read, because teem trusts
-/// the header, and decompresses gzip, because teem does not verify the checksum.
+/// Private to the importer: reads NRRD data with teem. It checks sizes first, because teem trusts
+/// the header, and decompresses gzip itself, because teem does not verify the checksum.
 #pragma once
 
 #include <cstddef>
@@ -21,17 +21,17 @@ struct CloseNrrdFile {
 };
 using NrrdFile = std::unique_ptr<std::FILE, CloseNrrdFile>;
 
-/// Returns the last line of teem's error messages, which states the cause, and clears all messages.
+/// Returns the last line of teem's messages, which states the cause, and clears all messages.
 [[nodiscard]] std::string teemError();
 
 class NrrdData {
  public:
-  /// Checks that the files can hold the header's values before memory is allocated. Throws
+  /// Checks, before memory is allocated, that the files can hold the header's values. Throws
   /// VolumeError. The parsed header, `nrrd` and `state`, must outlive this object.
   NrrdData(const Request& request, std::vector<NrrdPart> parts, Nrrd* nrrd, NrrdIoState* state);
 
-  /// Reads the values [first, first + count) of all parts together, in this machine's byte order.
-  /// Throws VolumeError.
+  /// Reads the values [first, first + count) of all parts in sequence, in the byte order of this
+  /// machine. Throws VolumeError.
   void read(std::size_t first, std::size_t count, char* to);
 
  private:
@@ -46,7 +46,7 @@ class NrrdData {
   Nrrd* nrrd_;
   NrrdIoState* state_;
   std::size_t part_values_ = 0;
-  std::set<std::filesystem::path> sound_;  ///< Gzipped parts with a verified checksum.
+  std::set<std::filesystem::path> sound_;  ///< Gzipped files whose checksum was verified.
 };
 
 }  // namespace palpate::importer

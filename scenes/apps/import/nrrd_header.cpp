@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// "name.%03d" and 7 give "name.007". A pattern from a file could misuse printf.
+/// Returns "name.007" for "name.%03d" and 7. printf would be unsafe: the pattern is from a file.
 std::string numbered(const std::string& pattern, int number, const std::string& file) {
   const auto at = pattern.find('%');
   std::size_t end = at == std::string::npos ? at : at + 1;
@@ -84,13 +84,13 @@ std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, cons
   return parts;
 }
 
-/// Stores a line of the header, unless it locates the data or is not needed.
+/// Stores a line of the header for teem, except comments and fields that locate the data.
 void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
   if (line[0] == '#' || line.find(":=") < line.find(": ")) return;
   std::string key = lowered(line.substr(0, line.find(':')));
   std::erase(key, ' ');
   if (key != "lineskip" && key != "byteskip") {
-    // teem writes error messages, which quote the line, into a buffer of 1024 characters.
+    // teem quotes the line in messages, which it writes into a buffer of 1024 characters.
     constexpr std::size_t kLongest = 800;
     if (line.size() > kLongest && key == "content") line.resize(kLongest);
     if (line.size() > kLongest) {
@@ -98,7 +98,7 @@ void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
                         kCorrectNrrdHeader);
     }
     header.lines.push_back(std::move(line));
-    // The teem of Debian accepts the name of this kind, but does not know its number of components.
+    // Debian's teem accepts the kind "3-gradient", but does not know its number of components.
     std::string& taken = header.lines.back();
     const auto gradient = key == "kinds" ? taken.find("3-gradient") : std::string::npos;
     if (gradient != std::string::npos) taken.replace(gradient, 10, "3-vector");
@@ -148,7 +148,7 @@ NrrdHeader readNrrdHeader(const fs::path& file) {
       const std::string field = value == std::string::npos ? "" : line.substr(value);
       header.parts = partsOf(field, in, file);
       if (field.rfind("LIST", 0) == 0 || field.rfind("SKIPLIST", 0) == 0) return header;
-      // The following lines belong to the header, up to an empty line or the end of the file.
+      // The next lines belong to the header, up to an empty line or the end of the file.
       while (std::getline(in, line)) {
         if (!line.empty() && line.back() == '\r') line.pop_back();
         if (line.empty() || header.lines.size() > 10000) break;

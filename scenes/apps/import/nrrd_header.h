@@ -1,5 +1,5 @@
-/// Private to the importer: reads an NRRD header. This code decides which files are opened; teem
-/// parses the other fields.
+/// Private to the importer: reads an NRRD header. This code finds the data files; teem parses all
+/// other fields.
 #pragma once
 
 #include <filesystem>
@@ -15,8 +15,8 @@ inline constexpr const char* kCorrectNrrdHeader = "correct the header";
 
 struct NrrdPart {
   std::filesystem::path file;
-  long offset = 0;  ///< Position behind a header in the same file [bytes]; else 0.
-  /// Byte skip of this part; if set, replaces the byte skip of the header.
+  long offset = 0;  ///< Offset of the data after a header in the same file [bytes]; otherwise 0.
+  /// Byte skip of this part; if set, replaces that of the header.
   std::optional<long> skip;
 };
 
@@ -28,7 +28,7 @@ struct NrrdHeader {
 };
 
 /// Reads the header of `file`. Throws VolumeError if it is damaged or names no data file. Does not
-/// check whether the data files exist.
+/// check that data files exist.
 [[nodiscard]] NrrdHeader readNrrdHeader(const std::filesystem::path& file);
 
 [[nodiscard]] std::string lowered(std::string text);

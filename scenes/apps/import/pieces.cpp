@@ -28,13 +28,13 @@ Values withThree(const Values& two) {
   return out;
 }
 
-/// Returns a valid name for a grid: UTF-8 of limited length, without control characters.
+/// Returns a valid name for a grid: UTF-8, at most 100 bytes, no control characters.
 std::string nameOf(std::string name, std::vector<std::string>& notes) {
-  name.erase(name.find_last_not_of(' ') + 1);  // Exodus fills names with spaces
+  name.erase(name.find_last_not_of(' ') + 1);  // Exodus pads names with spaces
   const std::string given = name;
   constexpr std::size_t kLongest = 100;
   if (name.size() > kLongest) name.resize(kLongest);
-  // nlohmann-json throws for invalid UTF-8. All characters beyond ASCII are then replaced.
+  // nlohmann-json throws if the name is not UTF-8. Then replaces all bytes beyond ASCII.
   bool plain = true;
   try {
     (void)nlohmann::json(name).dump();
@@ -49,7 +49,7 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
   return name.empty() ? "density" : name;
 }
 
-/// Leaves out tensors of a mesh, because directions cannot be interpolated within a cell.
+/// Leaves out tensors of a mesh, because directions cannot be interpolated in a cell.
 std::vector<Array> readyArrays(std::vector<Array> given, const Content& content, bool image,
                                std::vector<std::string>& notes) {
   std::vector<Array> arrays;

@@ -7,20 +7,20 @@
 
 namespace palpate::importer {
 
-/// Prepares the arrays of a content for grids. Names become valid and unique; arrays with two
-/// components get a third one, which is 0; tensors of images become scalars and vectors. Adds notes
-/// about omitted arrays. Moves the pieces out of `content`. Throws VolumeError if no array is left,
-/// or if an image has only one layer of voxels.
+/// Prepares the arrays of `content` for grids, and moves the pieces out of it. Names become valid
+/// and unique. Arrays with two components get a third one, which is 0. Tensors of images become
+/// scalars and vectors. Adds notes about omitted arrays. Throws VolumeError if no array is left, or
+/// if an image has only one layer of voxels.
 [[nodiscard]] std::vector<Piece> makeReady(Content& content, const std::string& file,
                                            std::vector<std::string>& notes);
 
-/// Removes arrays that were not requested; keeps all if `fields` is empty. If a requested array is
-/// missing, throws VolumeError with a list of the available arrays.
+/// Removes arrays that are not in `fields`; keeps all if `fields` is empty. If an array of `fields`
+/// is missing, throws VolumeError with a list of the arrays.
 void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
             const std::string& file);
 
-/// Joins arrays that are the components of a vector by their names (components.h) and units, and
-/// adds a note. If `fields` is not empty, makes only the vectors that it names.
+/// Joins arrays that are the components of a vector, by names (components.h) and units, and adds a
+/// note. If `fields` is not empty, makes only the vectors in it.
 void joinComponents(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
                     std::vector<std::string>& notes);
 

@@ -34,7 +34,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kAgain = "copy or export the file again";
 
-/// Returns a folder's DICOM files, sorted by name. Adds the subfolders to `folders`.
+/// Returns a folder's DICOM files by name. Adds its subfolders to `folders`.
 std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -75,7 +75,7 @@ class Order final : public vtkDICOMSliceSorter {
   std::vector<int> frames_;
 };
 
-/// Returns an array that is not 0 where a stored value is padding, or no array.
+/// Returns an array that is not 0 where a stored value is padding; empty if there is no padding.
 Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
   const bool any = std::any_of(slices.begin(), slices.end(),
                                [](const Slice& s) { return !std::isnan(s.padding[0]); });
@@ -100,8 +100,8 @@ Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
 }
 
 /// Returns slope * stored + intercept, as 16-bit integers if these are exact, otherwise as floats.
-/// vtkDICOMReader's own type, for all possible values, would clip values or double the memory.
-/// `hidden` is not 0 where a value is padding; may be null.
+/// vtkDICOMReader would choose a type that clips values, or doubles the memory. `hidden` is not 0
+/// where a value is padding; may be null.
 Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
                       const std::uint8_t* hidden) {
   const bool plain = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
@@ -151,7 +151,7 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
     }
     Values floats(Type::kFloat32, 1, stored.tuples());
     fill(values, floats.as<float>());
-    // The loss is greatest for the smallest or the largest slope.
+    // The slopes with the smallest and the largest magnitude have the greatest loss.
     const auto [least, most] = std::minmax_element(
         slices.begin(), slices.end(),
         [](const Slice& a, const Slice& b) { return std::abs(a.slope) < std::abs(b.slope); });
@@ -161,8 +161,8 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
   });
 }
 
-/// Finds messages about damage on standard error. GDCM, which decodes pixels, returns no error for
-/// damaged images, but its JPEG library prints a message.
+/// Captures standard error, to find messages about damage. GDCM, which decodes pixels, returns no
+/// error for a damaged image, but its JPEG library prints a message.
 class Overheard {
  public:
   Overheard() : chat_(std::cerr.rdbuf(nullptr)), file_(std::tmpfile()) {
@@ -180,10 +180,10 @@ class Overheard {
       ::close(kept_);
     }
     if (file_ != nullptr) std::fclose(file_);
-    std::cerr.rdbuf(chat_);  // also clears the error flags that the missing buffer has caused
+    std::cerr.rdbuf(chat_);  // also clears error flags that writes without a buffer have set
   }
 
-  /// Returns the first line that reports damage, or "". Extraneous bytes are harmless.
+  /// Returns the first line that reports damage, or "". Extraneous bytes are no damage.
   [[nodiscard]] std::string damage() const {
     std::fflush(stderr);
     if (file_ == nullptr) return "";
@@ -237,7 +237,7 @@ class DicomReader final : public Reader {
                                      static_cast<int>(slices.size())};
     const Values stored = storedOf(slices);
 
-    // Keeps only the values: the reader's image also holds the header, with the patient's name.
+    // Copies only the values: the reader's image also holds the patient's name.
     Content content;
     Piece image;
     image.size = size;
@@ -256,7 +256,7 @@ class DicomReader final : public Reader {
   }
 
  private:
-  /// Reads one file after another, so that errors name the file. Their pixel types may differ.
+  /// Reads one file at a time: errors then name the file, and files may differ in pixel type.
   Values storedOf(const std::vector<Slice>& slices) const {
     using Places = std::vector<std::size_t>;
     std::map<std::size_t, Places> of_file;
@@ -311,11 +311,11 @@ class DicomReader final : public Reader {
     return values == nullptr ? Values() : valuesOf(values);
   }
 
-  /// Returns frames with one bit per pixel under RLE, which vtk-dicom would read as bytes.
+  /// Returns frames of one bit per pixel with RLE compression, which vtk-dicom would read as bytes.
   Values bitsOf(std::size_t file, const std::vector<int>& frames, std::size_t plane) const {
     std::ifstream in(paths_[file], std::ios::binary);
     in.seekg(bits_at_[file]);
-    // The first item is a table of the others; every other item has one frame.
+    // The first item is a table of the others; each other item has one frame.
     std::vector<std::string> items;
     std::array<unsigned char, 8> head{};
     while (in.read(reinterpret_cast<char*>(head.data()), head.size()) && head[0] == 0xfe &&
@@ -323,7 +323,7 @@ class DicomReader final : public Reader {
       const std::size_t bytes = head[4] | static_cast<std::size_t>(head[5]) << 8U |
                                 static_cast<std::size_t>(head[6]) << 16U |
                                 static_cast<std::size_t>(head[7]) << 24U;
-      items.emplace_back(bytes, '\0');  // headerOf has checked that the file has these bytes
+      items.emplace_back(bytes, '\0');  // headerOf has checked this size
       in.read(items.back().data(), static_cast<std::streamsize>(bytes));
     }
     Values values(Type::kUint8, 1, plane * frames.size());
@@ -339,7 +339,7 @@ class DicomReader final : public Reader {
     return values;
   }
 
-  /// Names, numbers, dates, places and physicians could lead to the patient and must not appear.
+  /// Omits names, numbers, dates, places and physicians, which could identify the patient.
   void describe(Content& content) const {
     content.description = head_.description;
     if (!head_.study.empty() && head_.study != head_.description) {
@@ -362,7 +362,7 @@ class DicomReader final : public Reader {
   std::vector<std::int64_t> bits_at_;
 };
 
-/// Returns the DICOM files in and below the folders of a study or a patient.
+/// Returns the DICOM files in the folders of a study or a patient, and in folders below them.
 std::vector<fs::path> filesBelow(std::vector<fs::path> folders) {
   constexpr int kDeepest = 3;  // patient, study, series
   std::vector<fs::path> files;
@@ -370,7 +370,7 @@ std::vector<fs::path> filesBelow(std::vector<fs::path> folders) {
     std::vector<fs::path> inner;
     for (const fs::path& folder : folders) {
       std::error_code error;
-      if (fs::is_symlink(folder, error)) continue;  // a link may lead back to a folder above
+      if (fs::is_symlink(folder, error)) continue;  // a link may lead to a parent folder
       const std::vector<fs::path> more = dicomFilesOf(folder, &inner);
       files.insert(files.end(), more.begin(), more.end());
     }
@@ -387,7 +387,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   if (!is_folder && !isDicom(request.file)) {
     throw VolumeError(request.file.string(), "the DICOM file is packed", "unpack it");
   }
-  // A single file stands for its series, unless --series names another one.
+  // A single file means its series, unless --series names another one.
   Request wanted = request;
   if (!is_folder && wanted.series.empty()) {
     const File file = headerOf(request.file);
@@ -414,7 +414,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::vector<File> files;
   files.reserve(paths.size());
   for (const fs::path& path : paths) files.push_back(headerOf(path));
-  // A damaged file without a series UID may belong to the requested series, so it is reported.
+  // A damaged file without a series UID may belong to the requested series, so throws its error.
   for (const File& file : files) {
     if (file.damage.empty() || (!file.series.empty() && file.is_image)) continue;
     throw VolumeError(file.path.string(), file.damage, kAgain);

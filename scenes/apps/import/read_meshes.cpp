@@ -45,7 +45,7 @@ class ExodusReader final : public Reader {
     reader_->ApplyDisplacementsOff();
     reader_->UpdateInformation();
     times_ = timesOf(reader_);
-    // Reads only the requested arrays; without a match all arrays, for a list in the error.
+    // Reads only the requested arrays. If none is found, reads all, to list them in the error.
     constexpr std::array kTypes{vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK};
     bool any = false;
     for (const int type : kTypes) {
@@ -86,7 +86,7 @@ class ExodusReader final : public Reader {
   std::vector<double> times_;
 };
 
-/// Reads the values of an OpenFOAM case by cell; ignores values on boundary patches.
+/// Reads the cell values of an OpenFOAM case. Ignores values on boundary patches.
 class FoamReader final : public Reader {
  public:
   explicit FoamReader(const Request& request) : request_(request) {
@@ -105,7 +105,7 @@ class FoamReader final : public Reader {
       throw VolumeError(request.file.string(), "the case is decomposed into one part per processor",
                         "run reconstructPar");
     }
-    // Skips time 0, which is the input of the simulation, if another time exists.
+    // Skips time 0, the simulation's input, if there is another time.
     for (const bool skip_zero : {true, false}) {
       reader_ = vtkSmartPointer<vtkOpenFOAMReader>::New();
       reader_->SetFileName(control.c_str());
@@ -203,7 +203,7 @@ bool isCgns(const Request& request) {
   return reader->CanReadFile(request.file.c_str()) != 0;
 }
 
-/// Drops arrays that VTK derives from the energy, if they are negative at more than a few points.
+/// Drops pressures and temperatures that VTK has derived wrongly: over 1 % are negative.
 void dropImpossible(Content& content) {
   constexpr double kFew = 0.01;
   for (Piece& piece : content.pieces) {

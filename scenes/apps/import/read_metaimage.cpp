@@ -1,4 +1,4 @@
-/// Reads MetaImage (.mha, .mhd) without VTK. VTK 9.1 ignores the image's position, reads missing
+/// Reads MetaImage (.mha, .mhd) without VTK: VTK 9.1 ignores the image's position, reads missing
 /// files as zeros, and crashes on damaged headers.
 #include <algorithm>
 #include <bit>
@@ -76,7 +76,7 @@ class Header {
     return "";
   }
 
-  /// Returns the numbers of a field; empty if absent. Throws VolumeError unless there are `count`.
+  /// Returns a field's numbers; empty if absent. Throws VolumeError unless it has `count`.
   [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
                                             std::size_t count) const {
     std::istringstream words(text(keys));
@@ -129,10 +129,10 @@ class Header {
     return count.empty() ? 1 : static_cast<int>(count[0]);
   }
 
-  /// Returns true if single slices can be read, because the data are neither text nor compressed.
+  /// Returns true if single slices can be read: the data are neither text nor compressed.
   [[nodiscard]] bool isSeekable() const { return !isText() && !isTrue({"CompressedData"}); }
 
-  /// `slices` must be all slices, unless isSeekable() is true. Throws VolumeError.
+  /// Reads slices. Unless isSeekable() is true, these must be all slices. Throws VolumeError.
   [[nodiscard]] Values values(const Slab& slices, const Progress& progress) const {
     Values values;
     const std::vector<double> n = sizes();
@@ -252,7 +252,7 @@ class Header {
     checkData(bytes, sizes[2]);
   }
 
-  /// Checks that the files can hold the values, before memory is allocated.
+  /// Checks, before memory is allocated, that the files can hold the values.
   void checkData(double bytes, double slices) {
     const std::string name = text({"ElementDataFile"});
     if (name.empty()) refuse("the header has no ElementDataFile", kCorrectHeader);
@@ -286,7 +286,7 @@ class Header {
     }
   }
 
-  /// Expands a pattern such as "slice%03d.raw 1 93 1" to one file name for each slice.
+  /// Returns a file name for each slice, from a pattern such as "slice%03d.raw 1 93 1".
   [[nodiscard]] std::vector<std::string> numbered(const std::string& field, double slices) const {
     constexpr double kMost = 100000.0;
     if (slices > kMost)
@@ -340,8 +340,8 @@ class MetaImageReader final : public Reader {
     Piece image;
     const std::vector<double> sizes = header_.sizes();
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
-    // Positions are in the space of ITK: x to the left, y to the back. Like ITK, ignores
-    // AnatomicalOrientation. Otherwise a CT and its dose could lie apart.
+    // Positions are in ITK's space: x to the left, y to the back. Like ITK, ignores
+    // AnatomicalOrientation; otherwise a CT and its dose could be misaligned.
     const Mat3 turn = Vec3(-1.0, -1.0, 1.0).asDiagonal();
     const std::string axes = header_.text({"AnatomicalOrientation"});
     content.patient = !axes.empty() && axes.find('?') == std::string::npos;
@@ -368,7 +368,7 @@ class MetaImageReader final : public Reader {
     Affine map;
     const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
     if (spacing.empty()) notes.emplace_back("no ElementSpacing: a spacing of 1 is assumed");
-    // Each row of the text is the direction of one axis.
+    // Each row of the matrix is the direction of one axis.
     const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
     for (int axis = 0; axis < 3; ++axis) {
       for (int d = 0; d < 3 && !matrix.empty(); ++d) {

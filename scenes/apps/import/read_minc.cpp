@@ -1,5 +1,5 @@
-/// Reads MINC 1: an image in classic netCDF, whose axes are those of a patient. Source: Neelin and
-/// others, The MINC file format (Montreal Neurological Institute, 1998).
+/// Reads MINC 1: images in classic netCDF with a patient's axes. Source: Neelin and others, The
+/// MINC file format (Montreal Neurological Institute, 1998).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -27,7 +27,7 @@ constexpr std::array<const char*, 3> kAxes{"xspace", "yspace", "zspace"};
                     "export it again, or convert it to NIfTI with mnc2nii");
 }
 
-/// Sets the size of an image and its transform. The last dimension of the file is i.
+/// Sets the size and the transform of an image. The last dimension in the file is i.
 void placeImage(const Request& request, const NetcdfFile& file, const Variable& image,
                 Piece& piece) {
   if (image.dimensions.size() != 3) {
@@ -65,8 +65,8 @@ void placeImage(const Request& request, const NetcdfFile& file, const Variable& 
   }
 }
 
-/// The conversion of the stored numbers: the valid range becomes the range of image-min and
-/// image-max, which are numbers for the whole image, or for each slice or row.
+/// Converts stored numbers to values. It maps the valid range linearly to the range from image-min
+/// to image-max, which may be given for the whole image, each slice or each row.
 class MincScale {
  public:
   MincScale(const Request& request, const NetcdfFile& file, int v) {
@@ -92,8 +92,8 @@ class MincScale {
   }
 
   [[nodiscard]] bool isReal() const { return real_; }
-  /// Returns the value of a stored number in row j of slice k of an image with `rows` rows. Returns
-  /// NaN if the number is outside of the valid range.
+  /// Returns the value of a number stored in row j of slice k; an image has `rows` rows. Returns
+  /// NaN if the number is outside the valid range.
   [[nodiscard]] double operator()(double stored, std::size_t k, std::size_t j,
                                   std::size_t rows) const {
     if (real_) return stored;
@@ -107,7 +107,7 @@ class MincScale {
   [[nodiscard]] double unsignedOf(double stored) const {
     return stored < 0.0 ? stored + turn_ : stored;
   }
-  /// Reads image-min or image-max. Without such a variable, the number is `otherwise`.
+  /// Reads image-min or image-max. Without this variable, returns `otherwise`.
   std::vector<double> read(const Request& request, const NetcdfFile& file, const Variable& image,
                            const char* name, double otherwise) {
     const int v = file.variableNamed(name);
@@ -130,7 +130,7 @@ class MincScale {
   }
 
   bool real_ = false;
-  double turn_ = 0.0;  ///< Added to negative numbers of an unsigned type: 2^bits.
+  double turn_ = 0.0;  ///< 2^bits, added to negative numbers of an unsigned type.
   double low_ = 0.0;
   double high_ = 1.0;
   std::size_t rank_ = 0;  ///< Number of dimensions of image-min and image-max.

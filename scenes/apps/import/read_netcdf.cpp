@@ -1,4 +1,4 @@
-/// Reads netCDF files with CF conventions, which weather and ocean models write.
+/// Reads netCDF files with CF conventions, which models of weather and ocean write.
 #include "palpate/scenes/apps/import/read_netcdf.h"
 
 #include <algorithm>
@@ -31,7 +31,7 @@ bool contains(const std::string& text, std::string_view what) {
   return text.find(what) != std::string::npos;
 }
 
-/// Returns true for units such as degrees_north and degreeE, but not for degrees.
+/// Returns true for units such as degrees_north and degreeE, but not for plain degrees.
 bool isOfEarth(std::string unit) {
   for (char& c : unit) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return contains(unit, "degree_n") || contains(unit, "degrees_n") || contains(unit, "degreen") ||
@@ -41,7 +41,7 @@ bool isOfEarth(std::string unit) {
 
 struct Field {
   int variable = 0;
-  std::array<std::size_t, 3> axes{};  ///< Indices of its dimensions that are x, y and z.
+  std::array<std::size_t, 3> axes{};  ///< Indices of the field's dimensions that are x, y and z.
   std::optional<std::size_t> time;
 };
 
@@ -62,11 +62,11 @@ class Unpacking {
       low_ = range[0];
       high_ = range[1];
     }
-    // An attribute may have more digits than the variable's type.
+    // An attribute may have more digits than the variable's type can hold.
     if (type_ == NC_FLOAT) {
       for (double& value : missing_) value = static_cast<double>(static_cast<float>(value));
     }
-    // The classic format has no unsigned types, so an attribute states that values are unsigned.
+    // Classic netCDF has no unsigned types, so an attribute says that values are unsigned.
     const bool is_unsigned = file.text(v, "_Unsigned") == "true";
     const double bits = !is_unsigned        ? 0.0
                         : type_ == NC_BYTE  ? 8.0
@@ -79,13 +79,13 @@ class Unpacking {
     }
   }
 
-  /// Returns true if a float has the precision of the values.
+  /// Returns true if floats keep the precision of the values.
   [[nodiscard]] bool fitsFloat() const {
     return isPacked() || type_ == NC_FLOAT || type_ == NC_BYTE || type_ == NC_UBYTE ||
            type_ == NC_SHORT || type_ == NC_USHORT;
   }
 
-  /// Returns true if the values are the stored whole numbers.
+  /// Returns true if the values are the stored numbers, and these are whole.
   [[nodiscard]] bool keepsWholeNumbers() const {
     return !isPacked() && type_ != NC_FLOAT && type_ != NC_DOUBLE;
   }
@@ -101,7 +101,7 @@ class Unpacking {
  private:
   [[nodiscard]] bool isPacked() const { return scale_ != 1.0 || offset_ != 0.0; }
 
-  /// Returns the library's fill value for unwritten values. Types of one byte do not have it.
+  /// Returns the library's fill value for a type; NaN for types of one byte, which have none.
   static double fillOf(nc_type type) {
     switch (type) {
       case NC_SHORT:
@@ -125,12 +125,12 @@ class Unpacking {
   double scale_ = 1.0;
   double offset_ = 0.0;
   std::vector<double> missing_;
-  double low_ = 0.0;  ///< Lowest valid stored number; `high_` is the highest one.
+  double low_ = 0.0;  ///< Lowest valid stored number; `high_`: the highest.
   double high_ = 0.0;
-  double turn_ = 0.0;  ///< Added to negative numbers, which stand for unsigned ones.
+  double turn_ = 0.0;  ///< Added to negative numbers if the values are unsigned.
 };
 
-/// Averages values on faces to the cells' centres. `faces` is 1 for axes with values on faces.
+/// Averages values on faces of cells to the centres. `faces` is 1 for axes with faces.
 Values averagedToCentres(const Values& values, const std::array<std::size_t, 3>& size,
                          const std::array<std::size_t, 3>& faces) {
   if (faces == std::array<std::size_t, 3>{}) return values;
@@ -264,7 +264,7 @@ class NetcdfReader final : public Reader {
                        [&](std::size_t a) { return file_.dimension(own[a]).centres >= 0; });
   }
 
-  /// The grid may be curvilinear if a variable states the longitude or the latitude of each point.
+  /// Returns true if a variable gives the longitude or latitude of each point.
   [[nodiscard]] bool isCurved(int v, const Field& field) const {
     const std::vector<int>& own = dimensionsOf(field);
     const std::array plane{file_.centresOf(own[field.axes[0]]),
@@ -322,7 +322,7 @@ class NetcdfReader final : public Reader {
         unknown.push_back(i);
       }
     }
-    // Unknown dimensions become x, y and z from the last one on, which is the fastest.
+    // Unknown dimensions become x, y and z, beginning with the last dimension, the fastest.
     for (std::optional<std::size_t>& axis : axes) {
       if (axis || unknown.empty()) continue;
       axis = unknown.back();
@@ -398,8 +398,8 @@ class NetcdfReader final : public Reader {
     return axis;
   }
 
-  /// Reads one step of a field with x fastest. Packed values are unpacked, and missing values are
-  /// NaN. Values on the faces of cells are averaged to the centres.
+  /// Reads one step of a field, x fastest. Unpacks packed values, sets missing values to NaN, and
+  /// averages values on faces of cells to the centres.
   void readValues(const Field& field, std::size_t step, Array& array,
                   std::vector<std::string>& notes) const {
     const std::vector<int>& own = dimensionsOf(field);
@@ -444,7 +444,7 @@ class NetcdfReader final : public Reader {
   std::optional<WrfGrid> wrf_;
   std::vector<Field> fields_;
   std::vector<std::string> left_;
-  std::vector<std::string> flat_;  ///< Variables with fewer than three dimensions of space.
+  std::vector<std::string> flat_;  ///< Variables with fewer than three dimensions in space.
   int time_ = -1;
   std::vector<double> times_;
 };

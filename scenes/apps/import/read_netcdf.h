@@ -1,4 +1,4 @@
-/// Private to the importer: opens formats in netCDF or HDF5 files, except Exodus II and CGNS.
+/// Private to the importer: opens formats in netCDF or HDF5, except Exodus II and CGNS.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@ namespace palpate::importer {
 /// Opens a file with CF conventions. Throws VolumeError.
 [[nodiscard]] std::unique_ptr<Reader> openCf(const Request& request);
 
-/// Opens an image in the format MINC 1. Returns null for other files.
+/// Opens an image in MINC 1. Returns null for other files.
 [[nodiscard]] std::unique_ptr<Reader> openMinc(const Request& request);
 
 /// Opens a file in VTK's HDF5 format (.vtkhdf). Returns null for other files.

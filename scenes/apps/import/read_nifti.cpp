@@ -1,6 +1,6 @@
 /// Reads NIfTI-1 and NIfTI-2 (nifti1.h and nifti2.h of nifti.nimh.nih.gov) without libnifti, which
-/// reads invalid values as zeros and reports damage only on standard error. The space is RAS (+x
-/// right, +y front, +z up): that of the sform, else of the qform, else of the spacing.
+/// reads invalid values as zeros and reports damage only on standard error. The transform to RAS
+/// (+x right, +y front, +z up) is the sform, otherwise the qform, otherwise the spacing.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -28,10 +28,10 @@ constexpr const char* kCheckWriter = "check the program that wrote the file";
 constexpr const char* kAsFsl =
     "along the voxel axes, as FSL writes them (x is mirrored if the axes are right-handed)";
 
-/// The numbers of a header, for both versions and both byte orders.
+/// The numbers of a header, independent of version and byte order.
 struct Header {
   bool swapped = false;
-  /// True if header and values are in one file; false for a pair .hdr and .img.
+  /// True if header and values are in one file; false for two files .hdr and .img.
   bool single = false;
   int intent = 0;
   int type = 0;
@@ -124,7 +124,7 @@ Header headerFrom(const std::array<char, 540>& bytes, bool second) {
   for (std::size_t i = 1; i < 8; ++i) {
     if (static_cast<std::int64_t>(i) > out.size[0]) out.size[i] = 1;
   }
-  // In a single file the values start behind the header.
+  // In a single file, the values cannot begin within the header.
   if (out.single) out.offset = std::max(out.offset, length + 4.0);
   return out;
 }
@@ -200,7 +200,7 @@ class NiftiReader final : public Reader {
     constexpr int kVector = 1007;
     if (size[4] == 3 && size[5] == 1 &&
         (header_.intent == kVector || header_.intent == kDisplacement)) {
-      // Some files store components as time steps; the intent code says that they are components.
+      // Some files store components as time steps. The intent code says that they are components.
       header_.size[5] = 3;
       header_.size[4] = 1;
       series_ = false;
@@ -231,7 +231,7 @@ class NiftiReader final : public Reader {
     notes_.push_back(std::string("components are read ") + kAsFsl);
   }
 
-  /// FSL's fibre directions are three volumes like a time series, with vectors of length 1 or 0.
+  /// FSL stores fibre directions as three volumes, like a series. Their vectors have length 1 or 0.
   void findDirections() {
     if (!series_ || header_.size[4] != 3 || header_.size[5] != 1 || !request_.as.empty()) return;
     if (type_ != Type::kFloat32 && type_ != Type::kFloat64) return;
@@ -311,7 +311,7 @@ class NiftiReader final : public Reader {
     }
   }
 
-  /// Checks that the file can hold the header's values, before memory is allocated.
+  /// Checks, before memory is allocated, that the file can hold the header's values.
   void weigh() const {
     const std::vector<double> sizes(header_.size.begin() + 1, header_.size.end());
     const double bytes = bytesOf(request_.file, sizes, header_.bits / 8.0);
@@ -322,7 +322,7 @@ class NiftiReader final : public Reader {
               isGzip(data) ? leastDeflated(least) : least);
   }
 
-  /// Returns the file with the values: for a pair name.hdr and name.img, the second one.
+  /// Returns the file with the values: name.img if the header is name.hdr.
   [[nodiscard]] fs::path dataFile() const {
     fs::path data = request_.file;
     const bool packed = data.extension() == ".gz";
@@ -336,7 +336,7 @@ class NiftiReader final : public Reader {
     return packed || fs::exists(gz, error) ? gz : data;
   }
 
-  /// The components of a voxel are separate volumes in the file.
+  /// Reads a step. In the file, each component is a separate volume.
   [[nodiscard]] Values readValues(std::size_t step, const Slab& slices) {
     const auto& size = header_.size;
     const std::size_t slice = static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(size[2]);
@@ -379,7 +379,7 @@ class NiftiReader final : public Reader {
     } catch (const std::bad_alloc&) {
       refuse("the values need more memory than is free", "export and import a smaller part");
     }
-    // Verifies the checksum of the whole file, once for all steps.
+    // Verifies the checksum of the whole file once.
     if (!sound_) in.finish();
     sound_ = true;
     if (header_.swapped) swapBytes(values.data(), values.size(), values.bytesEach());
@@ -402,7 +402,7 @@ class NiftiReader final : public Reader {
     if (header_.qform > 0) {
       const auto [b, c, d] = header_.quaternion;
       const double rest = 1.0 - (b * b + c * c + d * d);
-      // Without a remainder, the rotation is half a turn, with 0 as first component.
+      // If `rest` is 0, the rotation is by 180 degrees: the quaternion's first component is 0.
       Eigen::Quaterniond turn(std::sqrt(std::max(rest, 0.0)), b, c, d);
       map.linear = turn.normalized().toRotationMatrix();
       if (header_.spacing[0] < 0.0) map.linear.col(2) *= -1.0;
@@ -419,7 +419,7 @@ class NiftiReader final : public Reader {
     return map;
   }
 
-  /// Returns the axes of FSL's vectors: the voxel axes of the file, with x mirrored if they are
+  /// Returns the axes of FSL's vectors: the file's voxel axes, with x mirrored if they are
   /// right-handed (fsl.fmrib.ox.ac.uk, "What conventions do the bvecs use?").
   static Mat3 fslFrame(const Affine& map) {
     Mat3 axes = map.linear;
@@ -434,9 +434,9 @@ class NiftiReader final : public Reader {
   Type type_ = Type::kFloat32;
   Meaning meaning_ = Meaning::kScalar;
   bool series_ = false;
-  /// True if the volumes along the fourth dimension are components, not time steps.
+  /// True if the fourth dimension counts components, not time steps.
   bool as_components_ = false;
-  bool axial_ = false;  ///< True if the sign of the vectors has no meaning.
+  bool axial_ = false;  ///< True if vectors v and -v mean the same.
   bool sound_ = false;
   std::vector<std::string> notes_;
 };

@@ -128,7 +128,7 @@ class NrrdReader final : public Reader {
   void parse(std::vector<std::string> lines) {
     if (!tryParse(lines)) {
       const std::string why = teemError();
-      // NRRD forbids spacings beside space directions, but some programs write both.
+      // NRRD forbids spacings with space directions, but some programs write both.
       const auto begins = [](const std::string& line, const char* with) {
         return lowered(line).rfind(with, 0) == 0;
       };
@@ -201,7 +201,7 @@ class NrrdReader final : public Reader {
 
   void classify() {
     const int dim = static_cast<int>(nrrd_->dim);
-    const auto directed = [&](int axis) {  // true for directions in space, but not for time
+    const auto directed = [&](int axis) {  // false for an axis of time
       const double* d = axisAt(axis).spaceDirection;
       return nrrd_->spaceDim >= 3 && AIR_EXISTS(d[0]) &&
              (d[0] != 0.0 || d[1] != 0.0 || d[2] != 0.0);
@@ -216,14 +216,14 @@ class NrrdReader final : public Reader {
         const int kind = axisAt(a).kind;
         if (kind == nrrdKindSpace || kind == nrrdKindDomain) space.push_back(a);
       }
-      // In old files without kinds, the fourth axis is either an axis of components or a series.
+      // Old files have no kinds. Their fourth axis is either of components or a series.
       if (space.empty()) space = guess();
     }
     if (space.size() < 3) {
       refuse("the image has fewer than three axes of space",
              "give an image with three axes of space");
     }
-    // The last one of four domain axes without directions is time.
+    // Of four domain axes without directions, the last one is time.
     if (space.size() > 3 && (directed_ || space.size() > 4)) {
       refuse(fmt::format("the image has {} axes of space, not 3", space.size()),
              kCorrectNrrdHeader);
@@ -276,7 +276,7 @@ class NrrdReader final : public Reader {
            (series_ < 0 || sizeBetween(series_ + 1, static_cast<int>(nrrd_->dim)) == 1);
   }
 
-  /// Reads one step, components fastest. `slices` must be all slices, unless isInOrder() is true.
+  /// Reads one step, components fastest. Unless isInOrder() is true, `slices` must be all slices.
   Values readValues(std::size_t step, const Slab& slices) {
     const std::size_t size = nrrdElementSize(nrrd_.get());
     const std::size_t width = component_ < 0 ? 1 : axisAt(component_).size;
@@ -287,14 +287,14 @@ class NrrdReader final : public Reader {
       values = Values(*typeOf(nrrd_->type), static_cast<int>(width), points);
       auto* to = values.as<char>();
       if (isInOrder()) {
-        // For hexadecimal data, teem combines digits with the previous content, which must be 0.
+        // teem combines hexadecimal digits with the previous memory content, which must be 0.
         if (state_->encoding == nrrdEncodingHex) std::memset(to, 0, points * width * size);
         const std::size_t before =
             step * axisAt(space_[2]).size + static_cast<std::size_t>(slices.first);
         data_->read(before * slice * width, points * width, to);
         return values;
       }
-      // The values of a step are not contiguous. Keeps all data for the other steps.
+      // The values of a step are scattered, so reads all data and keeps them for the other steps.
       if (whole_.empty()) {
         whole_.resize(nrrdElementNumber(nrrd_.get()) * size);
         data_->read(0, nrrdElementNumber(nrrd_.get()), whole_.data());
@@ -319,7 +319,7 @@ class NrrdReader final : public Reader {
     return values;
   }
 
-  /// Returns an array that is not 0 where the mask excludes a tensor.
+  /// Returns an array that is not 0 where a tensor's mask excludes the tensor.
   static Values hiddenOf(const Values& masked) {
     Values hidden(Type::kUint8, 1, masked.tuples());
     auto* out = hidden.as<std::uint8_t>();
@@ -329,7 +329,7 @@ class NrrdReader final : public Reader {
 
   // ------------------------------------------------------------------ the space
 
-  /// Returns the rotation or reflection to RAS; without anatomical axes, to a right-handed space.
+  /// Returns the rotation or reflection to RAS; without anatomical axes, to right-handed axes.
   [[nodiscard]] Mat3 turn() const {
     switch (nrrd_->space) {
       case nrrdSpaceLeftPosteriorSuperior:
@@ -338,7 +338,7 @@ class NrrdReader final : public Reader {
       case nrrdSpaceLeftAnteriorSuperior:
       case nrrdSpaceLeftAnteriorSuperiorTime:
         return Vec3(-1.0, 1.0, 1.0).asDiagonal();
-      case nrrdSpace3DLeftHanded:  // W is right-handed: avoids a mirrored volume
+      case nrrdSpace3DLeftHanded:  // mirrored, because W is right-handed
       case nrrdSpace3DLeftHandedTime:
         return Vec3(1.0, -1.0, 1.0).asDiagonal();
       default:
@@ -406,7 +406,7 @@ class NrrdReader final : public Reader {
 
   static void placeAlong(int c, const NrrdAxisInfo& axis, Affine& map,
                          std::vector<std::string>& notes) {
-    // Without a stated centring, teem takes min and max as the faces of the outer voxels.
+    // If the centring is not stated, min and max are at the faces of the outer voxels, as in teem.
     const bool node = axis.center == nrrdCenterNode;
     double spacing = axis.spacing;
     if (!AIR_EXISTS(spacing) && AIR_EXISTS(axis.min) && AIR_EXISTS(axis.max)) {
@@ -421,7 +421,7 @@ class NrrdReader final : public Reader {
     if (AIR_EXISTS(axis.min)) map.origin[c] = axis.min + (node ? 0.0 : 0.5 * spacing);
   }
 
-  /// Converts vectors and tensors to RAS, without masks, with symmetric tensors in VTK's order.
+  /// Converts vectors and tensors to RAS. Drops masks; symmetric tensors get VTK's order.
   Values inSpace(Values values, Content& content) const {
     if (meaning_ == Meaning::kScalar) return values;
     if (meaning_ != Meaning::kVector) {
@@ -432,7 +432,7 @@ class NrrdReader final : public Reader {
       for (int& c : order) c += skip;
       if (symmetric || skip > 0) values = picked(values, order);
     }
-    // measurementFrame stores columns: M(row, column) is measurementFrame[column][row].
+    // measurementFrame consists of columns: M(row, column) is measurementFrame[column][row].
     Mat3 M = Mat3::Identity();
     const auto& frame = nrrd_->measurementFrame;
     if (nrrd_->spaceDim >= 3 && AIR_EXISTS(frame[0][0])) {

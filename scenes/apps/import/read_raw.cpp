@@ -1,4 +1,4 @@
-/// Reads files without a header. The user states the layout of their values.
+/// Reads files without a header, whose layout the user states.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -39,7 +39,7 @@ struct Layout {
   bool big_endian = false;
   int components = 1;
   bool planar = false;  ///< True if all x components come first, then all y, then all z.
-  /// Number of bytes before the values; -1: the values are at the end of the file.
+  /// Number of bytes before the values; -1: the values end at the end of the file.
   std::int64_t skip = 0;
   std::string after;
   Affine map;
@@ -47,7 +47,7 @@ struct Layout {
   std::string length_unit;
 };
 
-/// Parses a layout. Each error names the key that causes it.
+/// Parses a layout. Each error names the key at fault.
 class LayoutParser {
  public:
   LayoutParser(const Json& json, std::string source) : json_(json), source_(std::move(source)) {}
@@ -155,7 +155,7 @@ class LayoutParser {
 
   void parseSkip(Layout& layout) const {
     const Json& skip = json_["skip"];
-    constexpr double kMost = 1e18;  // [bytes]: a greater number is an error
+    constexpr double kMost = 1e18;  // [bytes]: larger numbers are errors
     if (skip.is_number_integer() && skip.get<double>() >= -1.0 && skip.get<double>() < kMost) {
       layout.skip = skip.get<std::int64_t>();
     } else if (skip.is_object() && skip.size() == 1 && skip.contains("after") &&
@@ -205,7 +205,7 @@ Layout layoutOf(const std::string& raw) {
 std::uint64_t offsetOf(std::ifstream& in, const Layout& layout, std::uint64_t needed,
                        std::uint64_t have, const std::string& file) {
   if (!layout.after.empty()) {
-    // Searches the first megabyte, because text headers are short.
+    // Searches only the first megabyte, because headers are short.
     std::string head(std::min<std::uint64_t>(have, 1U << 20U), '\0');
     in.read(head.data(), static_cast<std::streamsize>(head.size()));
     const auto at = head.find(layout.after);
@@ -274,7 +274,7 @@ class RawReader final : public Reader {
   }
 
  private:
-  /// Interleaves planar components. Reads from point `first` on, of `points` in the image.
+  /// Reads values from point `first` of `points` on. Interleaves planar components.
   void readValues(std::ifstream& in, std::uint64_t offset, std::uint64_t points,
                   std::uint64_t first, const Values& values) const {
     const std::size_t width = layout_.type.bytes;

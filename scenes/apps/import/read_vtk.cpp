@@ -56,14 +56,14 @@ double cellsOf(const std::string& extent) {
          (static_cast<double>(e[5]) - e[4]);
 }
 
-/// VTK would leave memory uninitialized if the pieces of a file do not cover its whole extent.
+/// Throws unless the pieces of a file cover its extent: VTK would not initialize the other memory.
 void checkPieces(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::regex whole_extent("WholeExtent=\"([^\"]*)\"");
   const std::regex piece_extent("<Piece[^>]*[ \t]Extent=\"([^\"]*)\"");
   double whole = 0.0;
   double pieces = 0.0;
-  // Reads up to each ">": tags are short, but the content between tags can be long.
+  // Reads each tag up to ">" and skips the content between tags, which can be long.
   std::string tag;
   while (in.ignore(std::numeric_limits<std::streamsize>::max(), '<') && in.good()) {
     if (in.peek() == '_') break;

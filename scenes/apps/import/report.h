@@ -13,7 +13,7 @@ namespace palpate::importer {
 
 [[nodiscard]] std::uint64_t peakMemory();
 
-/// Returns the report in the format that docs/formats.md defines, without the entry memory.peak.
+/// Returns the report in the format of docs/formats.md, without the key memory.peak.
 [[nodiscard]] nlohmann::ordered_json jsonOf(const std::filesystem::path& out, const Step& step);
 
 }  // namespace palpate::importer

@@ -7,17 +7,17 @@
 
 namespace palpate::importer {
 
-/// Errors of resampling, divided by the range of the values. They compare trilinear interpolation
-/// with the mesh's own, at random places, or with an image's values, at its voxels.
+/// Errors of trilinear interpolation after resampling, divided by the range of the values. Compares
+/// with a mesh's own interpolation, at random points, or with an image's voxels.
 struct ResamplingError {
   double rms = 0.0;
   double largest = 0.0;
-  std::uint64_t points = 0;  ///< Number of places where all 8 surrounding voxels have data.
-  /// Errors in the outermost voxel of a mesh, where the interpolation also reads the background.
+  std::uint64_t points = 0;  ///< Number of points whose 8 surrounding voxels all have data.
+  /// Errors in the outermost voxel of a mesh, which depend on the background too.
   double edge_rms = 0.0;
   double edge_largest = 0.0;
   std::uint64_t edge_points = 0;
-  /// Number of places in the mesh where no surrounding voxel has data.
+  /// Number of points in the mesh whose surrounding voxels all lack data.
   std::uint64_t lost_points = 0;
 };
 

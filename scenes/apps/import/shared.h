@@ -1,4 +1,4 @@
-/// Divides an image among the ranks of a process group, by slices along k, the slowest axis.
+/// Divides an image among the ranks of a process group: by slices along k, the slowest axis.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace palpate::importer {
 
-/// One rank of a process group. Results for the whole image do not depend on the number of ranks.
+/// One rank of a process group. Results for the whole image are the same for any number of ranks.
 class Shared {
  public:
   explicit Shared(ProcessGroup& group) : group_(&group) {}
@@ -28,7 +28,7 @@ class Shared {
     const int first = static_cast<int>(share.first) * kBrickSide;
     return {first, std::min(static_cast<int>(share.end) * kBrickSide, slices) - first};
   }
-  /// Returns own() with `more` slices on each side. If own() is empty, so is the result.
+  /// Returns own() and `more` slices on each side; empty if own() is empty.
   [[nodiscard]] Slab own(int slices, std::size_t more) const {
     const Slab mine = own(slices);
     if (mine.count == 0) return mine;

@@ -7,7 +7,7 @@
 
 namespace palpate::importer {
 
-/// Reports the progress of several threads. A thread does not wait while another one reports.
+/// Reports the total progress of several threads. If a thread is reporting, others do not wait.
 class SharedProgress {
  public:
   SharedProgress(const Progress& progress, int steps) : progress_(progress), steps_(steps) {}

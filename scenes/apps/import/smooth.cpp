@@ -21,11 +21,11 @@
 namespace palpate::importer {
 namespace {
 
-/// A line of points along one axis of an image.
+/// A line of points along an axis of an image.
 struct Line {
   float* first = nullptr;
   std::size_t count = 0;
-  std::size_t stride = 0;  ///< Distance in memory from one point of the line to the next [floats].
+  std::size_t stride = 0;  ///< Distance in memory between points of the line [floats].
   std::size_t components = 1;
 };
 
@@ -98,7 +98,7 @@ Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
   const Values now = slicesOf(image, after, own);
   const auto* from = old.as<float>();
   const auto* to = now.as<float>();
-  // Adds up each slice first, so that the total does not depend on the number of ranks.
+  // Sums each slice first, so that the total does not depend on the number of ranks.
   const std::size_t each = own.count == 0 ? 0 : now.size() / static_cast<std::size_t>(own.count);
   std::vector<double> sums;
   for (std::size_t i = 0; i < now.size();) {
@@ -152,8 +152,8 @@ Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
 
 Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
                      const std::string& file, const Progress& progress, const Shared& shared) {
-  // Converts to floats in place of the original. An array may need most of the available memory, so
-  // only one copy is made.
+  // Frees the original when it is converted to floats: an array may need most of the memory, so
+  // only one copy is possible.
   array.values = floatsOf(array.values);
   const Values original = array.values;
   const auto* before = original.as<float>();

@@ -10,24 +10,24 @@ namespace palpate::importer {
 
 struct Smoothed {
   double rms_change = 0.0;
-  double range = 0.0;  ///< Highest minus lowest value; for vectors, the greatest length.
+  double range = 0.0;  ///< Highest minus lowest value; for vectors, the greatest magnitude.
 };
 
 /// Smooths the array along i, j and k in turn, up to three standard deviations, and converts it to
-/// floats. At the edges of the image, the weights are scaled to the sum 1. Needs memory for one
-/// copy. Throws VolumeError for hidden values, and for values that are not finite.
+/// floats. At the image's edges, the weights are scaled to the sum 1. Needs memory for one copy.
+/// Throws VolumeError for hidden values, and for values that are not finite.
 ///
-/// In a process group, the slices of a rank are correct only if smoothingReach() more slices on
-/// each side are in memory. The returned changes are those of all ranks together.
-/// @param width  Standard deviation. In the file's unit, it is the same length along each axis.
+/// In a process group, a rank's slices are correct only if smoothingReach() more slices on each
+/// side are in memory. The returned changes are those of all ranks.
+/// @param width  Standard deviation; in the file's unit, the same length along each axis.
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
                                    const std::string& file, const Progress& progress = nullptr);
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
                                    const std::string& file, const Progress& progress,
                                    const Shared& shared);
 
-/// Returns the number of slices that the filter reads on each side, for an image with this
-/// transform and this number of slices.
+/// Returns the number of slices that the filter reads on each side of a slice, for an image with
+/// this transform and `slices` slices.
 [[nodiscard]] std::size_t smoothingReach(const Affine& file_from_index, int slices,
                                          const SmoothWidth& width);
 

@@ -37,7 +37,7 @@ Diffusion diffusionOf(const Mat3& D) {
   Diffusion out;
   const double size = D.cwiseAbs().maxCoeff();
   if (!D.allFinite() || !(size > 0.0)) return out;
-  // Scales the tensor to about 1: diffusivities of about 1e-9 m^2/s would lose accuracy.
+  // Scales the tensor to about 1, because diffusivities near 1e-9 m^2/s would lose accuracy.
   const Mat3 S = (D + D.transpose()) / (2.0 * size);
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(S);
   const Vec3& values = solver.eigenvalues();  // in ascending order
@@ -48,7 +48,7 @@ Diffusion diffusionOf(const Mat3& D) {
     const Vec3 between(lambda[0] - lambda[1], lambda[1] - lambda[2], lambda[2] - lambda[0]);
     out.anisotropy = std::min(std::sqrt(0.5) * between.norm() / norm, 1.0);
   }
-  // If all eigenvalues are equal, the solver's direction depends on rounding errors.
+  // If all eigenvalues are equal, rounding errors determine the direction, so it stays zero.
   constexpr double kSame = 1e-6;
   if (!(values[2] > 0.0) || values[2] - values[0] <= kSame * values[2]) return out;
   out.direction = solver.eigenvectors().col(2).normalized();

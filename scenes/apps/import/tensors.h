@@ -9,9 +9,9 @@
 namespace palpate::importer {
 
 struct Diffusion {
-  /// Unit vector. Its sign has no meaning: the first component that is not 0 is positive.
+  /// Unit vector, whose sign has no meaning. The first component that is not 0 is positive.
   Vec3 direction = Vec3::Zero();
-  /// Fractional anisotropy, from 0 (equal in all directions) to 1 (diffusion along a line only).
+  /// Fractional anisotropy, from 0 (equal in all directions) to 1 (diffusion only along a line).
   double anisotropy = 0.0;
   double diffusivity = 0.0;  ///< Mean diffusivity: a third of the trace.
 };
@@ -25,7 +25,7 @@ struct Diffusion {
 /// All are zero for a tensor that is zero or not finite. The direction is zero if a = c or a <= 0.
 [[nodiscard]] Diffusion diffusionOf(const Mat3& D);
 
-/// Derives NAME_direction, NAME_anisotropy and NAME_diffusivity from tensors with 9 components row
+/// Derives NAME_direction, NAME_anisotropy and NAME_diffusivity from tensors with 9 components, row
 /// by row, or 6 in VTK's order.
 [[nodiscard]] std::array<Array, 3> diffusionOf(const Array& tensors);
 

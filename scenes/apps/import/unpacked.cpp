@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::size_t kChunk = 1U << 18U;
 
-/// Tests for two magic bytes, the method deflate, and three flag bits that must be 0.
+/// Returns true for two magic bytes, the method deflate, and three flag bits that must be 0.
 bool beginsAsGzip(std::istream& in) {
   std::array<unsigned char, 4> head{};
   in.read(reinterpret_cast<char*>(head.data()), head.size());
@@ -71,7 +71,7 @@ void Unpacked::refuse(const std::string& why) const {
                     "copy or export the file again");
 }
 
-/// Reads more compressed bytes if all bytes so far were used. Returns false at the end of the file.
+/// Reads more compressed bytes if none are left. Returns false at the end of the file.
 bool Unpacked::refill() {
   z_stream& stream = inflater_->stream;
   if (stream.avail_in > 0) return true;
@@ -92,7 +92,7 @@ std::size_t Unpacked::inflateSome(void* to, std::size_t bytes) {
     if (!refill()) refuse("is truncated: the packed values end too early");
     const int state = inflate(&stream, Z_NO_FLUSH);
     if (state == Z_STREAM_END) {
-      // Another gzip member may follow, as in files of bgzip. Ignores other bytes.
+      // Another gzip member may follow, as in files of bgzip. All other bytes are ignored.
       inflater_->ended = !inflater_->gzip || !refill() || *stream.next_in != 0x1f;
       if (!inflater_->ended) inflateReset(&stream);
     } else if (state != Z_OK) {

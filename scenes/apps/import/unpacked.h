@@ -13,7 +13,7 @@
 
 namespace palpate::importer {
 
-/// Returns true if the file begins with a gzip header. Its name does not matter.
+/// Returns true if the file begins with a gzip header, whatever its name.
 [[nodiscard]] bool isGzip(const std::filesystem::path& file);
 
 enum class Packing : std::uint8_t {
@@ -21,23 +21,23 @@ enum class Packing : std::uint8_t {
   kExpected,  ///< Gzip or zlib.
 };
 
-/// Reads a file to its end. The bytes of a compressed file are reliable only after finish(). All
-/// functions throw VolumeError, which names `header`, if the file is damaged or ends too early.
+/// Reads a file, and decompresses it. Bytes of a compressed file are verified only by finish(). All
+/// functions throw VolumeError, which names `header`, if the file is damaged or too short.
 class Unpacked {
  public:
-  /// Opens a data file, which may be the header file, and skips its first `offset` bytes.
+  /// Opens a data file, which may be the header file itself, and skips its first `offset` bytes.
   Unpacked(std::filesystem::path header, std::filesystem::path data,
            Packing packing = Packing::kAsFound, std::uint64_t offset = 0);
   Unpacked(const Unpacked&) = delete;
   Unpacked& operator=(const Unpacked&) = delete;
   ~Unpacked();
 
-  /// Reads up to `bytes` bytes. Returns their number, which is smaller only at the data's end.
+  /// Reads up to `bytes` bytes. Returns their number, which is smaller only at the end of the data.
   std::size_t readSome(void* to, std::size_t bytes);
   void read(void* to, std::size_t bytes, const Progress& progress = nullptr);
   void skip(std::uint64_t bytes);
-  /// Reads to the end and verifies the checksums of a compressed file. Returns the number of bytes
-  /// read in all.
+  /// Reads to the end, and verifies the checksums of a compressed file. Returns the total number of
+  /// bytes read.
   std::uint64_t finish();
 
  private:

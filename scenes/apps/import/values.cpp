@@ -14,7 +14,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Size of a number of each Type [bytes], in the order of the enumerators.
+/// Size of a number of each Type [bytes], in the order of Type.
 constexpr std::array<std::size_t, 10> kBytes{1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
 
 /// Calls body(first, end) in parallel for ranges that together cover [0, count).
@@ -25,7 +25,7 @@ void forParts(std::size_t count, const Body& body) {
       [&](const tbb::blocked_range<std::size_t>& part) { body(part.begin(), part.end()); });
 }
 
-/// Returns the greatest magnitude of slope * value + offset over all finite values, or 0.
+/// Returns the greatest magnitude of slope * value + offset over all finite values; 0 without any.
 double greatest(const Values& values, double slope, double offset) {
   return visit(values, [&](const auto* data) {
     return tbb::parallel_reduce(
@@ -106,9 +106,9 @@ Loss floatLoss(const Values& values, double slope, double offset) {
     return kLossBeyond;
   }
   if (!whole) return "";
-  // 2^24: greatest number up to which a float represents all whole numbers
+  // 2^24: up to this number, a float represents all whole numbers
   constexpr double kFloat = 16777216.0;
-  // 2^53: the same for double, the type in which slope and offset are applied
+  // 2^53: the same for doubles, in which slope and offset are applied
   constexpr double kDouble = 9007199254740992.0;
   if (!scaled) return most > kFloat ? "whole numbers above 16,777,216 are rounded" : "";
   const bool rounded = (slope != 0.0 && most > kFloat * std::abs(slope)) ||

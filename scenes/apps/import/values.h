@@ -1,4 +1,4 @@
-/// Arrays of numbers as files store them, with conversions of scale and space.
+/// Arrays of numbers as files store them, and conversions of their scale and space.
 #pragma once
 
 #include <cstddef>
@@ -24,20 +24,20 @@ enum class Type : std::uint8_t {
   kFloat64
 };
 
-/// Message about numbers that a float cannot represent, or "".
+/// Message about numbers that a float cannot represent; empty: none.
 using Loss = std::string;
 
-/// The most serious loss: values become missing data. Other losses only round values.
+/// The most serious loss: values become missing. All other losses only round values.
 inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are read as missing";
 
-/// Tuples of numbers of one type. Copies share the memory. Keeps the message about losses of its
-/// conversion to float, so that each reader reports it.
+/// Tuples of numbers of one type. Copies share the memory. Stores the message about losses when it
+/// is converted to float, so that every reader reports them.
 class Values {
  public:
   Values() = default;
-  /// Allocates memory for values, which the caller fills in. Throws std::bad_alloc.
+  /// Allocates memory, which the caller fills. Throws std::bad_alloc.
   Values(Type type, int components, std::size_t tuples);
-  /// Uses memory of another owner. The array keeps that memory alive by its copy of `data`.
+  /// Uses memory of another owner, which `data` keeps alive.
   Values(Type type, int components, std::size_t tuples, std::shared_ptr<void> data);
 
   [[nodiscard]] bool none() const { return data_ == nullptr; }
@@ -53,12 +53,12 @@ class Values {
   }
 
   [[nodiscard]] void* data() const { return data_.get(); }
-  /// The numbers must have the type T.
+  /// Returns the numbers, which must have the type T.
   template <class T>
   [[nodiscard]] T* as() const {
     return static_cast<T*>(data_.get());
   }
-  /// Returns the tuples [first, first + count). The result shares the memory.
+  /// Returns the tuples [first, first + count), in the same memory.
   [[nodiscard]] Values part(std::size_t first, std::size_t count) const;
   [[nodiscard]] double at(std::size_t tuple, int component) const;
 
@@ -70,7 +70,7 @@ class Values {
   Loss lost_;
 };
 
-/// Calls f with a pointer to the numbers. The pointer has their type.
+/// Calls f with a pointer to the numbers, whose type is theirs.
 template <class F>
 auto visit(const Values& values, F&& f) {
   switch (values.type()) {
@@ -98,27 +98,27 @@ auto visit(const Values& values, F&& f) {
   return f(values.as<double>());
 }
 
-/// Returns the loss of converting slope * value + offset to float, or else the earlier loss.
+/// Returns the loss if slope * value + offset is converted to float; if none, the earlier loss.
 [[nodiscard]] Loss floatLoss(const Values& values, double slope = 1.0, double offset = 0.0);
 
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each);
 
-/// For `picked`: indices of an upper triangle (xx xy xz yy yz zz) and of a lower triangle (xx yx yy
-/// zx zy zz) in VTK's order xx yy zz xy yz xz.
+/// Orders for `picked`: from an upper triangle (xx xy xz yy yz zz) or a lower triangle (xx yx yy zx
+/// zy zz) to VTK's order xx yy zz xy yz xz.
 inline const std::vector<int> kUpperTriangle{0, 3, 5, 1, 4, 2};
 inline const std::vector<int> kLowerTriangle{0, 2, 5, 1, 4, 3};
 
-/// Returns slope * value + offset as floats, or the values themselves if they do not change. As in
-/// NIfTI and MetaImage, a slope that is 0 or not finite means no scaling.
+/// Returns slope * value + offset as floats, or the values themselves if they stay equal. As in
+/// NIfTI and MetaImage, a slope of 0 or a slope that is not finite means no scaling.
 [[nodiscard]] Values rescaled(const Values& values, double slope, double offset);
 
-/// Returns the values as floats; if they are floats, the values themselves.
+/// Returns the values as floats; floats are returned without a copy.
 [[nodiscard]] Values floatsOf(const Values& values);
 
 /// Returns values in which component c is component order[c] of `values`.
 [[nodiscard]] Values picked(const Values& values, const std::vector<int>& order);
 
-/// Returns M v for vectors, M D M^T for tensors. Changes floats and doubles in place, and converts
+/// Returns M v for vectors and M D M^T for tensors. Changes floats and doubles in place; converts
 /// other types to floats. Returns the values themselves if M is the identity.
 [[nodiscard]] Values turned(const Values& values, const Mat3& M);
 

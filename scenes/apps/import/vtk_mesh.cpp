@@ -1,4 +1,4 @@
-/// Resamples meshes on cubic voxels. Voxels outside the mesh stay inactive.
+/// Resamples meshes to cubic voxels. Voxels outside the mesh are inactive.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -35,10 +35,10 @@ using openvdb::Vec3d;
 using ScalarTree = openvdb::FloatTree;
 using VectorTree = openvdb::Vec3STree;
 
-/// Tolerance for the first voxels, which lie on the mesh's bounds, in parametric coordinates.
+/// Tolerance in parametric coordinates, for the first voxels, which are on the mesh's bounds.
 constexpr double kOutside = 1e-5;
 
-/// VTK stores bounds axis by axis, the lower one before the upper one.
+/// VTK stores bounds axis by axis, first the lower one.
 double low(const double bounds[6], int axis) {
   return bounds[static_cast<std::ptrdiff_t>(2) * axis];
 }
@@ -49,7 +49,7 @@ double volumeOf(const double bounds[6]) {
   return (bounds[1] - bounds[0]) * (bounds[3] - bounds[2]) * (bounds[5] - bounds[4]);
 }
 
-/// Data of one thread. VTK writes its state into `cell` when it locates a place.
+/// Data of one thread. VTK writes into `cell` when it locates a point.
 struct Worker {
   vtkNew<vtkGenericCell> cell;
   vtkNew<vtkIdList> candidates;
@@ -67,7 +67,7 @@ bool weighAt(const Vec3d& p, Worker& worker) {
   const int found =
       worker.cell->EvaluatePosition(x, closest, part, parametric, distance2, worker.weights.data());
   if (found < 0 || !isInsideCell(worker.cell->GetCellType(), parametric, kOutside)) return false;
-  // For a place just outside a cell, VTK does not compute the weights of all cell types.
+  // Just outside a cell, VTK does not compute the weights for all types of cells.
   if (found == 0) worker.cell->InterpolateFunctions(parametric, worker.weights.data());
   return true;
 }
@@ -113,7 +113,7 @@ class Sheet {
     return leaf;
   }
 
-  /// Returns false, and leaves the voxel without data, if the value is not finite.
+  /// Sets a voxel. Returns false, and leaves it without data, if the value is not finite.
   [[nodiscard]] bool set(Leaf& leaf, unsigned offset, const Worker& worker) const {
     if (vector_) {
       openvdb::Vec3f v;
@@ -136,7 +136,7 @@ class Sheet {
   bool vector_;
 };
 
-/// Returns the median of the active values beside inactive voxels, at the edge of the data.
+/// Returns the median of the active values beside inactive voxels.
 float edgeValue(const openvdb::FloatGrid& grid) {
   std::vector<float> edge;
   const auto accessor = grid.getConstAccessor();
@@ -174,7 +174,7 @@ int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   return count;
 }
 
-/// Returns a random sample of cells, the same in each run.
+/// Returns a random sample of cells, the same in every run.
 std::vector<vtkIdType> someCells(vtkIdType cells) {
   constexpr vtkIdType kMost = 20000;
   std::vector<vtkIdType> some;
@@ -201,7 +201,7 @@ struct Place {
   }
 };
 
-/// Returns random places inside the mesh, for all arrays.
+/// Returns random points inside the mesh, used for all arrays.
 std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
   constexpr int kCount = 50000;
   std::mt19937_64 random(2);
@@ -248,7 +248,7 @@ Differences compare(const std::vector<Place>& places, const Values& values, cons
   return differences;
 }
 
-/// Returns the volume of a cell: the sum of the tetrahedra into which VTK splits it.
+/// Returns the volume of a cell: the sum of the tetrahedra into which VTK divides it.
 double solidVolume(vtkCell* cell, vtkIdList* points, vtkPoints* corners) {
   cell->Triangulate(0, points, corners);
   double volume = 0.0;
@@ -262,7 +262,7 @@ double solidVolume(vtkCell* cell, vtkIdList* points, vtkPoints* corners) {
   return volume;
 }
 
-/// Rounds to two digits, so that a user can easily type the number.
+/// Rounds to two digits, so that the number is easy to type.
 double twoDigits(double x, double (*to_whole)(double)) {
   const double digit = std::pow(10.0, std::floor(std::log10(x)) - 1.0);
   return to_whole(x / digit) * digit;
@@ -292,7 +292,7 @@ SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   out.by_cell = twoDigits(
       std::clamp(0.5 * std::cbrt(quantile(volumes, 0.5)), longest / 512.0, longest / 32.0),
       [](double x) { return std::round(x); });
-  // Scales the volume of the sampled cells to all cells, for the share of voxels in the mesh.
+  // Scales the volume of the sample to all cells, to find the fraction of voxels in the mesh.
   solid *= static_cast<double>(mesh->GetNumberOfCells()) / static_cast<double>(some.size());
   const auto voxels_of = [&](double edge) {
     double count = std::min(solid / volumeOf(bounds), 1.0);
@@ -317,7 +317,7 @@ class MeshResampler {
   MeshResampler(vtkDataSet* mesh, const std::vector<Array>& arrays, double voxel,
                 const std::string& file)
       : mesh_(mesh), file_(file), voxel_(voxel), holes_(arrays.size()) {
-    // The first calls prepare data of the mesh. Later calls only read these, on several threads.
+    // VTK computes data of the mesh in the first calls; later calls, on several threads, only read.
     mesh->ComputeBounds();
     mesh->GetCell(0, vtkNew<vtkGenericCell>());
     mesh->GetBounds(bounds_);
@@ -368,7 +368,7 @@ class MeshResampler {
     });
   }
 
-  /// Returns a leaf for each grid; an empty list if no cell reaches the voxels of the leaf.
+  /// Returns a leaf for each grid; empty if no cell reaches the leaf's voxels.
   std::vector<Sheet::Leaf> fillLeaf(const Coord& origin, Worker& worker) {
     const Vec3d lower = transform_->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
     const Vec3d upper = transform_->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
@@ -376,7 +376,7 @@ class MeshResampler {
     locator_->FindCellsWithinBounds(box, worker.candidates);
     std::vector<Sheet::Leaf> here;
     if (worker.candidates->GetNumberOfIds() == 0) return here;
-    // takes the first of several cells in a fixed order, independent of the locator
+    // the first of several cells is then the same for every locator
     worker.candidates->Sort();
 
     openvdb::util::NodeMask<3> taken;
@@ -429,7 +429,7 @@ class MeshResampler {
     }
     grid->setTransform(transform_->copy());
     takeRange(*grid, one.made);
-    // Interpolation beside voxels without data reads the background, so this is a typical value.
+    // A typical value, because interpolation beside voxels without data reads the background.
     if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
       one.made.background = edgeValue(*grid);
       openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
@@ -459,7 +459,7 @@ class MeshResampler {
   std::vector<Sheet> sheets_;
   std::vector<std::vector<std::vector<Sheet::Leaf>>>
       made_;  ///< Leaves, by row along x, leaf and sheet.
-  /// For each array, number of voxels in the mesh with values that are not finite.
+  /// For each array, number of voxels in the mesh whose values are not finite.
   std::vector<std::atomic<std::uint64_t>> holes_;
   std::atomic<std::uint64_t> inside_{0};
 };

@@ -38,7 +38,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Largest distance of a point from the lattice of an image, relative to a voxel's edge.
+/// Largest distance of a point from an image's lattice, relative to a voxel's edge.
 constexpr double kStraight = 1e-5;
 
 Vec3 pointOf(vtkDataSet* data, vtkIdType index) {
@@ -56,13 +56,13 @@ Affine mapOf(vtkImageData* image) {
     }
     map.origin[row] = matrix->GetElement(row, 3);
   }
-  // The index of the first point may differ from 0.
+  // The first point need not have the index 0.
   const int* extent = image->GetExtent();
   map.origin += map.linear * Vec3(extent[0], extent[2], extent[4]);
   return map;
 }
 
-/// Returns the transform of a grid if its points form an even lattice; otherwise no value.
+/// Returns the transform of a grid whose points form an even lattice; no value for other grids.
 std::optional<Affine> straightMapOf(vtkDataSet* grid, const std::array<int, 3>& size) {
   const auto at = [&](vtkIdType i, vtkIdType j, vtkIdType k) {
     return pointOf(grid, (k * size[1] + j) * size[0] + i);
@@ -84,12 +84,12 @@ std::optional<Affine> straightMapOf(vtkDataSet* grid, const std::array<int, 3>& 
   return map;
 }
 
-/// Returns true for arrays with the numbers of points or cells, which are not imported.
+/// Returns true for an array that numbers points or cells, which is not imported.
 bool isNumbering(vtkDataSetAttributes* attributes, vtkDataArray* array) {
   return array == attributes->GetGlobalIds() || array == attributes->GetPedigreeIds();
 }
 
-/// Rejects arrays of a wrong length, because VTK would read beyond the end of a short one.
+/// Rejects arrays of a wrong length: VTK would read beyond the end of a short one.
 void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::string& file) {
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = attributes->GetArray(a);
@@ -102,7 +102,7 @@ void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::
   }
 }
 
-/// Returns the arrays of the points or cells, without arrays that VTK has added.
+/// Returns the arrays of points or cells, except those that VTK has added.
 std::vector<Array> arraysOf(vtkDataSetAttributes* attributes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
@@ -115,7 +115,7 @@ std::vector<Array> arraysOf(vtkDataSetAttributes* attributes) {
   return arrays;
 }
 
-/// Returns an array that is not 0 without data; empty if all have data.
+/// Returns an array that is not 0 at points without data; empty if all have data.
 Values hiddenOf(vtkDataSetAttributes* attributes, int bits) {
   auto* ghosts = vtkUnsignedCharArray::SafeDownCast(
       attributes->GetArray(vtkDataSetAttributes::GhostArrayName()));
@@ -146,7 +146,7 @@ void visitCorners(const std::array<int, 3>& size, Visit visit) {
   }
 }
 
-/// Hides cells that have a hidden point, and points that have only hidden cells.
+/// Hides cells with a hidden point, and points whose cells are all hidden.
 void hideBoth(Piece& image, Piece& cells) {
   const auto all = [](const Piece& piece, std::uint8_t value) {
     Values out(Type::kUint8, 1,
@@ -176,7 +176,7 @@ void hideBoth(Piece& image, Piece& cells) {
   }
 }
 
-/// Adds an image. Data of cells become a second image, at the centres of the cells.
+/// Adds an image. Values of cells become a second image, at the centres of the cells.
 void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
                const std::string& file, std::vector<Piece>& pieces) {
   checkLengths(data->GetPointData(), data->GetNumberOfPoints(), file);
@@ -235,9 +235,9 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
   return true;
 }
 
-/// Copies a mesh, and prepares the values of its cells for averages: fill values become NaN, and an
-/// offset is subtracted from large whole numbers.
-/// @param offsets  Gets the offsets, by the arrays' names.
+/// Copies a mesh, and prepares the values of its cells for averages: replaces fill values by NaN,
+/// and subtracts an offset from large whole numbers.
+/// @param offsets  Receives the offsets, by array name.
 vtkSmartPointer<vtkDataSet> prepareCells(vtkDataSet* mesh, const std::vector<std::string>& names,
                                          std::map<std::string, double>& offsets,
                                          std::vector<std::string>& notes) {
@@ -329,7 +329,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   return piece;
 }
 
-/// Uses size and sign, because VTK has several names for the same integer type.
+/// Finds the type by size and sign, because VTK has several names for the same integer type.
 Type typeOf(vtkDataArray* values) {
   const bool is_signed = values->GetDataTypeMin() < 0.0;
   switch (values->GetDataType()) {

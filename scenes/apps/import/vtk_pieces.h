@@ -1,4 +1,4 @@
-/// Converts data of VTK to the pieces of the importer: images, and meshes that are resampled later.
+/// Converts data of VTK to the importer's pieces: images, and meshes that are resampled later.
 #pragma once
 
 #include <string>
@@ -11,15 +11,15 @@
 
 namespace palpate::importer {
 
-/// Returns values that share the memory of a VTK array.
+/// Returns values in the memory of a VTK array.
 [[nodiscard]] Values valuesOf(vtkDataArray* values);
 
 /// Splits a vtkDataSet or a composite data set into pieces.
 ///
 /// Rectilinear and curvilinear grids become images if their points form an even lattice. The cell
-/// data of an image become a second image, at the centres of the cells. The cell data of a mesh
-/// move to its points. All meshes are joined. Adds notes about conversions and omitted arrays.
-/// Throws VolumeError for data without a volume.
+/// values of an image become a second image, at the centres of the cells. The cell values of a mesh
+/// are averaged to its points. All meshes are joined. Adds notes about conversions and omitted
+/// arrays. Throws VolumeError for data without a volume.
 [[nodiscard]] std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
                                           std::vector<std::string>& notes);
 

@@ -17,7 +17,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns the part "what" of a VTK message "ERROR: In FILE, line N\nvtkClass (0x...): what\n\n".
+/// Returns the part "what" of VTK's message "ERROR: In FILE, line N\nvtkClass (0x...): what\n\n".
 std::string shortened(const std::string& text) {
   std::string out = text;
   if (out.rfind("ERROR: In ", 0) == 0 || out.rfind("Warning: In ", 0) == 0 ||
@@ -34,7 +34,7 @@ std::string shortened(const std::string& text) {
                           out.back() == '.' || out.back() == '!')) {
     out.pop_back();
   }
-  // Replaces control characters, because the message may quote a damaged file.
+  // Replaces other than printable ASCII characters: the message may quote a damaged file.
   for (char& c : out) {
     if (c < 0x20 || c > 0x7e) c = '?';
   }
@@ -46,7 +46,7 @@ std::string shortened(const std::string& text) {
   return out;
 }
 
-/// Receives messages of VTK, also of nested readers, which have no observer of their own.
+/// Receives VTK's messages, also those of nested readers, which have no observer.
 class Ear final : public vtkOutputWindow {
  public:
   static Ear* New() {
@@ -66,7 +66,7 @@ class Ear final : public vtkOutputWindow {
   [[nodiscard]] const std::string& heard() const { return first_; }
 
  private:
-  /// Records a warning as an error if the result may be wrong.
+  /// Treats a warning as an error if the result may be wrong.
   void hearWarning(const char* text) {
     if (text == nullptr) return;
     for (const std::string_view bad : {"rror reading", "higher than this reader supports"}) {
@@ -77,7 +77,7 @@ class Ear final : public vtkOutputWindow {
   std::string first_;
 };
 
-/// While this object exists, VTK sends its messages to an Ear.
+/// Sends VTK's messages to an Ear, as long as this object exists.
 class Listening {
  public:
   Listening() : before_(vtkOutputWindow::GetInstance()) {

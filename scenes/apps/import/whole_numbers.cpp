@@ -11,7 +11,7 @@
 namespace palpate::importer {
 namespace {
 
-/// 2^24: greatest number up to which a float represents all whole numbers.
+/// 2^24: up to this number, a float represents all whole numbers.
 constexpr double kFloatWhole = 16777216.0;
 
 bool holdsWholeNumbers(const Array& array) {
@@ -29,7 +29,7 @@ ValueRange widened(const ValueRange& a, const ValueRange& b) {
   return {std::min(a.low, b.low), std::max(a.high, b.high)};
 }
 
-/// Returns the range of all finite values.
+/// Returns the range of all finite values of all ranks.
 ValueRange rangeOf(const Values& values, const Shared& shared) {
   const ValueRange own = visit(values, [&](const auto* data) {
     return tbb::parallel_reduce(
@@ -48,7 +48,7 @@ ValueRange rangeOf(const Values& values, const Shared& shared) {
   return all;
 }
 
-/// Returns the values less an offset, as floats, or as doubles if the values are doubles.
+/// Returns the values minus an offset: doubles as doubles, others as floats.
 Values lessOffset(const Values& values, double offset) {
   const bool doubles = values.type() == Type::kFloat64;
   Values out(doubles ? Type::kFloat64 : Type::kFloat32, 1, values.tuples());
@@ -78,12 +78,11 @@ double wholeOffset(const Array& array, double lowest, double highest) {
   if (!holdsWholeNumbers(array) || !(lowest <= highest)) return 0.0;
   const double most = std::max(std::abs(lowest), std::abs(highest));
   if (most <= kFloatWhole) return 0.0;
-  // The range of 64-bit integers is rounded to doubles.
+  // The range of 64-bit integers is only known as doubles, which are rounded.
   const double rounding =
       std::floor(2.0 * (std::nextafter(most, std::numeric_limits<double>::infinity()) - most));
   if (highest - lowest + rounding > kFloatWhole) return 0.0;
-  return std::min(lowest,
-                  std::nextafter(std::exp2(64.0), 0.0));  // 2^64 is not an integer of 64 bits
+  return std::min(lowest, std::nextafter(std::exp2(64.0), 0.0));  // 2^64 is no 64-bit integer
 }
 
 Loss wholeLoss(double lowest, double highest) {

@@ -1,4 +1,4 @@
-/// Keeps the differences of whole numbers that a float cannot hold, by an offset.
+/// Subtracts an offset from whole numbers too large for floats, to keep differences exact.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,7 @@
 
 namespace palpate::importer {
 
-/// Returns value - offset. The difference of 64-bit integers is exact if a double can hold it.
+/// Returns value - offset; of 64-bit integers exactly, if a double can hold the difference.
 template <class T>
 [[nodiscard]] double minus(T value, double offset) {
   const double near = static_cast<double>(value) - offset;
@@ -28,17 +28,17 @@ template <class T>
   return near;
 }
 
-/// Returns the offset with which floats hold the whole numbers of a scalar. Returns 0 if no offset
-/// is needed, if the numbers differ by more than 2^24, or if the array does not hold whole numbers.
-/// @param lowest, highest  Range of the numbers without fill values.
+/// Returns the offset after which floats hold a scalar's whole numbers. Returns 0 if no offset is
+/// needed, if the numbers differ by more than 2^24, or if the array does not have whole numbers.
+/// @param lowest, highest  Range of the numbers, without fill values.
 [[nodiscard]] double wholeOffset(const Array& array, double lowest, double highest);
 
-/// Returns the loss of converting whole numbers in this range to float.
+/// Returns the loss of converting whole numbers in this range to floats.
 [[nodiscard]] Loss wholeLoss(double lowest, double highest);
 
-/// Subtracts the offset of a scalar, if it needs one (Array::value_offset).
-/// @param series  Offset of the array at an earlier step of a series: all steps have the same
-///                offset. No value at the first step; the function then sets it.
+/// Subtracts the offset of a scalar if it needs one (Array::value_offset).
+/// @param series  Offset of this array in the earlier steps, which all steps must share. No value
+///                at the first step: the function sets it.
 /// @param shared  Process group. All ranks find the same offset.
 void subtractOffset(Array& array, std::optional<double>& series, const Shared& shared);
 

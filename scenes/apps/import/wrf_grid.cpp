@@ -10,7 +10,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Reads a variable at all indices of the dimensions in `whole`, and at index `at` of the others.
+/// Reads a variable at all indices of the dimensions in `whole`, and at index `at` of all others.
 std::vector<double> readSlice(const NetcdfFile& file, int v, const std::vector<int>& whole,
                               std::size_t at) {
   std::vector<std::size_t> start;
@@ -28,7 +28,7 @@ std::vector<double> readSlice(const NetcdfFile& file, int v, const std::vector<i
   return out;
 }
 
-/// Returns the length of a great circle between two places [m].
+/// Returns the length of the great circle between two points [m].
 double greatCircle(double lon0, double lat0, double lon1, double lat1) {
   constexpr double kRadius = 6371e3;  // [m]: mean radius of the earth
   constexpr double kRadians = std::numbers::pi / 180.0;
@@ -50,8 +50,7 @@ Spread spreadOf(const std::vector<double>& numbers) {
   return out;
 }
 
-/// Sets the spacing to the mean distance between points. Returns false without longitudes and
-/// latitudes.
+/// Sets the spacing to the mean distance of points. Returns false without longitudes and latitudes.
 bool takeSpacingFromPlaces(const NetcdfFile& file, WrfGrid& grid) {
   const int lon_at = file.variableNamed("XLONG");
   const int lat_at = file.variableNamed("XLAT");
@@ -86,7 +85,7 @@ bool takeSpacingFromPlaces(const NetcdfFile& file, WrfGrid& grid) {
   return true;
 }
 
-/// Sets the heights of the levels from the geopotential at their faces, if the file has it.
+/// Sets the heights of levels from the geopotential at their faces, if the file has it.
 void takeHeights(const NetcdfFile& file, WrfGrid& grid) {
   constexpr double kGravity = 9.81;  // [m/s^2]: WRF's constant g (share/module_model_constants.F)
   const int faces = file.dimensionNamed("bottom_top_stag");

@@ -1,4 +1,4 @@
-/// Private to the importer: the places of the points of WRF's files.
+/// Private to the importer: finds the positions of points in WRF's files.
 #pragma once
 
 #include <optional>
@@ -15,14 +15,14 @@ struct WrfGrid {
   int z = -1;       ///< -1: no levels.
   double dx = 0.0;  ///< Spacing along x on the plane of the map projection [m]; `dy` along y.
   double dy = 0.0;
-  /// Mean height of each level's centre above the sea at the first time [m]; empty: unknown.
+  /// Mean height of each level's centre above the sea, at the first time [m]; empty: unknown.
   std::vector<double> heights;
   std::vector<std::string> notes;
 };
 
-/// Returns the grid of a file with WRF's dimensions; no value for other files, or without a
-/// spacing. The spacing is that of DX and DY, else the mean distance of points by XLAT and XLONG.
-/// Heights are those of the geopotential, PH + PHB. Throws VolumeError if the file is damaged.
+/// Returns the grid of a file with WRF's dimensions; no value for other files, or if the spacing is
+/// unknown. The spacing is DX and DY, otherwise the mean distance of points by XLAT and XLONG.
+/// Heights are those of the geopotential PH + PHB. Throws VolumeError if the file is damaged.
 [[nodiscard]] std::optional<WrfGrid> wrfGridOf(const NetcdfFile& file);
 
 }  // namespace palpate::importer

@@ -26,11 +26,11 @@
 namespace palpate::view {
 namespace {
 
-/// A second connection to the X server, beside that of VTK. It stays open until the program ends:
-/// when the last client disconnects, a server may restart and reject new clients for a moment.
+/// This program's own connection to the X server, besides VTK's. It stays open until the end: when
+/// the last client disconnects, a server may restart and reject new clients for a moment.
 Display* connection = nullptr;
 
-/// Opens the connection. Returns why the display cannot show OpenGL; empty if it can.
+/// Opens the connection. Returns the reason why the display cannot show OpenGL; empty if it can.
 std::string problem() {
   const char* name = std::getenv("DISPLAY");
   if (name == nullptr || *name == '\0') return "the variable DISPLAY is empty";
@@ -54,8 +54,8 @@ void endServer() {
   waitpid(server, nullptr, 0);
 }
 
-/// Creates an authority file, so that the X server accepts only this program as a client. The file
-/// disappears with its last descriptor. Returns the descriptor, or -1 on failure.
+/// Creates an authority file, so that Xvfb accepts only this program as a client. The file has no
+/// name, and disappears with its last descriptor. Returns the descriptor, or -1 on failure.
 int authority() {
   std::string name = "MIT-MAGIC-COOKIE-1";
   std::array<char, 16> cookie{};
@@ -83,10 +83,10 @@ std::string startServer() {
   const pid_t parent = getpid();
   server = fork();
   if (server == 0) {
-    // The kernel ends the server when this program ends for any reason.
+    // The kernel ends Xvfb when this program ends for any reason.
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) _exit(1);
-    // Ctrl-C in the terminal must not end the server. The loop receives it and ends this program.
+    // Ctrl-C must not end Xvfb: the loop's process handles it and ends this program.
     setpgid(0, 0);
     dup2(ends[1], 3);
     // Discards Xvfb's messages about display numbers in use.
@@ -100,7 +100,7 @@ std::string startServer() {
   close(ends[1]);
   close(known);
   std::string number;
-  constexpr int kPatience = 10000;  // [ms]: longest wait for the start of the server
+  constexpr int kPatience = 10000;  // [ms]: longest wait until Xvfb has started
   pollfd wait{ends[0], POLLIN, 0};
   while (poll(&wait, 1, kPatience) > 0) {
     std::array<char, 16> text{};
@@ -121,7 +121,7 @@ int lost(Display* /*display*/) {
 }
 
 int refused(Display* display, XErrorEvent* error) {
-  // VTK may request the focus for a window that is hidden by then, which is harmless.
+  // VTK may request the focus for a window that was hidden meanwhile. This is harmless.
   if (error->request_code == X_SetInputFocus) return 0;
   std::array<char, 128> why{};
   XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));
@@ -160,8 +160,8 @@ bool Sight::now() {
     XEvent event;
     XNextEvent(connection, &event);
     if (event.type == UnmapNotify) mapped_ = false;
-    // If another window covers this one, the server reports that after this event. A destroyed
-    // window counts as visible, so that the next drawing fails and the program ends.
+    // If another window covers this one, a VisibilityNotify follows. A destroyed window counts as
+    // visible, so that the next drawing fails and the program ends.
     if (event.type == MapNotify || event.type == DestroyNotify) {
       mapped_ = true;
       covered_ = false;

@@ -1,18 +1,18 @@
-/// The X server on which this program draws: the user's server, or Xvfb for a still picture.
+/// Finds or starts the X server on which this program draws.
 #pragma once
 
 namespace palpate::view {
 
-/// Requires a display with OpenGL. If `picture` is true, starts Xvfb when the display is missing.
-/// Xvfb ends with this program. Throws Error. If the display is lost later or rejects a request,
-/// this process prints one line and ends. Call this before any function of VTK.
+/// Requires a display with OpenGL. If there is no display and `picture` is true, starts Xvfb, which
+/// ends with this program. Throws Error. If the display is lost later or rejects a request, this
+/// process prints one line and ends. Call this before any function of VTK.
 void needDisplay(bool picture);
 
-/// Observes whether any part of a window is visible. Has its own connection to the X server,
+/// Reports whether any part of a window is visible. Has a connection to the X server besides VTK's,
 /// because VTK discards these events.
 class Sight {
  public:
-  /// `window` is an X id. Before the first event, the window counts as visible.
+  /// `window` is an X id. A window counts as visible until its first event.
   explicit Sight(unsigned long window);
 
   [[nodiscard]] bool now();

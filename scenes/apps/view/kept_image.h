@@ -1,4 +1,4 @@
-/// Stores a rendered picture and restores it in each frame, so that static parts are drawn once.
+/// Stores a rendered picture and restores it in later frames, so that static parts are drawn once.
 #pragma once
 
 #include <vtkOpenGLFramebufferObject.h>
@@ -7,7 +7,7 @@
 
 namespace palpate::view {
 
-/// A rectangle in a window, measured from the window's lower left corner [pixels].
+/// A rectangle of a window [pixels], measured from the window's lower left corner.
 struct Area {
   int left = 0;
   int low = 0;
@@ -22,8 +22,8 @@ struct Area {
 class KeptImage {
  public:
   void take(vtkOpenGLRenderWindow& window);
-  /// Copies a part of the picture into the window. Call it after the start of a frame, before
-  /// drawing. Has no effect without a stored picture of the window's size.
+  /// Copies a part of the picture into the window. Call it when a frame has started, before
+  /// drawing. Has no effect unless the stored picture has the window's size.
   void putBack(vtkOpenGLRenderWindow& window, const Area& part) const;
   /// Frees the textures on the graphics card.
   void release(vtkOpenGLRenderWindow& window);

@@ -40,12 +40,12 @@ using namespace palpate;
 void stepBack() {
   constexpr int kNice = 10;
   (void)!nice(kNice);
-  // A software renderer starts as many threads as this variable allows.
+  // A software renderer starts at most this number of threads.
   const unsigned cores = std::thread::hardware_concurrency();
   setenv("LP_NUM_THREADS", std::to_string(cores > 2 ? cores - 1 : 1).c_str(), 0);
 }
 
-/// Ends the program without allocating memory. A library might not catch an exception.
+/// Ends the program without allocating memory. A library might not pass std::bad_alloc on.
 [[noreturn]] void endWithoutMemory() {
   constexpr char kWords[] =
       "palpate: window: not enough memory to draw this scene: free memory, or run palpate feel, "
@@ -69,13 +69,13 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
-/// Moves all threads of this process off the core `loops`, which the loop uses. Later threads
-/// inherit the cores of their creator. A graphics driver's thread may reset its cores.
+/// Excludes the core `loops`, which the loop uses, for all threads of this process. New threads
+/// inherit the cores of their creator. A graphics driver's thread may undo this.
 void stepAside(int loops) {
   cpu_set_t cores;
   if (loops < 0 || sched_getaffinity(0, sizeof cores, &cores) != 0) return;
   CPU_CLR(loops, &cores);
-  // Repeats, because a thread that was not moved yet may have created another thread.
+  // Repeats, because a thread that was not moved yet may have started another thread.
   for (bool moved = true; moved;) {
     moved = false;
     for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
@@ -98,7 +98,7 @@ void needOpenGL() {
 
 BuiltScene shown(const std::string& scene) {
   SceneSpec spec = openScene(scene);
-  spec.waits = true;  // reads may block, because this process has no real-time thread
+  spec.waits = true;  // reads may block: this process has no real-time thread
   return buildScene(spec);
 }
 
@@ -141,7 +141,7 @@ int run(int argc, char** argv) {
   const bool still = !picture.empty();
   const int loops = still ? -1 : loopsCore();
   stepAside(loops);
-  // Called before the memory is limited: otherwise a graphics driver reports no display.
+  // Precedes the limit of memory, under which a graphics driver would report no display.
   view::needDisplay(still);
   vtkObject::GlobalWarningDisplayOff();
   needOpenGL();

@@ -19,8 +19,8 @@ Vec3 vectorOf(const std::array<double, 3>& a) {
   return {a[0], a[1], a[2]};
 }
 
-/// Shows an actor at a position. Its axis `axis` (0 to 2) gets the direction `along` and the
-/// length; the other axes get the width.
+/// Shows an actor at a position. Its axis `axis` (0 to 2) gets the direction `along` and the length
+/// `length`; the other axes get the width.
 void put(vtkActor& actor, int axis, const Vec3& at, const Vec3& along, double length,
          double width) {
   Vec3 axes[3];
@@ -137,7 +137,7 @@ void Overlay::show(const LiveTick& tick) {
   const Vec3 probe = vectorOf(tick.probe);
   const Vec3 proxy = vectorOf(tick.proxy);
   const Vec3 force = vectorOf(tick.force);
-  // Number of the axis along which each shape extends.
+  // Axis along which each shape extends.
   constexpr int kArrow = 0;
   constexpr int kCylinder = 1;
   constexpr int kDisc = 2;
@@ -163,7 +163,7 @@ void Overlay::show(const LiveTick& tick) {
   for (std::size_t i = 0; i < count; ++i) {
     const LivePrimitive& primitive = tick.primitives[i];
     const cli::Load load = loadIn(tick, primitive);
-    // A mode that the user has switched off keeps a very small strength.
+    // A mode that the user has switched off has a very small strength, and is not drawn.
     if (primitive.friction || primitive.strength < 1e-6) continue;
     vtkActor& actor = *primitives_[i][static_cast<std::size_t>(primitive.kind)];
     const Colour colour = colourOf(load.hold);
@@ -180,7 +180,7 @@ void Overlay::show(const LiveTick& tick) {
         put(actor, kArrow, load.primitive.position, along, 0.6 * ball_size, 0.6 * ball_size);
         break;
       case PrimitiveKind::kLine:
-        // Draws the part around the point nearest to the proxy; for a plane too.
+        // Draws only the part of the line that is near the proxy; for a plane likewise.
         put(actor, kCylinder, load.primitive.position + along.dot(from) * along, along,
             0.16 * size_, 0.2 * ball_size);
         break;

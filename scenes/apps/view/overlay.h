@@ -21,19 +21,19 @@ namespace palpate::view {
 /// Returns the load of a primitive in the last balance of the tick, with its state.
 [[nodiscard]] cli::Load loadIn(const LiveTick& tick, const LivePrimitive& primitive);
 
-/// Draws one tick. A window has two overlays: for visible parts, and faintly for hidden parts.
+/// Draws one tick. A window has two overlays: one for visible parts, a faint one for hidden parts.
 class Overlay {
  public:
   /// @param size     Size of the scene [m]; all shapes are drawn in proportion to it.
   /// @param opacity  Opacity, 0 to 1.
   Overlay(vtkRenderer& renderer, double size, double opacity);
 
-  /// Draws a tick. Takes about 0.1 ms; not for a haptic loop.
+  /// Draws a tick. Takes about 0.1 ms, so do not call it in a haptic loop.
   void show(const LiveTick& tick);
 
-  /// Returns the bounds of each visible actor, in VTK's order.
+  /// Returns the bounds of each visible actor: least and greatest x, y and z [m].
   [[nodiscard]] std::vector<std::array<double, 6>> seen() const;
-  /// Returns the length of the force's arrow for 1 N [m].
+  /// Returns the length of the force's arrow for a force of 1 N [m].
   [[nodiscard]] double metresPerNewton() const noexcept { return 0.1 * size_; }
   /// Returns the tip of the force's arrow in the last drawing [m].
   [[nodiscard]] const Vec3& tip() const noexcept { return tip_; }
@@ -51,7 +51,7 @@ class Overlay {
   vtkSmartPointer<vtkActor> proxy_;
   vtkSmartPointer<vtkActor> spring_;
   vtkSmartPointer<vtkActor> force_;
-  /// One actor for each kind of primitive; only the actor of the present kind is visible.
+  /// One actor for each kind of primitive. Only the actor of the primitive's kind is visible.
   std::array<std::array<vtkSmartPointer<vtkActor>, 4>, kMost> primitives_;
 };
 

@@ -168,7 +168,7 @@ void Panel::text(double x, double y, const std::string& words, int size, const C
     renderer_.AddActor2D(texts_.back());
   }
   vtkTextActor& actor = *texts_[used_++];
-  // VTK renders a text again only if the text has changed.
+  // VTK renders a text again only if it has changed.
   actor.SetInput(words.c_str());
   actor.SetPosition(scale_ * x, scale_ * y);
   actor.GetTextProperty()->SetFontSize(static_cast<int>(scale_ * size));
@@ -191,7 +191,7 @@ double Panel::strip(double top, const std::string& title, const std::vector<Live
                    unit, brief(most)),
        12, kFaint);
   if (rows.size() < 2) return bottom - 10.0;
-  // Draws the highest value in each column of pixels, so that no peak is lost.
+  // Draws the highest value in each column of pixels, so that every peak is visible.
   std::array<double, kColumns> columns{};
   std::array<bool, kColumns> there{};
   const double first = rows.front().time;
@@ -224,7 +224,7 @@ void Panel::show(const Content& content, double height) {
   double y = height - 26.0;
   for (const std::string& words : content.status) {
     const bool first = &words == &content.status.front();
-    constexpr std::size_t kLetters = 42;  // Letters in a line of the panel
+    constexpr std::size_t kLetters = 42;  // Characters in a line of the panel
     for (std::size_t at = 0; at < words.size();) {
       std::size_t end = std::min(words.size(), at + kLetters);
       if (end < words.size()) {

@@ -38,7 +38,7 @@ struct Bar {
 /// Returns the text for a mode: its state, and the requested gain until the loop uses it.
 [[nodiscard]] std::string wordsOf(const Bar& bar);
 
-/// Returns the state of the loop, its cause and a remedy. `reengage`: LoopParams::reengage [s].
+/// Returns the state of the loop, its cause and a remedy. `reengage` is LoopParams::reengage [s].
 [[nodiscard]] std::vector<std::string> statusOf(const LiveTick& tick, double reengage);
 
 class Panel {
@@ -46,7 +46,7 @@ class Panel {
   static constexpr int kWidth = 300;  ///< Width of the panel [pixels].
   static constexpr std::size_t kMostBars = 12;
 
-  /// `scale` is the number of pixels in the picture for one pixel of the panel.
+  /// `scale` is the number of picture pixels for each pixel of the panel.
   Panel(vtkRenderer& renderer, double scale);
 
   struct Content {
@@ -54,7 +54,7 @@ class Panel {
     std::optional<std::uint32_t> selected;  ///< LiveDial::mode of the mode that the keys change.
     std::vector<LiveRow> rows;              ///< Last two seconds, in ascending order.
     std::vector<std::string> status;
-    std::vector<std::string> notes;  ///< In a small font.
+    std::vector<std::string> notes;  ///< Shown in a small font.
     std::vector<Shapes::Entry> legend;
   };
   /// `height` is in pixels.

@@ -32,7 +32,7 @@ vtkSmartPointer<vtkFloatArray> array(const char* name, int components, vtkIdType
   return values;
 }
 
-/// Calls `put(index, place, cache)` for each point of the lattice, in parallel.
+/// Calls `put(index, p, cache)` for each point p of the lattice [m], in parallel.
 template <class F, class Put>
 void readAll(const F& field, vtkImageData& image, const Put& put) {
   int size[3];

@@ -38,19 +38,19 @@ namespace {
 constexpr int kCoarsePoints = 80;
 constexpr int kPoints = 176;
 constexpr int kFinePoints = 320;
-constexpr double kPointsPerVoxel = 4.0;  ///< More points show no more of the data.
+constexpr double kPointsPerVoxel = 4.0;  ///< More points would show no more of the data.
 constexpr int kCloudPoints = 112;
 constexpr int kStreamPoints = 64;
 constexpr std::size_t kMostClouds = 2;
 
-/// Light, warm colours of surfaces, so that the hand is clearly visible.
+/// Light, warm colours of surfaces, on which the hand is clearly visible.
 constexpr std::array<Colour, 6> kBodies{{{0.87, 0.74, 0.64},
                                          {0.93, 0.91, 0.84},
                                          {0.72, 0.62, 0.66},
                                          {0.66, 0.72, 0.66},
                                          {0.80, 0.78, 0.62},
                                          {0.64, 0.68, 0.76}}};
-/// Colour scale with equal steps for every kind of colour vision (after the map cividis).
+/// Colour scale with even steps for every kind of colour vision (similar to the map cividis).
 constexpr std::array<Colour, 5> kScale{{{0.00, 0.13, 0.30},
                                         {0.26, 0.31, 0.42},
                                         {0.49, 0.48, 0.47},
@@ -85,7 +85,7 @@ int vectorFieldOfScalar(const Graph& graph, int property) {
   }
   return -1;
 }
-/// Returns the index of the vector field that a vector, its curl or its direction is read from.
+/// Returns the index of the vector field from which a vector, a curl or a direction is computed.
 int vectorFieldOf(const Graph& graph, int property) {
   for (const UnitStep& step : graph.units) {
     if (step.to == property) property = step.from;
@@ -102,7 +102,7 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
-/// Moves the points of a mesh to their deformed positions at a time [s].
+/// Moves the points of a mesh to their positions at a time [s].
 void deform(vtkPolyData& mesh, vtkPoints& rest, const Motion& motion, double time) {
   auto moved = vtkSmartPointer<vtkPoints>::New();
   const vtkIdType count = rest.GetNumberOfPoints();
@@ -161,7 +161,7 @@ void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& mo
 
 void Shapes::seeThrough() {
   constexpr double kOpacity = 0.4;
-  constexpr double kSlack = 0.02;  // relative; both surfaces may end at the data's border
+  constexpr double kSlack = 0.02;  // relative; both surfaces may end at the border of the data
   const auto holds = [](const Shape& outer, const Shape& inner) {
     double a[6];
     double b[6];
@@ -173,7 +173,7 @@ void Shapes::seeThrough() {
     }
     return true;
   };
-  // If two surfaces enclose each other, the first one is the outer one: the hand touches it first.
+  // If two surfaces enclose each other, the first one counts as the outer one.
   const auto outside = [&](const Shape& a, const Shape& b) {
     return a.surface >= 0 && b.surface >= 0 && a.surface != b.surface && holds(a, b) &&
            (a.surface < b.surface || !holds(b, a));
@@ -189,7 +189,7 @@ void Shapes::seeThrough() {
       continue;
     }
     auto* actor = static_cast<vtkActor*>(shape.prop.Get());
-    // The depths lie slightly behind the surface, which therefore passes the depth test.
+    // The depths are slightly behind the surface, so that the surface passes the depth test.
     auto behind = vtkSmartPointer<vtkPolyDataMapper>::New();
     behind->SetInputData(static_cast<vtkPolyDataMapper*>(actor->GetMapper())->GetInput());
     behind->ScalarVisibilityOff();
@@ -260,7 +260,7 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     contour->Update();
     if (contour->GetOutput()->GetNumberOfCells() == 0) return false;
     auto actor = actorOf(contour->GetOutputPort());
-    // Frees the image and the contour filter: the mapper gets a copy of the surface.
+    // Frees the image and the contour filter: the mapper gets its own copy of the surface.
     contour->SetInputData(nullptr);
     auto kept = vtkSmartPointer<vtkPolyData>::New();
     kept->ShallowCopy(contour->GetOutput());
@@ -318,7 +318,7 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   scaled->SetOutputScalarTypeToUnsignedShort();
   scaled->ClampOverflowOn();
   scaled->Update();
-  // The opacity follows the mode's strength or, if this does not depend on the value, the value.
+  // The opacity follows the mode's strength if this depends on the value, and otherwise the value.
   const auto strong = [&](double value) {
     double product = 1.0;
     bool follows = false;
@@ -374,7 +374,7 @@ void Shapes::addStreams(const Graph& graph, std::size_t field, Along along,
   known_.push_back(key);
   const auto image = sampled(of, along, kStreamPoints);
   const auto [low, high] = usual(*image);
-  // Starts streamlines at random points where the vector, or for vortices the curl, is large.
+  // Starts streamlines at random points where the vector is large, or the curl for vortices.
   const bool core = along == Along::kCurl;
   const int seeds = core ? 60 : 160;
   const double least = (core ? 0.5 : 0.1) * high;
@@ -497,7 +497,7 @@ void Shapes::moveTo(double time) {
       deform(*shape.mesh, *shape.rest, *shape.motion, time);
       continue;
     }
-    // A shape that deforms, but is not a mesh, moves like its centre.
+    // A deforming shape other than a mesh moves like its centre.
     const Pose pose = shape.motion->poseOf(shape.centre, time);
     auto matrix = vtkSmartPointer<vtkMatrix4x4>::New();
     for (int i = 0; i < 3; ++i) {

@@ -1,4 +1,4 @@
-/// Draws the volumes and the guides of a scene as a backdrop behind the hand.
+/// Draws the volumes and guides of a scene as the backdrop of the hand.
 #pragma once
 
 #include <array>
@@ -33,18 +33,18 @@ inline constexpr Colour kForce{0.80, 0.47, 0.65};
 /// Draws each field as its modes use it: as a surface, a cloud, or streamlines.
 class Shapes {
  public:
-  /// Reads all fields, which takes one or two seconds. `fine` is for still pictures: surfaces get
+  /// Reads all fields, which takes one or two seconds. If `fine`, for still pictures, surfaces have
   /// eight times as many triangles. Draws only the first kMostParts parts.
   Shapes(const BuiltScene& built, bool fine);
 
   static constexpr std::size_t kMostParts = 48;
 
-  /// Adds all shapes to the renderers; translucent ones to `through`, which draws in front of
-  /// `solid`. Depths are drawn first, so that only the nearest translucent surface is visible.
+  /// Adds the shapes to the renderers: translucent ones to `through`, which draws after `solid`.
+  /// Depths are drawn first, so that only the nearest translucent surface is visible.
   void addTo(vtkRenderer& solid, vtkRenderer& through) const;
   static constexpr int kCoarsest = 4;
-  /// Sets the level of detail, 1 (finest) to kCoarsest: a cloud has one ray for each `step` by
-  /// `step` pixels. With kCoarsest, surfaces have fewer triangles too.
+  /// Sets the level of detail, 1 (finest) to kCoarsest: a cloud has one ray for each square of
+  /// `step` by `step` pixels. With kCoarsest, surfaces also have fewer triangles.
   void detail(int step);
   /// Moves all moving shapes to their pose at a time [s].
   void moveTo(double time);
@@ -55,7 +55,7 @@ class Shapes {
     std::string name;  ///< Name of the mode or the volume.
     Colour colour;
     double low = 0.0;   ///< Value of the darkest colour, in the unit of the data.
-    double high = 0.0;  ///< Lightest colour; if not above `low`, there is one colour.
+    double high = 0.0;  ///< Value of the lightest colour; not above `low`: one colour.
     bool grey = false;  ///< True for the grey scale of the slices.
   };
   [[nodiscard]] const std::vector<Entry>& legend() const noexcept { return legend_; }
@@ -65,7 +65,7 @@ class Shapes {
     MotionPtr motion;
   };
   [[nodiscard]] const std::vector<Volume>& volumes() const noexcept { return volumes_; }
-  /// Shows or hides surfaces and clouds. While they are shown, they hide the slices.
+  /// Shows or hides surfaces and clouds, which would cover the slices.
   void showBodies(bool on);
   /// Returns notes about parts that are not drawn, one line each.
   [[nodiscard]] const std::vector<std::string>& notes() const noexcept { return notes_; }
@@ -78,8 +78,8 @@ class Shapes {
     MotionPtr motion;
     Vec3 centre = Vec3::Zero();  ///< Centre in the rest pose [m].
     bool body = false;
-    int surface = -1;  ///< Index of a surface that does not move; -1: another shape.
-    vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Draws the depths of a translucent surface.
+    int surface = -1;  ///< Index of the surface, if it does not move; otherwise -1.
+    vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Depths of a translucent surface.
     vtkSmartPointer<vtkPolyData> mesh = nullptr;
     vtkSmartPointer<vtkPoints> rest = nullptr;  ///< Points of this mesh in the rest pose.
   };
@@ -98,7 +98,7 @@ class Shapes {
   std::vector<Entry> legend_;
   std::vector<Volume> volumes_;
   std::vector<std::string> notes_;
-  std::vector<std::string> known_;  ///< Shapes that were drawn, to draw each one once.
+  std::vector<std::string> known_;  ///< Shapes that were drawn, so that none is drawn twice.
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;

@@ -1,4 +1,4 @@
-/// Draws three planes through a point, parallel to a volume's sides, with a field's grey values.
+/// Draws a field's grey values on three planes through a point, parallel to a volume's sides.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ class Slices {
  public:
   explicit Slices(vtkRenderer& renderer);
 
-  /// Draws a field in `pose` through `at` [m]; `low` is black, `high` white. Takes a few ms.
+  /// Draws a field in `pose` on planes through `at` [m], `low` black, `high` white, in a few ms.
   void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high);
   void hide();
 

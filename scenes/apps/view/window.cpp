@@ -22,12 +22,12 @@ namespace palpate::view {
 namespace {
 
 constexpr int kFrame = 33;            // [ms]: time between two frames
-constexpr int kSparingFrame = 100;    // [ms]: the same while ticks of the loop are late
-constexpr double kPanelEvery = 0.12;  // [s]: least time between two drawings of the panel
+constexpr int kSparingFrame = 100;    // [ms]: the same, while ticks of the loop are late
+constexpr double kPanelEvery = 0.12;  // [s]: shortest time between two drawings of the panel
 constexpr double kSpan = 2.0;         // [s]: time that the plots of the panel show
-constexpr double kStalled = 0.5;   // [s]: without a tick for this time, the loop counts as stopped
+constexpr double kStalled = 0.5;   // [s]: without a tick for this long, the loop counts as stopped
 constexpr double kSettled = 0.25;  // [s]: rest of the camera before the backdrop is refined
-constexpr double kMoving = 0.2;    // [s]: least time between two backdrops of a scene that moves
+constexpr double kMoving = 0.2;    // [s]: shortest time between two backdrops of a moving scene
 constexpr double kGhost = 0.35;
 
 const char* const kHelp =
@@ -147,7 +147,7 @@ ViewWindow::ViewWindow(LiveBlock& block, std::unique_ptr<Shapes> shapes, const s
   help_->VisibilityOff();
   furnish();
 
-  // Draws a hidden part only where something in front of it was drawn before.
+  // Draws the hidden parts: only pixels behind other parts of the picture.
   observe(*hidden_, vtkCommand::StartEvent,
           [this] { window_->GetState()->vtkglDepthFunc(GL_GREATER); });
   observe(*hidden_, vtkCommand::EndEvent,
@@ -186,7 +186,7 @@ void ViewWindow::furnish() {
 
 void ViewWindow::follow(const LiveScene& modes) {
   ++changes_;
-  // Modes of the previous scene keep their requested gains; the others get those of the loop.
+  // Modes that the previous scene had too keep their requested gains; others get the loop's gains.
   const LiveWishes wished = wishes_;
   wishes_.dial_count =
       static_cast<std::uint32_t>(std::min<std::size_t>(modes.mode_count, kLiveModes));
@@ -248,7 +248,7 @@ void ViewWindow::refresh() {
   over_ = over_ || block_.over.load() != 0;
   LiveTick tick;
   bool fresh = false;
-  // The loop finishes writing a tick before the next try.
+  // Tries again if the loop was writing a tick.
   for (int i = 0; i < 3 && !fresh; ++i) fresh = block_.tick.read(tick);
   if (fresh && tick.tick != tick_.tick) {
     tick_ = tick;
@@ -272,7 +272,7 @@ void ViewWindow::refresh() {
     rows_.erase(rows_.begin(), std::find_if(rows_.begin(), rows_.end(),
                                             [&](const LiveRow& row) { return row.time >= since; }));
   }
-  // The loop's process is the parent. After its end, this process has another parent.
+  // The loop's process started this one. After the loop ends, this process has another parent.
   gone_ = gone_ || block_.process.load() != getppid();
   const bool stalled = gone_ || (tick_.tick > 0 && secondsSince(tick_at_) > kStalled);
   if (stalled != stalled_) ++changes_;

@@ -30,7 +30,7 @@
 
 namespace palpate::view {
 
-/// Data of the last drawing, for tests. Positions are in pixels from the lower left corner.
+/// Data of the last drawing, for tests. Positions are from the lower left corner [pixels].
 using Told = nlohmann::ordered_json;
 
 class ViewWindow {
@@ -40,10 +40,10 @@ class ViewWindow {
     int height = 640;       ///< Height of the window [pixels].
     double reengage = 0.0;  ///< LoopParams::reengage of the loop [s].
     bool offscreen = false;
-    int magnify = 1;  ///< Pixels of the picture for one of the window.
-    /// Longest time to draw a refined backdrop [s]. After a longer time, the next one is coarser.
+    int magnify = 1;  ///< Pixels of the picture for each pixel of the window.
+    /// Longest time to draw a refined backdrop [s]. If it takes longer, the next one is coarser.
     double patience = 0.75;
-    /// Called when the loop has a new scene. The future is invalid if the scene file is unchanged.
+    /// Called when the loop has a new scene. The future is invalid if the file is unchanged.
     std::function<std::future<std::unique_ptr<Shapes>>()> again;
     std::function<void()> shown;  ///< Called once the first frame is shown.
   };
@@ -53,8 +53,8 @@ class ViewWindow {
   ViewWindow(const ViewWindow&) = delete;
   ViewWindow& operator=(const ViewWindow&) = delete;
 
-  /// Runs until the window is closed or the run has ended. Every `every` seconds, writes the data
-  /// to `told` and a picture to `shot`, unless the name is empty.
+  /// Runs until the window is closed or the run has ended. Every `every` seconds, writes data to
+  /// the file `told` and a picture to the file `shot`; an empty name means no file.
   void run(double every, const std::string& shot, const std::string& told);
   void draw(const std::string& file);
   [[nodiscard]] Told told() const;
@@ -67,7 +67,7 @@ class ViewWindow {
   void refresh();
   void takeAgain();  ///< Starts to read a changed scene, or shows it once it is read.
   void showHand();
-  /// Returns the bounds of the drawn hand, limited for the accuracy of the depths.
+  /// Returns the bounds of the drawn hand, limited so that depths remain accurate.
   [[nodiscard]] vtkBoundingBox hand() const;
   void clip();
   void drawBackdrop(int detail);
@@ -76,29 +76,29 @@ class ViewWindow {
   [[nodiscard]] std::vector<std::string> notes() const;
   void layOut();
   void furnish();
-  /// Shows the modes of a new scene; keeps the requested gains of modes in both scenes.
+  /// Shows the modes of a new scene. Modes that are in both scenes keep requested gains.
   void follow(const LiveScene& modes);
-  void drawSlices();  ///< Draws slices and streamlines through the proxy.
+  void drawSlices();  ///< Draws slices and streamlines at the proxy.
   void slice();       ///< Selects the next volume for the slices; clears them after the last one.
   void wish();
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
-  [[nodiscard]] Area drawnOver() const;  ///< Returns the area that the hand covers now.
+  [[nodiscard]] Area drawnOver() const;  ///< Returns the area that the hand covers.
 
   void key(const std::string& name);
   void move(int x, int y);
   void wheel(double steps);
   void resetCamera();
   void choose(std::size_t bar);
-  /// If no mode is selected, returns the number of bars.
+  /// Returns the index of the selected mode's bar; without one, the number of bars.
   [[nodiscard]] std::size_t chosen() const;
-  /// Multiplies the gain of the selected mode. With 0, switches the mode off, or on again.
+  /// Multiplies the gain of the selected mode. A factor of 0 switches the mode off, or on again.
   void dial(float factor);
   void withdraw();  ///< Resets requested gains that the loop has rejected.
 
   LiveBlock& block_;
-  bool again_ = false;  ///< True if the scene file must be checked for a change.
+  bool again_ = false;  ///< The scene file may have changed and must be checked.
   std::future<std::unique_ptr<Shapes>> reading_;  ///< The destructor waits for it.
   std::unique_ptr<Shapes> shapes_;
   Options options_;
@@ -118,7 +118,7 @@ class ViewWindow {
   vtkSmartPointer<vtkPolyData> stream_;  ///< Streamlines through the proxy.
   std::optional<std::size_t> sliced_;    ///< Index in Shapes::volumes().
   std::pair<double, double> grey_;
-  Vec3 sliced_at_ = Vec3::Zero();  ///< Proxy when these were last drawn [m].
+  Vec3 sliced_at_ = Vec3::Zero();  ///< Proxy when slices and streamlines were last drawn [m].
   vtkSmartPointer<vtkTextActor> newtons_;
   vtkSmartPointer<vtkTextActor> help_;
   KeptImage backdrop_;
@@ -145,8 +145,8 @@ class ViewWindow {
   std::uint64_t framed_ = 0;    ///< Value of changes_ that the last frame shows.
   std::uint64_t panelled_ = 0;  ///< Value of changes_ that the panel shows.
   bool panel_fresh_ = true;
-  Area over_backdrop_;  ///< Area of the backdrop that the last frame has drawn over.
-  int turning_ = 0;     ///< Held button: 1 turns, 2 shifts, 3 zooms, or 0.
+  Area over_backdrop_;  ///< Part of the backdrop that the last frame has overwritten.
+  int turning_ = 0;     ///< Held mouse button: 1 turns, 2 shifts, 3 zooms; 0: none.
   std::array<int, 2> last_{};
   std::string message_;
   Clock::time_point message_until_;
@@ -163,7 +163,7 @@ class ViewWindow {
   Cost coarse_cost_;
   Cost refined_cost_;
   std::int64_t frames_ = 0;
-  std::int64_t frames_reading_ = 0;  ///< Frames during the reading of a changed scene.
+  std::int64_t frames_reading_ = 0;  ///< Frames that were drawn while a changed scene was read.
 };
 
 }  // namespace palpate::view

@@ -1,4 +1,4 @@
-/// Private to scenes/apps/view: times for measuring the cost of drawing.
+/// Private to scenes/apps/view: times that measure the cost of drawing.
 #pragma once
 
 #include <chrono>

@@ -21,7 +21,7 @@ void ViewWindow::withdraw() {
   const std::uint64_t refused = block_.refused.load();
   if (refused == refused_) return;
   refused_ = refused;
-  // The loop has not answered the last request yet.
+  // The loop has not yet answered the last request.
   if (refused < wishes_.dialled) return;
   for (std::size_t i = 0; i < wishes_.dial_count; ++i) wishes_.dials[i] = modes_.modes[i].dial;
   ++changes_;
@@ -46,7 +46,7 @@ void ViewWindow::dial(float factor) {
   if (turned == end) return;
   float& dial = turned->factor;
   if (factor == 0.0F) {
-    // Switches the mode off; if it is off, restores its previous gain.
+    // Switches the mode off, or restores the gain that it had before.
     const auto [before, fresh] = before_off_.try_emplace(turned->mode, 1.0F);
     if (dial != 0.0F) before->second = dial;
     dial = dial == 0.0F ? before->second : 0.0F;

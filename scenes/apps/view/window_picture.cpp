@@ -72,7 +72,7 @@ void ViewWindow::resetCamera() {
   const Vec3 centre = box.centre();
   const double size = std::max(1e-6, box.size().norm());
   vtkCamera& camera = *scene_->GetActiveCamera();
-  // Looks at the scene from about 20 degrees right of the front and above it. z points up.
+  // The camera is about 20 degrees right of the scene's front and above it. z points up.
   const Vec3 from = centre + 1.65 * size * Vec3(0.35, -0.87, 0.35);
   camera.SetFocalPoint(centre.x(), centre.y(), centre.z());
   camera.SetPosition(from.x(), from.y(), from.z());
@@ -103,7 +103,7 @@ Area ViewWindow::drawnOver() const {
     area = {static_cast<int>(at[0]) - 4, static_cast<int>(at[1]) - 10,
             static_cast<int>(at[0]) + kWide, static_cast<int>(at[1]) + kHigh};
   }
-  // The faint parts cover the same area as the visible parts, so one overlay is enough.
+  // Both overlays, for visible and hidden parts, cover the same area, so one is enough.
   const Vec3 eye(scene_->GetActiveCamera()->GetPosition());
   const Vec3 along(scene_->GetActiveCamera()->GetDirectionOfProjection());
   auto boxes = overlay_->seen();
@@ -121,7 +121,7 @@ Area ViewWindow::drawnOver() const {
       area = area.with({x - 2, y - 2, x + 3, y + 3});
     }
   }
-  // The area ends at the panel, which lies beside the picture.
+  // The panel is beside the picture.
   area.right = std::min(area.right, all.right);
   return area;
 }
@@ -134,7 +134,7 @@ void ViewWindow::showHand() {
 vtkBoundingBox ViewWindow::hand() const {
   vtkBoundingBox hand;
   for (const auto& box : overlay_->seen()) hand.AddBounds(box.data());
-  // VTK does not draw parts nearer to the camera than a thousandth of the greatest depth.
+  // VTK clips parts nearer to the camera than a thousandth of the greatest depth.
   constexpr double kReach = 20.0;  // multiples of the scene's size
   const Box& scene = shapes_->bounds();
   const Vec3 reach = Vec3::Constant(kReach * std::max(1e-6, scene.size().maxCoeff()));
@@ -155,7 +155,7 @@ void ViewWindow::clip() {
   }
   const vtkBoundingBox hand = this->hand();
   if (hand.IsValid() && !clipped_.Contains(hand)) {
-    // A margin, so that a hand that moves outwards rarely requires a new backdrop.
+    // With this margin, a hand that moves outwards seldom requires a new backdrop.
     clipped_.AddBox(hand);
     clipped_.ScaleAboutCenter(1.5);
   }
@@ -172,7 +172,7 @@ void ViewWindow::drawBackdrop(int detail) {
   clip();
   for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOff();
   for (auto& renderer : {scene_, through_}) renderer->DrawOn();
-  // Does not show this rendering, because it lacks the hand.
+  // Does not show this rendering, which lacks the hand.
   window_->SetSwapBuffers(0);
   window_->Render();
   backdrop_.take(*window_);
@@ -197,7 +197,7 @@ void ViewWindow::drawFrame() {
     newtons_->SetInput(fmt::format("{:.2f} N", force.norm()).c_str());
     newtons_->SetPosition(at[0] + 8.0, at[1] + 6.0);
   }
-  // If the panel is not drawn, the window keeps its previous content there.
+  // If the panel is not drawn, the window keeps the panel's previous picture.
   side_->SetDraw(panel_fresh_ ? 1 : 0);
   panel_fresh_ = false;
   window_->Render();

@@ -93,7 +93,7 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
   writer->Write();
   vtkUnsignedCharArray* bytes = writer->GetResult();
   const auto* all = reinterpret_cast<const char*>(bytes->GetPointer(0));
-  // Inserts the PNG chunk pHYs behind the header: 300 dpi (11811 pixels per metre).
+  // Inserts the PNG chunk pHYs after the header: 300 dpi (11811 pixels per metre).
   constexpr std::streamsize kHeader = 33;
   constexpr unsigned char kPrint[] = {0,    0, 0, 9,    'p',  'H', 'Y',  's',  0,    0,   0x2e,
                                       0x23, 0, 0, 0x2e, 0x23, 1,   0x78, 0xa5, 0x3f, 0x76};
@@ -108,7 +108,7 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
 }
 
 void ViewWindow::tell(const std::string& shot, const std::string& told_file) {
-  // Renames complete files, so that a reader never finds an incomplete file.
+  // Renames a file when it is complete, so that a reader never finds an incomplete one.
   if (!shot.empty()) {
     write(shot + ".partial", true);
     std::filesystem::rename(shot + ".partial", shot);

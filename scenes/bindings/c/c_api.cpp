@@ -37,14 +37,14 @@ void copyTo(char* text, std::size_t size, const std::string& from) {
   text[count] = '\0';
 }
 
-/// Returns the message of f's exception, or "". No exception may reach C code.
+/// Returns the message of f's exception; empty if f returns. No exception may reach C code.
 template <class F>
 std::string failureOf(F&& f) {
   try {
     f();
     return "";
   } catch (const std::exception& e) {
-    // file names in the message may have any characters
+    // names of files in the message may contain any characters
     return palpate::cli::sentence(e.what()).text();
   } catch (...) {
     return "palpate: unknown failure: report it";
@@ -62,14 +62,14 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path
   return spec;
 }
 
-/// Publishes the scene only after it is completely built.
+/// Publishes the scene only after it is complete.
 void load(palpate_hand& hand, const std::filesystem::path& path) {
   auto scene = palpate::buildScene(specFor(hand, path)).scene;
   hand.path = palpate::absolutePlace(path);
   hand.servo.publish(std::move(scene));
 }
 
-/// Checks only the limits of the coupling, because the servo checks those of the force.
+/// Checks only the limits of the coupling; the servo checks those of the force.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   if (!(arm.max_stiffness > 0.0) || !(arm.max_damping >= 0.0)) {
     throw palpate::DeviceError("arm", "its largest stiffness or damping is not a valid number",

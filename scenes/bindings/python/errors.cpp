@@ -11,7 +11,7 @@
 namespace palpate::python {
 namespace {
 
-// The exceptions are defined in Python, so that a script can raise and pickle them.
+// The exceptions are Python classes, so that a script can raise and pickle them.
 constexpr char kErrors[] = R"py(
 class Error(Exception):
     """Holds what failed, why, and the remedy; str() returns one line."""

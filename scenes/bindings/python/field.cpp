@@ -66,8 +66,8 @@ py::array sampled(const Field& field, const Doubles& points) {
   return rows;
 }
 
-/// Samples the field on a lattice for VTK. By default, the spacing is the edge of a voxel, but at
-/// least 1/256 of the longest side.
+/// Samples the field on a lattice for VTK. The default spacing is the edge of a voxel, but at least
+/// 1/256 of the longest side.
 py::object toVtk(const NamedField& field, std::optional<double> spacing) {
   const FieldFrame& frame = field.frame();
   const Vec3 size = frame.bounds.size();

@@ -21,11 +21,11 @@ Hand::Hand(std::shared_ptr<const Scene> scene, const PlayParams& play, double ra
 std::tuple<double, double, double> Hand::step(double x, double y, double z,
                                               std::optional<double> play) {
   if (play) {
-    constexpr double kMost = 1e9;  // [s]: the same limit as that of PathDevice
+    constexpr double kMost = 1e9;  // [s]: limit of PathDevice
     if (!(std::abs(*play) <= kMost)) {
       throw DeviceError("play", "it is not a time within 1e9 s", "give seconds, at most 1e9");
     }
-    // A time that a script sets counts as continuous playback since the last tick.
+    // If a script sets the time, the playback counts as continuous since the last tick.
     const double from = std::exchange(play_, *play);
     state_.playAt(play_, (play_ - from) / dt_);
   } else {

@@ -12,7 +12,7 @@
 
 namespace palpate::python {
 
-/// Returns the limits of the device `path`, for the hands of all scripts.
+/// Returns the limits of the device `path`, which every hand of a script has.
 [[nodiscard]] DeviceInfo pathInfo();
 
 /// The hand of a script in a scene. Each call of step() runs one tick.

@@ -20,9 +20,9 @@ using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 /// Returns three finite numbers as a vector. Throws Error, which names the argument `what`.
 [[nodiscard]] Vec3 vectorOf(const Doubles& values, const char* what);
 
-// Each function registers a part of the module. Later parts use the types of earlier parts.
+// Each function registers a part of the module. Later parts use the types of earlier ones.
 void bindErrors(py::module_& m);
-/// Registers the functions that wait for threads when Python ends.
+/// Registers functions that wait for this module's threads when Python ends.
 void registerEnd();
 void bindField(py::module_& m);
 void bindVolume(py::module_& m);

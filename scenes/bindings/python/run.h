@@ -11,7 +11,7 @@
 
 namespace palpate::python {
 
-/// The columns of `palpate feel --trace`.
+/// A row of `palpate feel --trace`.
 struct TraceRow {
   double t;
   std::array<double, 3> probe;
@@ -29,7 +29,7 @@ struct TraceRow {
 
 [[nodiscard]] py::dtype traceType();
 
-/// Stores a row for each tick. All memory is reserved before the first tick.
+/// Stores a row for each tick. Reserves all memory before the first tick.
 class Rows final : public TickSink {
  public:
   explicit Rows(std::size_t most) { rows.reserve(most); }
@@ -37,7 +37,7 @@ class Rows final : public TickSink {
   std::vector<TraceRow> rows;
 };
 
-/// Converts an array to a path: a position for each tick, or rows of t, x, y, z.
+/// Converts an array to a path: a position for each tick, or rows of t, x, y, z [s, m].
 [[nodiscard]] std::vector<PathPoint> pathOf(const Doubles& given, double rate);
 
 }  // namespace palpate::python

@@ -31,14 +31,14 @@ namespace {
 
 using Volumes = std::map<std::string, std::shared_ptr<const Volume>>;
 
-/// Returns a text unchanged. Converts other objects to JSON; numpy's become lists and numbers.
+/// Returns a text unchanged. Converts other objects to JSON, numpy's arrays to lists.
 std::string jsonOf(const py::object& given) {
   try {
     if (py::isinstance<py::str>(given)) return given.attr("encode")().cast<std::string>();
     const py::cpp_function plain([](const py::object& one) -> py::object {
       if (py::hasattr(one, "tolist")) {
         py::object list = one.attr("tolist")();
-        // tolist() leaves a long double unchanged
+        // tolist() does not convert a long double
         if (py::type::of(list).is(py::type::of(one))) return py::float_(one);
         return list;
       }
@@ -59,7 +59,7 @@ std::string jsonOf(const py::object& given) {
   }
 }
 
-/// Adds a script's own volumes to the JSON of a scene, which need not list them.
+/// Adds volumes that a script has made to the JSON of a scene, which need not list them.
 std::string withVolumes(const std::string& text, const Volumes& volumes) {
   if (volumes.empty()) return text;
   Json scene = parseJson(text, "scene", raiseAs<SceneError>);
@@ -73,7 +73,7 @@ std::string withVolumes(const std::string& text, const Volumes& volumes) {
   return scene.dump();
 }
 
-/// A valid scene, and the hand that Scene.step moves.
+/// A valid scene, with the hand that Scene.step moves.
 class PyScene {
  public:
   explicit PyScene(SceneSpec spec) : spec_(waiting(std::move(spec))), built_(buildScene(spec_)) {
@@ -117,7 +117,7 @@ class PyScene {
     }
     const std::vector<TraceRow>& made = rows->rows;
     const py::capsule owner(rows.get(), [](void* p) { delete static_cast<Rows*>(p); });
-    (void)rows.release();  // from here on the capsule owns the rows
+    (void)rows.release();  // the capsule owns the rows now
     return {traceType(), {made.size()}, {sizeof(TraceRow)}, made.data(), owner};
   }
 
@@ -156,7 +156,7 @@ class PyScene {
   [[nodiscard]] Volumes volumes() const { return built_.volumes; }
 
  private:
-  /// Returns the description for virtual time, because ticks from Python have no deadline.
+  /// Returns the description for virtual time: reads may wait, as ticks have no deadline.
   [[nodiscard]] static SceneSpec waiting(SceneSpec spec) {
     spec.waits = true;
     return spec;

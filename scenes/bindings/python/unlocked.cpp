@@ -9,20 +9,20 @@
 namespace palpate::python {
 namespace {
 
-/// A task that runs to its end, although no caller waits for its result.
+/// A task whose result is discarded, but which runs to its end.
 struct Abandoned {
-  std::shared_ptr<void> work;  ///< Future of the task; destroying it waits for the end of the task.
+  std::shared_ptr<void> work;  ///< Future of the task; its destructor waits for the task.
   std::function<bool()> ended;
   py::object kept;
 };
 std::vector<Abandoned>& abandoned() {
-  // never freed, because Python objects must not be destroyed after the interpreter has ended
+  // never freed: Python objects must not be destroyed after the interpreter has ended
   static auto* all = new std::vector<Abandoned>;
   return *all;
 }
 
-/// Waits for abandoned tasks when Python ends, because they use Python's objects. Ctrl-C then ends
-/// the process.
+/// Waits at the end of Python for abandoned tasks, because they use Python objects. Ctrl-C then
+/// ends the process.
 void awaitAbandoned() {
   if (abandoned().empty()) return;
   std::signal(SIGINT, SIG_DFL);
@@ -33,10 +33,10 @@ void awaitAbandoned() {
   }
 }
 
-/// Process that started the threads. Its forks do not have them.
+/// Process that started the threads. Its forks have no threads to wait for.
 pid_t begun_in = 0;
 
-/// Called after Python has ended, before static objects are destroyed.
+/// Called when Python has ended, before static objects are destroyed.
 void awaitThreads() {
   if (getpid() != begun_in) return;
   std::signal(SIGINT, SIG_DFL);

@@ -17,12 +17,12 @@ namespace palpate::python {
 /// Time between two checks for signals such as Ctrl-C. A check takes Python's lock.
 inline constexpr auto kAsk = std::chrono::milliseconds(50);
 
-/// Returns true on the main thread, the only thread that receives signals. If another thread checks
-/// for signals while Python ends, Python ends that thread within the check.
+/// Returns true on the main thread, the only one that receives signals. Any other thread that
+/// checks for signals while Python ends is ended by Python within the check.
 [[nodiscard]] bool onMainThread();
 
-/// Counts the threads, except for the main thread, that compute without Python's lock. Python does
-/// not wait for its daemon threads. Without a wait, static objects of OpenVDB and TBB would be
+/// Counts threads other than the main thread that compute without Python's lock. Python does not
+/// wait for daemon threads. So without this count, static objects of OpenVDB and TBB could be
 /// destroyed while a thread uses them, and the process would abort.
 class Computing {
  public:
@@ -40,13 +40,13 @@ class Computing {
     --threads_;
     changed_.notify_all();
   }
-  /// Stops the calling thread for ever if Python has ended. For loops that may take hours.
+  /// Blocks the calling thread for ever if Python has ended. For loops that may take hours.
   void parkAtEnd() {
     if (!ended_.load(std::memory_order_relaxed)) return;
     leave();
     park();
   }
-  /// Waits until no thread computes. Called after Python has ended.
+  /// Waits until no thread computes. Called when Python has ended.
   void awaitEnd() {
     ended_ = true;
     std::unique_lock lock(mutex_);
@@ -61,9 +61,9 @@ class Computing {
   int threads_ = 0;
 };
 
-/// Releases Python's lock while it exists. If Python has ended, a daemon thread must not take the
-/// lock back: Python would end the thread, and the process would abort. The thread then waits for
-/// the end of the process.
+/// Releases Python's lock until it is destroyed. If Python has ended by then, a daemon thread waits
+/// for the end of the process: if it took the lock, Python would end it and the process would
+/// abort.
 class Unlocked {
  public:
   Unlocked() : state_(PyEval_SaveThread()) {
@@ -82,13 +82,13 @@ class Unlocked {
   bool counted_ = !onMainThread();
 };
 
-/// Checks for signals such as Ctrl-C. Throws Python's exception for a signal.
+/// Checks for signals such as Ctrl-C. Throws the exception that Python raises for a signal.
 void askPython();
 
 class Asking {
  public:
   void operator()() {
-    constexpr unsigned kBetween = 16;  // reading the clock takes a tenth of the time of a sample
+    constexpr unsigned kBetween = 16;  // reading the clock takes a tenth as long as a sample
     if (!asks_) return Computing::all().parkAtEnd();
     if (++calls_ % kBetween != 0 || Clock::now() < next_) return;
     askPython();
@@ -102,14 +102,14 @@ class Asking {
   Clock::time_point next_ = Clock::now() + kAsk;
 };
 
-/// Abandons a task: it runs to its end, but its result is discarded. Destroying its future `work`
-/// waits for the end. `ended` returns true after the end. `kept` is the object that the task reads.
+/// Abandons a task: it runs to its end, and its result is discarded. `work` is its future, `ended`
+/// returns true after its end, and `kept` is the object that it reads.
 void abandon(std::shared_ptr<void> work, std::function<bool()> ended, py::object kept);
 void dropEnded();
 
-/// Runs `work` without Python's lock and returns its result. On the main thread, Ctrl-C ends the
-/// wait, but not `work`, which runs in another thread. Therefore `work` must own its objects, or
-/// the caller must pass them as `kept`.
+/// Runs `work` without Python's lock and returns its result. On the main thread, `work` runs in
+/// another thread: Ctrl-C ends the wait, and `work` runs on. So `work` must own the objects that it
+/// uses, or the caller must pass them as `kept`.
 template <class Work>
 auto aside(Work work, py::object kept = py::none()) {
   using Result = decltype(work());

@@ -22,7 +22,7 @@ using namespace pybind11::literals;
 
 namespace {
 
-/// A width in voxels, or a text such as "1.5 file".
+/// A width in voxels, or a text with a unit such as "1.5 file".
 using Width = std::variant<double, std::string>;
 
 SmoothWidth widthOf(const Width& smooth) {
@@ -62,7 +62,7 @@ void warnOfRounding(const py::array& values, const std::string& name) {
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
-/// Returns floats and doubles unchanged, other numbers as floats if exact, else as doubles.
+/// Returns floats and doubles unchanged, others as floats if exact, otherwise as doubles.
 py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
     throw VolumeError(name, "it is a masked array", "give array.filled(background)");

@@ -14,13 +14,13 @@ namespace palpate {
 namespace {
 
 constexpr std::size_t kLongestName = 200;
-/// Largest lead of a stamp over all known stamps. Without this limit, a site could use the largest
-/// possible stamp.
+/// Largest difference between a received stamp and the largest known stamp. Otherwise a site could
+/// use the largest possible stamp, and no later edit could replace its edit.
 constexpr std::uint64_t kMostAhead = std::uint64_t{1} << 20U;
 constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;  ///< A double represents it exactly.
-constexpr std::size_t kMostNames = 64;                         ///< Sites that are remembered.
+constexpr std::size_t kMostNames = 64;                         ///< Most sites that are reported.
 
-/// Returns true for keys that sites share: of a volume, place and sampling; no descriptions.
+/// Returns true for keys that sites share: no descriptions; of volumes, place and sampling.
 bool isShared(const std::string& kind, const std::string& key) {
   constexpr std::array<std::string_view, 6> kOfVolumes{"axial",      "instances", "interpolation",
                                                        "non_finite", "place",     "smooth"};
@@ -28,7 +28,7 @@ bool isShared(const std::string& kind, const std::string& key) {
   return std::find(kOfVolumes.begin(), kOfVolumes.end(), key) != kOfVolumes.end();
 }
 
-/// Returns one half of an object: the shared keys or the others.
+/// Returns the part of an object with the keys that sites share, or the part with all other keys.
 Json halfOf(const std::string& kind, const Json& object, bool shared) {
   Json half = Json::object();
   for (const auto& [key, value] : object.items()) {
@@ -60,8 +60,8 @@ std::vector<SharedKey> keysOfModes(const Json& modes) {
   return keys;
 }
 
-/// Returns true if edit `a` replaces edit `b`. For equal stamps the larger text wins, because 2 and
-/// 2.0 are equal values.
+/// Returns true if edit `a` replaces edit `b`. For equal stamps the greater text wins: values are
+/// no criterion, because 2 and 2.0 are equal.
 bool isLater(const SharedEdit& a, const SharedEdit& b) {
   if (a.stamp != b.stamp) return b.stamp < a.stamp;
   return a.value.dump() > b.value.dump();
@@ -101,7 +101,7 @@ void checkNames(const Json& value) {
   }
 }
 
-/// Returns true for a part that may be sent.
+/// Returns true if `key` is the key of a part that sites may exchange.
 bool isTold(const SharedKey& key) {
   if (key.empty() || !std::all_of(key.begin(), key.end(), isName)) return false;
   if (key[0] == "play") return key.size() == 1;
@@ -122,7 +122,7 @@ SharedKey keyFrom(const Json& json) {
   return key;
 }
 
-/// Checks the value of an edit: it has no data of the machine, and a mode matches its key.
+/// Throws Error if the value of an edit has keys that sites do not share, or does not match `key`.
 void checkValue(const SharedKey& key, const Json& value) {
   if (value.is_null()) return;
   if (!value.is_object()) refuse(wordsForOne(key) + " is not an object");
@@ -139,7 +139,7 @@ void checkValue(const SharedKey& key, const Json& value) {
   }
 }
 
-/// Returns true once for each name, for a limited number of names.
+/// Returns true at the first call for each name, for at most kMostNames names.
 bool isNew(std::set<std::string>& known, const std::string& name) {
   return known.size() < kMostNames && known.insert(name).second;
 }
@@ -231,7 +231,7 @@ Json withEdits(Json scene, const SharedEdits& edits) {
       throw SceneError(wordsForOne(key), "this site does not have it",
                        "add it to the scene's file");
     }
-    // Keeps data of the machine, such as files.
+    // Keeps the keys that sites do not share, such as files.
     Json whole = where.contains(name) ? halfOf(key[0], where[name], false) : Json::object();
     whole.update(value);
     where[name] = std::move(whole);
@@ -302,7 +302,7 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
       edits_ = std::move(all);
       news_ = untold_ = true;
     }
-    // Finds parts without edits that differ here.
+    // Finds parts that differ from the other site's without an edit.
     const SharedText own = told();
     std::vector<SharedKey> differ;
     for (const auto& [key, digest] : own.rest) {
@@ -329,7 +329,7 @@ void SharedScene::edit(const std::string& text) {
   Json file = parseJson(text, "", raiseAs<Error>);
   const SharedStamp stamp{std::min(newest() + 1, kMostCount), site_};
   SharedEdits own = editsBetween(file_, file, stamp);
-  // A value that all sites already use is not an edit.
+  // A value that all sites already have is not an edit.
   std::erase_if(own, [&](const auto& one) {
     const auto known = edits_.find(one.first);
     return known != edits_.end() && known->second.value == one.second.value;
@@ -357,7 +357,7 @@ std::uint64_t SharedScene::newest() const noexcept {
 void SharedScene::settle(const SharedScene& copy) {
   SharedEdits all = edits_;
   merge(all, copy.edits_);
-  // Edits dropped here arrive again, and are then rejected with a line.
+  // Edits that are dropped here will arrive again. They are then rejected, and a line says so.
   if (textOf({all, {}}).size() > kMostSceneText) all = copy.edits_;
   edits_ = std::move(all);
   text_ = copy.text_;
@@ -378,7 +378,7 @@ SharedText SharedScene::told() const {
 std::optional<std::string> SharedScene::takeTold() {
   if (!std::exchange(untold_, false)) return std::nullopt;
   std::string text = textOf(told());
-  // A scene with very many parts is sent without the digests.
+  // If a scene has too many parts, sends no digests.
   if (text.size() > kMostSceneText) text = textOf({edits_, {}});
   return text;
 }

@@ -34,18 +34,18 @@ using Clock = std::chrono::steady_clock;
 constexpr auto kAlone = std::chrono::seconds(3);       ///< Time without peers before a message.
 constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Time between two polls.
 constexpr auto kRest = std::chrono::milliseconds(50);  ///< Time between messages of a resting hand.
-constexpr double kSmallWay = 1e-4;   ///< Smaller motion of a proxy is not sent at once [m].
-constexpr double kSmallGift = 1e-5;  ///< Smaller change of an energy is not sent at once [J].
+constexpr double kSmallWay = 1e-4;   ///< A smaller motion of the proxy is not sent at once [m].
+constexpr double kSmallGift = 1e-5;  ///< A smaller change of an energy is not sent at once [J].
 constexpr std::uint32_t kMostAtOnce = 64;
 constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Time between two scene texts.
 constexpr std::size_t kMostScenes = kMostLinks;               ///< Texts that wait for takeScenes().
 
-/// Returns the number of a site, from its name; not 0.
+/// Returns a number for the site's name; not 0.
 std::uint64_t numberOfSite(const std::string& name) noexcept {
   return fingerprintOf(name) | 1U;
 }
 
-/// Returns the local address from which data would go to `address`. Throws Error.
+/// Returns the local address from which packets to `address` are sent. Throws Error.
 std::string addressTowards(const std::string& address) {
   addrinfo hints{};
   hints.ai_socktype = SOCK_DGRAM;
@@ -60,7 +60,7 @@ std::string addressTowards(const std::string& address) {
   sockaddr_storage own{};
   socklen_t size = sizeof own;
   std::array<char, NI_MAXHOST> text{};
-  // connect() of a datagram socket sends no packet.
+  // connect() of a datagram socket sends no packet, but selects the local address.
   const bool known = s >= 0 && connect(s, found->ai_addr, found->ai_addrlen) == 0 &&
                      getsockname(s, reinterpret_cast<sockaddr*>(&own), &size) == 0 &&
                      getnameinfo(reinterpret_cast<sockaddr*>(&own), size, text.data(), text.size(),
@@ -73,7 +73,7 @@ std::string addressTowards(const std::string& address) {
   return text.data();
 }
 
-/// Returns DDS's configuration: without multicast, only the named machines learn of this site.
+/// Returns DDS's configuration. It has no multicast, so only the named machines learn of this site.
 std::string configOf(const SiteParams& params) {
   std::vector<std::string> peers = params.with;
   if (peers.empty()) peers.emplace_back("127.0.0.1");
@@ -89,7 +89,7 @@ std::string configOf(const SiteParams& params) {
       addressTowards(peers.front()), 2 * kMostLinks, text);
 }
 
-/// Keeps only the first log line, because a peer can cause any number. DDS has one log sink.
+/// Stores only DDS's first log line, because a peer can cause any number. DDS has one log sink.
 class Complaints {
  public:
   Complaints() {
@@ -103,7 +103,7 @@ class Complaints {
   Complaints& operator=(const Complaints&) = delete;
   ~Complaints() { dds_set_log_sink(nullptr, nullptr); }
 
-  /// Returns the first line once, or "".
+  /// Returns the first line once; otherwise "".
   [[nodiscard]] static std::string take() {
     const std::lock_guard lock(mutex());
     return std::exchange(told().line, {});
@@ -122,7 +122,7 @@ class Complaints {
     if (std::exchange(told().any, true)) return;
     try {
       told().line = words;
-      // A name in a certificate may hold any characters.
+      // A name in a certificate may contain any characters.
       std::replace_if(
           told().line.begin(), told().line.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
     } catch (const std::bad_alloc&) {
@@ -141,7 +141,7 @@ class Complaints {
 
 using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
-/// Throws the reason if DDS could not make the entity.
+/// Returns the entity. Throws Error with the reason if DDS could not create it.
 dds_entity_t need(dds_entity_t entity, const char* what) {
   if (entity >= 0) return entity;
   throw Error("--site", fmt::format("DDS cannot create {} ({})", what, dds_strretcode(-entity)),
@@ -204,10 +204,10 @@ class DdsSite final : public Site {
  private:
   struct Other {
     SiteState state;
-    std::size_t slot = kMostLinks;  ///< kMostLinks: it has no slot.
+    std::size_t slot = kMostLinks;  ///< kMostLinks: no slot.
     dds_instance_handle_t writer = 0;
-    std::uint64_t first = 0;   ///< First number from this writer.
-    std::uint64_t newest = 0;  ///< Newest number from this writer, or 0.
+    std::uint64_t first = 0;   ///< First message number of this writer.
+    std::uint64_t newest = 0;  ///< Newest message number of this writer, or 0.
     std::uint64_t count = 0;
     Clock::time_point last;
     bool gone = true;
@@ -241,7 +241,7 @@ class DdsSite final : public Site {
       dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
       dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC, DDS_SECS(2));
       dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_PARTICIPANT);
-      // Limits the memory for received data from any sender.
+      // Limits the memory for data from all senders.
       dds_qset_resource_limits(qos, 256, 64, 1);
       reader_ = need(dds_create_reader(participant, topic, qos, nullptr), "the reader of hands");
       writer_ = need(dds_create_writer(participant, topic, qos, nullptr), "the writer of the hand");
@@ -249,10 +249,10 @@ class DdsSite final : public Site {
       const dds_entity_t scenes = need(dds_create_topic(participant, &palpate_site_Scene_desc,
                                                         "palpate_scene", nullptr, nullptr),
                                        "the topic of scenes");
-      // Does not wait for sites that take no data. Late joiners get the newest text.
+      // Does not wait for sites that read no data. Late joiners get the newest text.
       dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
       dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
-      // A full reader would block all of DDS, so hearScenes() applies a limit instead.
+      // A full reader would block all of DDS. So the reader has no limit, but hearScenes() has one.
       dds_qset_resource_limits(qos, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, 1);
       scene_reader_ =
           need(dds_create_reader(participant, scenes, qos, nullptr), "the reader of scenes");
@@ -277,12 +277,12 @@ class DdsSite final : public Site {
         wake_.wait_until(lock, due, [this] { return quit_; });
       }
     } catch (const std::exception&) {
-      // Without memory, this site stops sending, and the other sites unlink its hand.
+      // If memory runs out, this site stops sending, so the other sites release its hand.
       failed_ = true;
     }
   }
 
-  /// Adds a line that peers can cause. Limits the lines per second, and counts further lines.
+  /// Adds a line that a peer can cause. Limits the lines per second, and counts the other lines.
   void say(std::string line) {
     constexpr std::size_t kMostLines = 3 * kMostLinks;
     constexpr std::size_t kMostNews = 100;  // lines not taken yet
@@ -346,7 +346,7 @@ class DdsSite final : public Site {
   }
 
   void hearScenes() {
-    // Further texts wait in DDS.
+    // The other texts wait in DDS.
     if (scenes_.size() >= kMostScenes) return;
     std::array<void*, kMostAtOnce> samples{};
     std::array<dds_sample_info_t, kMostAtOnce> infos{};
@@ -386,8 +386,8 @@ class DdsSite final : public Site {
     if (others_.find(name) == others_.end() && !makeRoom()) return;
     Other& other = others_[name];
     SiteState& state = other.state;
-    // Another program with this name is a new site, and so is a program that DDS has found again.
-    // Its messages are ignored until the previous program is silent and its spring has faded out.
+    // A new writer is another program with this name, or one that DDS has found again. Its messages
+    // are ignored until the previous writer is silent and its spring has faded out.
     if (other.slot != kMostLinks && writer != other.writer) {
       if (state.here || state.presence > 0.0) return;
       letGo(other);
@@ -421,7 +421,7 @@ class DdsSite final : public Site {
       word.to = one.to_life;
       word.given = one.given;
     }
-    // A site that does not know this one yet sends no word to it.
+    // A site sends this one a word only once it knows this one.
     if (word.from != 0) heard_.words[other.slot] = word;
   }
 
@@ -440,7 +440,7 @@ class DdsSite final : public Site {
     say(fmt::format("more than {} hands of other sites: some are not felt", kMostLinks));
   }
 
-  /// If too many names are known, forgets the site that has been silent for longest.
+  /// If too many sites are known, forgets the one silent longest. Returns false if it cannot.
   bool makeRoom() {
     if (others_.size() < 4 * kMostLinks) return true;
     const auto longest = longestSilent([](const Other&) { return true; });
@@ -474,7 +474,7 @@ class DdsSite final : public Site {
       letGo(longest->second);
     }
     other.slot = slot;
-    heard_.who[slot] = ++seats_;  // a new number: the link starts again
+    heard_.who[slot] = ++seats_;  // a new number restarts the link
     heard_.words[slot] = {};
     site_[slot] = numberOfSite(name);
     return true;
@@ -496,7 +496,7 @@ class DdsSite final : public Site {
       other.state.paid = told.paid[other.slot];
       other.state.energy = told.energy[other.slot];
     }
-    // If the loop has not ticked since the last call, the site sends no message.
+    // If the loop has not ticked since the last call, sends no message.
     if (told.words[0].number == ticked_) return;
     ticked_ = told.words[0].number;
     const auto now = Clock::now();
@@ -510,7 +510,7 @@ class DdsSite final : public Site {
     std::uint32_t count = 0;
     for (std::size_t i = 0; i < kMostLinks; ++i) {
       sent_[i] = told.words[i].given;
-      // The loop may not know the owner of this slot yet.
+      // The loop may not have seen the new site in this slot yet.
       if (heard_.who[i] == 0 || heard_.who[i] != told.who[i]) continue;
       words[count++] = {site_[i], told.words[i].from, told.words[i].to, told.words[i].given};
     }
@@ -534,7 +534,7 @@ class DdsSite final : public Site {
   dds_entity_t domain_ = 0;
   dds_entity_t reader_ = 0;
   dds_entity_t writer_ = 0;
-  dds_entity_t scene_reader_ = 0;  ///< 0: scenes are not exchanged.
+  dds_entity_t scene_reader_ = 0;  ///< 0: sites exchange no scenes.
   dds_entity_t scene_writer_ = 0;
 
   mutable std::mutex mutex_;
@@ -547,9 +547,9 @@ class DdsSite final : public Site {
   std::optional<std::string> scene_;
   std::map<std::string, std::string> scenes_;
 
-  // Used by the thread only.
+  // Only the thread uses these members.
   LinksHeard heard_;
-  std::array<std::uint64_t, kMostLinks> site_{};  ///< Owner of each slot, by numberOfSite; 0: free.
+  std::array<std::uint64_t, kMostLinks> site_{};  ///< Site in each slot, by numberOfSite; 0: free.
   std::uint64_t seats_ = 0;
   std::uint64_t ticked_ = 0;
   bool told_same_ = false;

@@ -13,16 +13,16 @@
 
 namespace palpate {
 
-/// Identity of a site, and its peers.
+/// A site's identity and its peers.
 struct SiteParams {
   std::string name;               ///< Unique name: at most 31 letters, digits, - and _.
-  int domain = 0;                 ///< DDS domain, 0 to 230. Sites link only within a domain.
+  int domain = 0;                 ///< DDS domain, 0 to 230. Only sites of the same domain link.
   std::vector<std::string> with;  ///< Numeric addresses of machines; empty: only this machine.
-  std::string keys;               ///< Folder of its keys; empty: no keys, all peers are accepted.
+  std::string keys;               ///< Folder of this site's keys; empty: accepts all peers.
   bool scene = false;             ///< If true, sites also exchange their scenes.
 };
 
-/// Longest text about a scene that a site sends [bytes].
+/// Longest text of a scene that a site sends [bytes].
 inline constexpr std::size_t kMostSceneText = 65536;
 
 /// Parses NAME or NAME@DOMAIN. Throws Error.
@@ -31,7 +31,7 @@ inline constexpr std::size_t kMostSceneText = 65536;
 [[nodiscard]] bool isSiteName(const std::string& name) noexcept;
 
 struct SiteState {
-  bool here = false;         ///< Its messages arrive.
+  bool here = false;         ///< True while its messages arrive.
   std::uint64_t heard = 0;   ///< Number of received messages.
   std::uint64_t missed = 0;  ///< Number of lost messages.
   std::uint64_t lives = 0;   ///< Number of times it has joined.
@@ -40,30 +40,30 @@ struct SiteState {
   double energy = 0.0;       ///< Link::energy [J]
 };
 
-/// Carries a loop's links on its own thread: up to 250 messages per second of some 250 bytes.
+/// Links a hand with other sites on its own thread: up to 250 messages/s of about 250 bytes.
 class Site {
  public:
   Site() = default;
   Site(const Site&) = delete;
   Site& operator=(const Site&) = delete;
-  /// Leaves. The other sites learn of this at once.
+  /// Leaves the domain. The other sites learn of this at once.
   virtual ~Site() = default;
 
   /// Returns the events since the last call, one line each.
   [[nodiscard]] virtual std::vector<std::string> takeNews() = 0;
   [[nodiscard]] virtual std::map<std::string, SiteState> others() const = 0;
 
-  /// Sets the text about this scene for all sites, also late joiners. Sends the newest text, at
-  /// most 5 times per second.
+  /// Sets the text of this scene for all sites, also for late joiners. Sends only the newest text,
+  /// at most 5 times per second.
   virtual void tellScene(std::string text) = 0;
-  /// Returns the newest text of each site since the last call, by name. The texts are untrusted.
+  /// Returns the newest text of each site since the last call, by site. The texts are untrusted.
   [[nodiscard]] virtual std::map<std::string, std::string> takeScenes() = 0;
 };
 
-/// Joins a site. The first call loads the module palpate_sites.so, which contains DDS. Throws Error
-/// if the module, the address or the network does not exist. `links` must outlive the site.
+/// Joins the other sites. The first call loads the module palpate_sites.so, which contains DDS.
+/// Throws Error if module, address or network does not exist. `links` must outlive the result.
 [[nodiscard]] std::unique_ptr<Site> openSite(const SiteParams& params, HandLinks& links);
-/// The entry function of the module.
+/// Type of the module's entry function.
 using SiteFactory = std::unique_ptr<Site>(const SiteParams& params, HandLinks& links);
 
 }  // namespace palpate

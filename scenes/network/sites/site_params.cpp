@@ -51,7 +51,7 @@ SiteParams siteFrom(const std::string& words, const std::vector<std::string>& wi
   }
   params.with = with;
   for (const std::string& address : with) {
-    // Rejects host names and markup of the DDS configuration.
+    // Rejects host names, and text that would change the DDS configuration (XML).
     if (isNumeric(address)) continue;
     throw Error("--with", fmt::format("\"{}\" is not a numeric address", address),
                 "give an address such as 10.0.0.2");

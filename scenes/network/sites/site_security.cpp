@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns the path of a DDS security plug-in: beside the DDS library or, on Debian, below it.
+/// Returns the path of a DDS security plug-in: in the DDS library's folder or, on Debian, below it.
 std::string pluginOf(const char* what) {
   Dl_info info{};
   const std::string name = fmt::format("libdds_security_{}.so", what);

@@ -1,4 +1,4 @@
-/// Private to scenes/network/sites: DDS's own security.
+/// Private to scenes/network/sites: the security of DDS.
 #pragma once
 
 #include <dds/dds.h>
@@ -6,8 +6,8 @@
 
 namespace palpate {
 
-/// Restricts a participant to peers with keys. `keys` has the six files of a ROS 2 enclave, as
-/// site_keys.sh makes them. Throws Error if a file is missing, or if this DDS has no security.
+/// Lets a participant accept only peers with keys. `keys` has the six files of a ROS 2 enclave, as
+/// site_keys.sh makes them. Throws Error if a file is missing, or if this DDS lacks security.
 void secure(dds_qos_t* participant, const std::filesystem::path& keys);
 
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// Private to scenes/network/slicer: a client's connection, and counts of the traffic.
+/// Private to scenes/network/slicer: a client's connection, and counters of the traffic.
 #pragma once
 
 #include <array>
@@ -15,11 +15,11 @@ namespace palpate::cli {
 
 struct IgtlServer::Counts {
   std::atomic<std::int64_t> connections{0};
-  /// Clients that had to wait because all places were taken.
+  /// Clients that had to wait because the largest number was connected.
   std::atomic<std::int64_t> refused{0};
-  /// Connections that the server has ended, for invalid data or unread messages.
+  /// Connections that the server has ended, because of invalid data or unread messages.
   std::atomic<std::int64_t> ended{0};
-  /// Rounds of messages that were sent, over all clients.
+  /// Sets of messages that were sent, summed over all clients.
   std::atomic<std::int64_t> sent{0};
   std::atomic<std::int64_t> skipped{
       0};  ///< Rounds not sent, because the client had not read the previous one.
@@ -29,7 +29,7 @@ struct IgtlServer::Counts {
 
 struct IgtlServer::Client {
   enum class At : std::uint8_t { kHead, kBody, kSkip };
-  /// Limit of the data that wait to be sent [bytes].
+  /// Limit of the data that wait for the client [bytes].
   static constexpr std::size_t kMostOut = 1U << 16U;
 
   int socket = -1;  ///< -1: the connection has ended.
@@ -41,7 +41,7 @@ struct IgtlServer::Client {
   Bytes body;
   std::uint64_t left = 0;
   std::uint64_t crc = 0;
-  /// Answer when the message is complete; `why` has the reason.
+  /// Answer to send when the message is complete; `why` is the reason.
   IgtlCode answer = IgtlCode::kOk;
   std::string why;
   bool answers = false;
@@ -50,7 +50,7 @@ struct IgtlServer::Client {
   std::size_t out_at = 0;
   std::int64_t took = 0;  ///< Time at which the client last read data [ns].
   bool wants_status = true;
-  /// True if all places are taken. The server then accepts only a cut from this client.
+  /// True if too many clients are connected: the server then accepts only a cut from this one.
   bool waits = false;
 
   Client(int s, std::string p) : socket(s), peer(std::move(p)) {}

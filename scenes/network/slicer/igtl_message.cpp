@@ -25,7 +25,7 @@ using Word = std::conditional_t<
     std::conditional_t<kBytes == 2, std::uint16_t,
                        std::conditional_t<kBytes == 4, std::uint32_t, std::uint64_t>>>;
 
-/// kBig: the most significant byte comes first.
+/// Reads a number; if kBig, its most significant byte is first.
 template <class T, bool kBig>
 T numberAt(const std::uint8_t* bytes) noexcept {
   Word<sizeof(T)> word = 0;
@@ -37,7 +37,7 @@ T numberAt(const std::uint8_t* bytes) noexcept {
   return std::bit_cast<T>(word);
 }
 
-/// Reads big-endian values. The caller has checked that there are enough bytes.
+/// Reads big-endian values. The caller must check that there are enough bytes.
 class In {
  public:
   explicit In(ByteView bytes) : at_(bytes.data()) {}
@@ -47,7 +47,7 @@ class In {
     at_ += sizeof(T);
     return value;
   }
-  /// Returns the text up to its first zero byte, from a field of `room` bytes.
+  /// Returns a field of `room` bytes as text, up to the first zero byte.
   std::string text(std::size_t room) {
     const std::uint8_t* end = std::find(at_, at_ + room, 0);
     std::string text(at_, end);
@@ -84,7 +84,7 @@ Bytes message(std::string_view type, std::string_view name, std::int64_t now, co
   out.put<std::uint16_t>(1);
   out.text(type, kType);
   out.text(name, kName);
-  // The time in seconds, followed by the fraction in units of 2^-32 s.
+  // Seconds, and then the fraction in units of 2^-32 s.
   out.put<std::uint64_t>((time / kSecond) << 32U | ((time % kSecond) << 32U) / kSecond);
   out.put<std::uint64_t>(body.size());
   out.put<std::uint64_t>(igtlCrc(body));
@@ -97,7 +97,7 @@ Bytes message(std::string_view type, std::string_view name, std::int64_t now, co
   throw Error(what, why, remedy);
 }
 
-/// Returns the size of a scalar type by its number in the protocol [bytes]; 0: unknown type.
+/// Returns the size of a scalar type [bytes], by its number in the protocol; 0: unknown.
 std::size_t bytesOf(std::uint8_t scalar) {
   switch (scalar) {
     case 2:
@@ -154,7 +154,7 @@ struct ImageHead {
   std::uint8_t endian = 0;
   std::uint8_t space = 0;
   std::array<std::int64_t, 3> size{};
-  /// Columns: steps along i, j and k, and the position of the image's centre.
+  /// Columns: steps along i, j and k, and the centre of the image.
   std::array<double, 12> matrix{};
   std::array<std::int64_t, 3> offset{};
   std::array<std::int64_t, 3> part{};
@@ -163,7 +163,7 @@ struct ImageHead {
 ImageHead readImageHead(ByteView content) {
   In in(content);
   ImageHead head;
-  (void)in.take<std::uint16_t>();  // the version; all known versions have this header
+  (void)in.take<std::uint16_t>();  // version, which does not change this header
   head.components = in.take<std::uint8_t>();
   head.scalar = in.take<std::uint8_t>();
   head.endian = in.take<std::uint8_t>();
@@ -198,7 +198,7 @@ void checkImageHead(const std::string& what, const ImageHead& head) {
 
 std::uint64_t countValues(const std::string& what, const ImageHead& head) {
   const auto& size = head.size;
-  // The sizes are below 2^16 and `components` is below 2^8: the product is below 2^56.
+  // Sizes are below 2^16 and `components` is below 2^8, so the product is below 2^56.
   const auto values = static_cast<std::uint64_t>(size[0] * size[1] * size[2] * head.components);
   if (values == 0 || values > kIgtlMostValues) {
     refuse(what, fmt::format("it is {} x {} x {} voxels", size[0], size[1], size[2]),
@@ -207,7 +207,7 @@ std::uint64_t countValues(const std::string& what, const ImageHead& head) {
   return values;
 }
 
-/// Sets the axes and the origin of an image, in RAS.
+/// Sets the axes and origin of an image, in RAS.
 void placeImage(const std::string& what, const ImageHead& head, IgtlImage& image) {
   Vec3 middle(head.matrix[9], head.matrix[10], head.matrix[11]);
   for (Eigen::Index column = 0; column < 3; ++column) {
@@ -268,7 +268,7 @@ std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before) noexcept {
 
 Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place) {
   Out out;
-  // The message has no rotation: the columns of the identity.
+  // The columns of the identity: no rotation.
   for (const double x : Mat3::Identity().reshaped()) out.put(static_cast<float>(x));
   for (const double x : place) out.put(static_cast<float>(x));
   return message("TRANSFORM", name, now, out.bytes);
@@ -336,7 +336,7 @@ std::string readIgtlString(ByteView content) {
   constexpr std::size_t kHead = 4;
   if (content.size() >= kHead) {
     In in(content);
-    (void)in.take<std::uint16_t>();  // the encoding; the text is treated as ASCII
+    (void)in.take<std::uint16_t>();  // encoding; the text is read as ASCII
     if (in.take<std::uint16_t>() == content.size() - kHead) {
       return {content.begin() + kHead, content.end()};
     }
@@ -380,7 +380,7 @@ std::shared_ptr<const Volume> volumeOf(const IgtlImage& image) {
       return make<std::int16_t, float>(image);
     case 5:
       return make<std::uint16_t, float>(image);
-    // For these types, a float cannot represent all values.
+    // A float cannot represent all values of these types.
     case 6:
       return make<std::int32_t, double>(image);
     case 7:

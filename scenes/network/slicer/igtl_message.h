@@ -1,4 +1,4 @@
-/// Converts messages of OpenIGTLink, the protocol of 3D Slicer, from and to bytes.
+/// Converts messages of OpenIGTLink, 3D Slicer's protocol, from and to bytes.
 #pragma once
 
 #include <array>
@@ -21,20 +21,20 @@ using ByteView = std::span<const std::uint8_t>;
 inline constexpr std::size_t kIgtlHead = 58;  ///< Size of a header [bytes].
 
 struct IgtlHead {
-  /// 1; or 2 for version 3 of the protocol. Its bodies have data before and after the content.
+  /// 1, or 2 for version 3 of the protocol, whose bodies have data before and after the content.
   std::uint16_t version = 0;
   std::string type;        ///< Type of the message, for example TRANSFORM.
-  std::string name;        ///< Name of the device that sends the message. It may contain any bytes.
+  std::string name;        ///< Name of the sending device; may contain any bytes.
   std::uint64_t size = 0;  ///< Size of the body as sent [bytes].
   std::uint64_t crc = 0;
 };
 [[nodiscard]] IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes);
 
-/// Returns the protocol's checksum (CRC-64 of ECMA-182). `before` is the checksum of the bytes that
-/// precede `bytes`.
+/// Returns the protocol's checksum (CRC-64 of ECMA-182). `before` is the checksum of the bytes
+/// before `bytes`.
 [[nodiscard]] std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before = 0) noexcept;
 
-/// Result of a request, with the numbers of the message STATUS.
+/// Result of a request. The values are those of the message STATUS.
 enum class IgtlCode : std::uint16_t {
   kOk = 1,
   kNotFound = 4,
@@ -44,16 +44,16 @@ enum class IgtlCode : std::uint16_t {
   kDisabled = 15,
 };
 
-/// Return complete messages of version 1. `now` is in ns since 1970. Shorten long names and texts.
+/// Return complete messages of version 1. `now` is in ns since 1970. Shorten long texts.
 [[nodiscard]] Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place);
 [[nodiscard]] Bytes igtlString(std::string_view name, std::int64_t now, std::string_view text);
 [[nodiscard]] Bytes igtlStatus(std::string_view name, std::int64_t now, IgtlCode code,
                                std::string_view text);
-/// Returns a message with the message types that the server understands.
+/// Returns a message that lists the message types which the server understands.
 [[nodiscard]] Bytes igtlCapability(std::string_view name, std::int64_t now,
                                    std::span<const char* const> types);
 
-/// Returns a body without version 3's data before and after the content. Throws Error.
+/// Returns a body without the data that version 3 adds before and after. Throws Error.
 [[nodiscard]] ByteView igtlContent(const IgtlHead& head, ByteView body);
 /// Returns the position in the content of a TRANSFORM. Throws Error if a number is not finite.
 [[nodiscard]] Vec3 readIgtlTransform(ByteView content);
@@ -65,21 +65,21 @@ inline constexpr std::uint64_t kIgtlMostImage = 512ULL << 20U;
 /// Limit of the number of values in an IMAGE.
 inline constexpr std::uint64_t kIgtlMostValues = 128ULL << 20U;
 
-/// An image from an IMAGE message. All members are valid, but the values may be any numbers.
+/// An image from an IMAGE message. All members are valid; the values may be any numbers.
 struct IgtlImage {
   std::string name;                    ///< Name of the volume that the image replaces.
   std::array<std::int64_t, 3> size{};  ///< Number of voxels along i, j and k.
-  int components = 1;                  ///< Components of a value: 1, or 3 for a vector.
+  int components = 1;                  ///< Components per voxel: 1, or 3 for a vector.
   std::uint8_t scalar = 0;             ///< Number of the scalar type in the protocol.
   bool big_endian = false;
   Mat3 axes = Mat3::Identity();  ///< Steps along i, j and k in RAS [mm].
   Vec3 origin = Vec3::Zero();    ///< Centre of the first voxel in RAS [mm].
-  Bytes bytes;                   ///< The message; the values begin at `first`, with i fastest.
+  Bytes bytes;                   ///< The message. The values begin at `first`, i fastest.
   std::size_t first = 0;
 };
-/// Returns the image in the body of a message. Throws Error, with the reason, if it is invalid.
+/// Returns the image in the body of a message. Throws Error if it is invalid.
 [[nodiscard]] IgtlImage readIgtlImage(const IgtlHead& head, Bytes body);
-/// Returns the image as a volume. Throws VolumeError if it is not usable. Slow, in parallel.
+/// Returns the image as a volume. Throws VolumeError if it is not usable. Slow; uses all cores.
 [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const IgtlImage& image);
 
 }  // namespace palpate::cli

@@ -1,4 +1,4 @@
-/// Receives and answers the messages of clients.
+/// Receives and answers clients' messages.
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -19,7 +19,7 @@ namespace {
 constexpr std::size_t kPiece = 1U << 16U;
 /// Limit of the size of all messages except IMAGE [bytes].
 constexpr std::uint64_t kMostSmall = 1U << 16U;
-/// Limit of a coordinate of the hand that a client leads [mm].
+/// Limit of the coordinates of the hand that a client leads [mm].
 constexpr double kFarthestHand = 1e9;
 constexpr std::array<const char*, 6> kTypes{"TRANSFORM", "STRING",     "IMAGE",
                                             "STATUS",    "GET_STATUS", "GET_CAPABIL"};
@@ -64,7 +64,7 @@ void IgtlServer::feed(Client& client, ByteView bytes) {
           static_cast<std::size_t>(std::min<std::uint64_t>(bytes.size(), client.left));
       const ByteView taken = bytes.first(take);
       client.crc = igtlCrc(taken, client.crc);
-      // Allocates memory as bytes arrive. A client that announces a large size takes no memory.
+      // Allocates memory only as bytes arrive, because a client can announce any size.
       if (client.at == Client::At::kBody) {
         const std::size_t most = client.body.size() + static_cast<std::size_t>(client.left);
         if (client.body.size() + take > client.body.capacity()) {
@@ -111,7 +111,7 @@ void IgtlServer::beginBody(Client& client) {
   } else if (stage_.current().volumes.count(head.name) == 0) {
     refuse(IgtlCode::kNotFound, "the scene has no volume of that name in memory");
   } else if (busy) {
-    // Rejects the image before its body arrives, because a cut may follow in the stream.
+    // Rejects the image before its body, because a cut may follow the body.
     refuse(IgtlCode::kBusy, "another image is still loading: send it again");
   }
 }
@@ -177,7 +177,7 @@ void IgtlServer::obey(Client& client, const std::string& words) {
     {
       const std::lock_guard lock(mutex_);
       for (HapticThread* hand : hands_) hand->cut();
-      cut_asked_ = hands_.empty();  // hands that begin later are cut too
+      cut_asked_ = hands_.empty();  // cuts() then cuts the hands
     }
     return reply(client, IgtlCode::kOk, "cut");
   }
@@ -188,7 +188,7 @@ void IgtlServer::obey(Client& client, const std::string& words) {
 }
 
 void IgtlServer::reply(Client& client, IgtlCode code, const std::string& text) {
-  // A client that sends requests, but does not read the answers, gets no further answers.
+  // A client that does not read its answers gets no further answers.
   if (client.out.size() >= Client::kMostOut) return;
   const Bytes answer = igtlStatus("Palpate", sinceEpoch(), code, sentence(text).text());
   client.out.insert(client.out.end(), answer.begin(), answer.end());

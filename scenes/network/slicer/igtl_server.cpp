@@ -27,16 +27,16 @@ namespace {
 
 const char* const kSubject = "--igtl";
 constexpr std::size_t kMostClients = 4;
-/// Number of further clients that may wait. They can only cut the force.
+/// Number of clients that may wait. They can only cut the force.
 constexpr std::size_t kMostWaiting = 16;
-constexpr int kBacklog = 128;    ///< Number of connections that the system queues for the server.
-constexpr int kMostAtOnce = 64;  ///< Number of connections that the server accepts in one round.
-constexpr int kSocketBuffer = 1 << 16;  ///< Data that the system stores for a client [bytes].
+constexpr int kBacklog = 128;           ///< Connections that the system queues for the server.
+constexpr int kMostAtOnce = 64;         ///< Connections accepted in one round.
+constexpr int kSocketBuffer = 1 << 16;  ///< Size of a client's send buffer in the system [bytes].
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kLook = kSecond / 10;
 constexpr std::int64_t kPatience = 5 * kSecond;  ///< Time in which a message must arrive [ns].
 constexpr std::int64_t kByte = 1000;             ///< Additional time for each byte [ns]: 1 MB/s.
-/// If a client has not read for this time, its connection ends [ns].
+/// The server ends a connection if the client has not read for this time [ns].
 constexpr std::int64_t kStuck = 5 * kSecond;
 
 std::string shownPlace(const sockaddr_storage& address, socklen_t size) {
@@ -50,7 +50,7 @@ std::string shownPlace(const sockaddr_storage& address, socklen_t size) {
   return (name.find(':') == std::string::npos ? name : "[" + name + "]") + ":" + port.data();
 }
 
-/// Returns "PalpateHand" for the first hand, "PalpateHand2" for the second one.
+/// Returns `what` for the first hand, and `what` with a number from 2 for the others.
 std::string nameOf(const char* what, std::size_t hand) {
   return hand == 0 ? what : fmt::format("{}{}", what, hand + 1);
 }
@@ -141,7 +141,7 @@ void IgtlServer::expect(const BuiltScene& scene) {
   Stage& stage = stage_.draft();
   stage = {};
   if (scene.placements.empty()) {
-    stage.first.scale = 1e-3;  // without a volume, the space of the messages is W in millimetres
+    stage.first.scale = 1e-3;  // without a volume, messages are in W, in millimetres
   }
   for (const auto& [name, volume] : scene.volumes) {
     const bool whole = scene.computed.count(name) == 0 && scene.windows.count(name) == 0 &&
@@ -187,7 +187,7 @@ void IgtlServer::run() {
     try {
       round();
     } catch (const std::exception& error) {
-      // Memory has run out. The next round may succeed.
+      // If memory has run out, the next round may succeed.
       clients_.clear();
       complaints_.say(std::string("igtl: all connections are closed: ") + error.what());
     }
@@ -233,7 +233,7 @@ void IgtlServer::round() {
     send();
   }
   std::erase_if(clients_, [](const auto& client) { return client->socket < 0; });
-  // The clients that connected first get free places.
+  // Free places go to the clients that connected first.
   for (std::size_t i = 0; i < std::min(clients_.size(), kMostClients); ++i) {
     if (std::exchange(clients_[i]->waits, false)) {
       greetings_.say("igtl: " + clients_[i]->peer + " is connected");
@@ -248,7 +248,7 @@ void IgtlServer::accept() {
     const int socket =
         accept4(listener_, reinterpret_cast<sockaddr*>(&from), &size, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (socket < 0) {
-      // If the system lacks descriptors or memory, waits before it accepts again.
+      // If the system lacks descriptors or memory, accepts no connection for 0.1 s.
       if (errno != EAGAIN && errno != EWOULDBLOCK) deaf_until_ = nowNs() + kLook;
       return;
     }
@@ -261,7 +261,7 @@ void IgtlServer::accept() {
       ++counts_->refused;
       complaints_.say(fmt::format("igtl: {} waits: {} clients are connected: disconnect one",
                                   shownPlace(from, size), kMostClients));
-      // Drops the client that has waited longest. It has had enough time to send a cut.
+      // Drops the client that has waited longest: it had the most time to send a cut.
       if (std::count_if(clients_.begin(), clients_.end(), waits) >=
           static_cast<std::ptrdiff_t>(kMostWaiting)) {
         drop(**std::find_if(clients_.begin(), clients_.end(), waits), "");
@@ -358,7 +358,7 @@ void IgtlServer::send() {
   const Bytes told = igtlString("PalpateStatus", at, status_);
   for (const auto& client : clients_) {
     if (client->socket < 0 || client->waits) continue;
-    // A client that has not read the previous messages gets no further messages.
+    // A client that has not read all previous messages gets no new ones.
     if (client->out_at < client->out.size()) {
       ++counts_->skipped;
       continue;

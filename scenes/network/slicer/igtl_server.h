@@ -1,4 +1,4 @@
-/// An OpenIGTLink server on its own thread. It shows a run in 3D Slicer and takes user requests.
+/// An OpenIGTLink server with its own thread: shows a run in 3D Slicer, and takes requests.
 #pragma once
 
 #include <array>
@@ -32,10 +32,10 @@ struct IgtlPlace {
 [[nodiscard]] IgtlPlace igtlPlace(const std::string& words);
 
 inline constexpr double kIgtlRate = 30.0;  ///< Default rate at which messages are sent [Hz].
-/// Largest rate of the messages [Hz]; the main thread observes the run at this rate.
+/// Largest rate of the messages [Hz]: the rate at which the main thread observes the run.
 inline constexpr double kIgtlMostRate = 100.0;
 
-/// State of a hand at the newest tick that was observed.
+/// State of a hand at the last tick that the main thread has read.
 struct IgtlHand {
   Vec3 probe = Vec3::Zero();  ///< Position of the probe [m].
   Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
@@ -53,33 +53,32 @@ struct IgtlShown {
 /// Shows a run to at most four clients.
 ///
 /// A client can cut the force, replace a volume, and lead a hand that has no arm. Only a user at
-/// the arm can restore the force. A client that sends invalid data, or does not read, delays no
-/// other client. Invalid data end the connection, with a line for the user.
-// The padding is intended: it keeps the mailboxes' data of two threads on separate cache lines.
+/// the arm can restore the force. A client that sends invalid data or does not read cannot delay
+/// others. Invalid data end the connection, and a line tells the user.
+// Padding is intended: it keeps the mailboxes' data of two threads on separate cache lines.
 class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Starts to listen, and answers connections after begin(). Throws Error if it cannot listen.
-  /// `rate` is above 0 and at most kIgtlMostRate [Hz]; if `images` is true, clients can replace
-  /// volumes.
+  /// Listens, and answers connections after begin(). Throws Error if it cannot listen. `rate` is
+  /// above 0 and at most kIgtlMostRate [Hz]. If `images` is true, clients can replace volumes.
   IgtlServer(const IgtlPlace& place, double rate, bool images);
   ~IgtlServer();
   IgtlServer(const IgtlServer&) = delete;
   IgtlServer& operator=(const IgtlServer&) = delete;
 
-  /// Returns the address and the port, in the form in which a client takes them.
+  /// Returns address and port, in the form that a client needs.
   [[nodiscard]] const std::string& place() const noexcept { return place_; }
   /// Returns the hand that clients lead. It starts at `start` [m]. Call this before begin().
   [[nodiscard]] HandTarget hand(const Vec3& start);
   void begin();
 
-  // The thread of the run calls the following functions.
-  /// Sets the hands that clients can cut. Cuts their force now if a client has requested it before.
+  // Only the run's thread calls the following functions.
+  /// Sets the hands that clients can cut. Cuts them at once if a client has already requested it.
   void cuts(std::vector<HapticThread*> hands);
   void expect(const BuiltScene& scene);
   void show(const IgtlShown& shown);
-  /// Reports the result of the last image to the client that has sent it.
+  /// Sets the result of the last image, which the status message shows to all clients.
   void tell(const std::string& news);
-  /// Returns a new image once, or null. Until then, other images get the answer kBusy.
+  /// Returns a new image once, or null. Before this call, further images get the answer kBusy.
   [[nodiscard]] std::shared_ptr<const IgtlImage> takeImage();
   [[nodiscard]] OrderedJson summary() const;
 
@@ -90,18 +89,18 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   };
   struct Client;
   struct Counts;
-  /// Prints at most one line a second, the last one, because clients can cause any number of lines.
+  /// Prints the last line, at most once a second, because clients can cause any number of lines.
   class Seldom {
    public:
     void say(const std::string& line);
     void look();
-    /// Prints the waiting line at once.
+    /// Prints the waiting line now.
     void end();
 
    private:
     std::string last_;
-    std::int64_t next_ = 0;  ///< Time from which on the next line may be printed [ns].
-    std::int64_t more_ = 0;  ///< Number of lines that were not printed.
+    std::int64_t next_ = 0;  ///< Time from which the next line may be printed [ns].
+    std::int64_t more_ = 0;  ///< Number of lines since the last printed one.
   };
 
   void run();
@@ -118,7 +117,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void flush(Client& client);
   void endLate(Client& client);
   void drop(Client& client, const std::string& why);
-  /// Returns true if another image is arriving or has not been taken yet.
+  /// Returns true if an image is arriving or has not been taken yet.
   [[nodiscard]] bool full();
   [[nodiscard]] std::string statusOf(const IgtlShown& shown);
 
@@ -127,7 +126,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   bool led_ = false;
   std::string place_;
   int listener_ = -1;
-  /// After a failure of accept(), time from which on connections are accepted again [ns].
+  /// Time from which connections are accepted again, after accept() has failed [ns].
   std::int64_t deaf_until_ = 0;
   std::vector<std::unique_ptr<Client>> clients_;
   std::unique_ptr<Counts> counts_;
@@ -135,8 +134,8 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Published<LiveHand> aim_;
   Mailbox<IgtlShown> shown_;
   Mailbox<Stage> stage_;
-  // Protects data that a mailbox cannot transfer: the end of a hand, results for all clients, and
-  // an image. No haptic thread takes this lock.
+  // Protects data that a mailbox cannot pass on: the hands to cut, the result of an image, and an
+  // image. No haptic thread takes this lock.
   std::mutex mutex_;
   std::vector<HapticThread*> hands_;
   bool cut_asked_ = false;  ///< True if a client has requested a cut before cuts() was called.
