@@ -29,7 +29,7 @@ SUITES = {"scenes/cli_test.py": ("volumes",), "scenes/record_test.py": ("volumes
 
 
 def records_of(file):
-    """Returns the records of a .gcda or .gcno file: tag, bytes."""
+    """Yields the records of a .gcda or .gcno file: tag, bytes, length."""
     data = file.read_bytes()
     order = "<" if data[:4] in (b"adcg", b"oncg") else ">"
     at = 12 if data[:4] == b"adcg" else None
@@ -49,7 +49,7 @@ def records_of(file):
 
 
 def functions_run(file):
-    """Returns the identities of the functions in a .gcda file that have run."""
+    """Yields the ids of the functions in a .gcda file that have run."""
     ident = None
     for tag, data, length in records_of(file):
         if tag == FUNCTION:
@@ -59,7 +59,7 @@ def functions_run(file):
 
 
 def names_in(file):
-    """Returns the functions of a .gcno file: identity to (source, name)."""
+    """Returns the functions of a .gcno file: {id: (source, name)}."""
     names = {}
     for tag, data, _ in records_of(file):
         if tag != FUNCTION:
@@ -74,13 +74,13 @@ def names_in(file):
         name, at = text(at)
         at += 4        # artificial
         source, at = text(at)
-        # A header that is included as palpate/ROOM/NAME.h is in the folder ROOM.
+        # Headers are included as palpate/ROOM/NAME.h, but are in the folder ROOM.
         names[ident] = (source.rpartition("/include/palpate/")[2].removeprefix("./"), name)
     return names
 
 
 def reached(folder, known):
-    """Returns the functions that the programs of one test have run: (source, name)."""
+    """Returns the functions that one test's programs ran: {(source, name)}."""
     found = set()
     for file in folder.rglob("*.gcda"):
         key = file.name.removesuffix(".gcda")
@@ -92,7 +92,7 @@ def reached(folder, known):
 
 
 def cases_of(program, tags):
-    """Returns the names of a Catch2 program's cases with these tags, as its command line takes them."""
+    """Returns the names of a Catch2 program's cases with these tags, escaped for its command line."""
     done = subprocess.run([program, "--list-test-names-only", tags], capture_output=True, text=True, check=False)
     return [re.sub(r"[\\,\[\]]", r"\\\g<0>", line) for line in done.stdout.splitlines() if line]
 
@@ -118,7 +118,7 @@ def run(build, out, suites):
 
 
 def is_smoke():
-    """Returns the tests that the sanitizers run: {file: {Class.test}}, by the mark in their sources."""
+    """Returns the tests that are marked for sanitizers in their sources: {file: {Class.test}}."""
     marked = collections.defaultdict(set)
     for suite in SUITES:
         name, mark = None, False

@@ -22,7 +22,7 @@ KEY = re.compile(r"\b[A-Z]\d+\b")
 
 
 def files():
-    """Returns every file of the tree, as its path from the root."""
+    """Returns the paths of all files, from the root."""
     found = []
     for folder, folders, names in os.walk(ROOT):
         folders[:] = [f for f in folders if f not in SKIPPED]
@@ -37,25 +37,25 @@ def find(name):
     """Returns the file with this path, or the only file with this name."""
     if "/" in name or (ROOT / name).is_file():
         return Path(name) if (ROOT / name).is_file() else None
-    # A host program of the tests has headers with the same names as palpate's on purpose.
+    # The tests' host programs have headers with the same names as palpate's.
     same = [f for f in FILES if f.name == name and "host" not in f.parts]
     return same[0] if len(same) == 1 else None
 
 
 def prose(text):
-    """Returns the text without blocks of code."""
+    """Returns a text without blocks of code."""
     return re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
 
 
 def spans(text):
-    """Yields the text in backticks, even if it continues in the next line of its paragraph."""
+    """Yields the texts in backticks, including those that span lines of a paragraph."""
     for paragraph in re.split(r"\n\s*\n|\n(?=[-|])", prose(text)):
         for span in re.findall(r"`([^`]+)`", paragraph):
             yield " ".join(span.split())
 
 
 def names(path, name):
-    """Returns true if a file has a test, function or word with this name."""
+    """Returns true if a file has a test, a function or a word of this name."""
     text = (ROOT / path).read_text(encoding="utf-8")
     if path.suffix == ".py":
         return re.search(rf"\bdef {re.escape(name)}\(", text) is not None
@@ -66,7 +66,7 @@ def names(path, name):
 
 
 def broken_references(text):
-    """Returns references that do not exist: `file:name`, `:name` in the file named before it, and `folder/file`."""
+    """Returns references to missing things: `file:name`, `:name` of the file named before, and `folder/file`."""
     broken = []
     last = None
     for span in spans(text):
@@ -90,7 +90,7 @@ def broken_tags(text):
 
 
 def broken_keys(text):
-    """Returns keys that are used and not defined, defined and not used, or defined twice."""
+    """Returns keys that are used but not defined, defined but not used, or defined twice."""
     defined = re.findall(r"^- \*\*([A-Z]\d+)\*\*", text, flags=re.M)
     used = set(KEY.findall(re.sub(r"\*\*[A-Z]\d+\*\*|`[^`]*`", "", prose(text))))
     twice = {key for key in defined if defined.count(key) > 1}
@@ -98,7 +98,7 @@ def broken_keys(text):
 
 
 def broken_links(text, folder):
-    """Returns targets of [text](target) and [text]: target that do not exist; labels without a target."""
+    """Returns missing targets of [text](target) and [text]: target, and labels without a target."""
     text = re.sub(r"`[^`\n]*`", "", prose(text))
     labels = dict(re.findall(r"^\[([^\]]+)\]: (\S+)$", text, flags=re.M))
     wanted = re.findall(r"\[[^\]]+\]\[([^\]]+)\]", text) + re.findall(r"\[([^\]]+)\]\[\]", text)
@@ -124,7 +124,7 @@ class Documents(unittest.TestCase):
 
 class Programs(unittest.TestCase):
     def test_code_on_pages_equals_its_source(self):
-        """Each block of C or C++ on a page must equal consecutive lines of a source."""
+        """Each block of C or C++ on a page must be consecutive lines of a source."""
         sources = [path.read_text(encoding="utf-8")
                    for folder in ("scenes", "tests/scenes/embed")
                    for path in (ROOT / folder).rglob("*.c*")]
@@ -138,7 +138,7 @@ class Programs(unittest.TestCase):
         self.assertGreater(shown, 8)
 
     def test_the_session_page_equals_its_script(self):
-        """Compares every cell of the script, without its title."""
+        """Compares all cells of the script, except its title."""
         script = (ROOT / "scenes" / "bindings" / "python" / "session.py").read_text(encoding="utf-8")
         page = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
         cells = re.findall(r"^# %% (.*)\n((?:(?!# %%).*\n)*)", script, flags=re.M)
@@ -154,7 +154,7 @@ class Paper(unittest.TestCase):
         cls.text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 
     def rows(self, heading):
-        """Returns the first cells of a section's tables."""
+        """Returns the first cells of the tables of a section."""
         section = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", self.text, flags=re.S | re.M)[1]
         return re.findall(r"^\| \(?(\d+)\)? \|", section, flags=re.M)
 
@@ -169,7 +169,7 @@ class Paper(unittest.TestCase):
         self.assertEqual(self.rows("Figures"), [str(i) for i in range(1, 8)])
 
     def test_all_rows_of_a_table_have_the_same_number_of_cells(self):
-        """GitHub drops surplus cells."""
+        """GitHub drops cells beyond the header's number."""
         for table in re.findall(r"(?:^\|.*\n)+", prose(self.text), flags=re.M):
             cells = [len(row.split("|")) for row in table.splitlines()]
             self.assertEqual(set(cells), {cells[0]}, table)

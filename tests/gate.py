@@ -19,27 +19,27 @@ from cpp_text import code_of
 
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "palpate" / "passed"
-# The files that decide whether a room has changed: its own sources and tests.
+# The folders whose files decide whether a room has changed.
 ROOMS = {"engine": ("engine", "bench/methods", "tests/engine", "tests/loop", "tests/motion"),
          "samplers": ("samplers", "tests/samplers"),
          "devices": ("devices", "tests/devices"),
          "scenes": ("scenes", "tests/scenes", "tests/import")}
-# [min] of processor time, without compilers and clang-tidy: 45 minutes of two cores. A warm run takes half of it
+# Processor time without compilers and clang-tidy [min]: 45 minutes on two cores. A warm run takes half
 # (CONTRIBUTING.md).
 BUDGET = 90
-HOST_BUDGET = 240   # [s] for all tests that depend on how the machine schedules
+HOST_BUDGET = 240   # [s]; limit for all tests that depend on the scheduler
 DEAREST = 10
 
 SECTION = re.compile(r"^\d+/\d+ Test(?:ing)?: (.+)$")
 CASE = re.compile(r"^(passed|failed|skipped) +([\d.]+) s  (.+)$")
 PYTEST = re.compile(r"^\S+\.py::(\S+) (PASSED|FAILED|ERROR|SKIPPED)")
-# CTest prints a second try without N/M, and the seconds on another line if the output was not the expected one.
+# CTest prints a second try without N/M, and after unexpected output the seconds on another line.
 CONSOLE = re.compile(r"^ *(?:\d+/\d+ +)?Test +#\d+: (.+?) \.+ *(?:\*+)?([A-Z]\w+)(?:.* ([\d.]+) sec)?")
-OWN_SECONDS = 10    # [s] for a host test without a budget of its own
+OWN_SECONDS = 10    # [s]; for a host test without a budget
 
 
 def hash_of(room):
-    """Returns the hash of a room's code: comments of C++ do not count."""
+    """Returns the hash of a room's code. C++ comments have no effect."""
     total = hashlib.sha256()
     for folder in ROOMS[room]:
         for file in sorted((ROOT / folder).rglob("*")):
@@ -52,8 +52,8 @@ def hash_of(room):
 
 
 def changed():
-    """Returns the rooms that differ from the last gate that passed on this machine. A room that no gate has passed
-    here is left out."""
+    """Returns the rooms that differ from the last gate that passed on this machine. Skips rooms that no gate has
+    passed."""
     pending().parent.mkdir(parents=True, exist_ok=True)
     hashes = {room: hash_of(room) for room in ROOMS}
     pending().write_text(json.dumps(hashes))
@@ -71,12 +71,12 @@ def remember():
 
 
 def outcome(tried):
-    """Returns the result that counts: the last one, or "failed" if a try failed and the last one did not pass."""
+    """Returns the last result of several tries, but "failed" if a try failed and the last one did not pass."""
     return "failed" if "failed" in tried and tried[-1] != "passed" else tried[-1]
 
 
 def results_of(folder):
-    """Returns {(test, case): [(result, seconds), ...]}, a pair for each try, and {test: seconds}."""
+    """Returns {(test, case): [(result, seconds) of each try]}, and {test: seconds}."""
     results, seconds, ended = {}, {}, {}
     test = None
     for line in (folder / "LastTest.log").read_text(errors="replace").splitlines():
@@ -94,8 +94,7 @@ def results_of(folder):
             ended.setdefault(test, []).append({"Passed": "passed", "Skipped": "skipped"}.get(match[2], "failed"))
     listed = {test for test, _ in results}
     for test, words in ended.items():
-        # A program without lines of its own is one case. A crash of a process in the middle of its cases is one case
-        # too.
+        # A program without case lines counts as one case. So does a process that crashed between cases.
         own = [outcome([word for word, _ in tries]) for (of, _), tries in results.items() if of == test]
         if test not in listed or (words[-1] == "failed" and "failed" not in own):
             results[(test, "")] = [(word, seconds[test]) for word in words]

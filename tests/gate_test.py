@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests how gate.py reads CTest's output, the order of includes (structure.py) and the lint of prose (prose.py)."""
+"""Tests gate.py's reading of CTest's output, the include order (structure.py) and the prose check (prose.py)."""
 import contextlib
 import io
 import os
@@ -16,7 +16,7 @@ import prose  # noqa: E402
 import structure  # noqa: E402
 import suite  # noqa: E402
 
-# The output format of CTest 3.25.
+# Output of CTest 3.25.
 CONSOLE = {
     "passed": "  1/4 Test  #1: {} .................   Passed    0.12 sec\n",
     "failed": "  1/4 Test  #1: {} .................***Failed    0.12 sec\n",
@@ -69,7 +69,7 @@ class Report(unittest.TestCase):
         self.folder.mkdir(parents=True)
 
     def report(self, console, cases="", status=0, minutes="60\t60\trelease: tests\t\n", counts=""):
-        """Returns the exit status and the lines for one run."""
+        """Returns the exit status and the output lines of a report on one run."""
         (self.folder / "console.log").write_text("".join(CONSOLE[word].format(name) for name, word in console))
         (self.folder / "LastTest.log").write_text(cases)
         (self.folder / "status").write_text(f"{status}\n")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""docs/interfaces.md equals the output of the programs and the schemas: interfaces_test.py BIN_DIR."""
+"""Tests that docs/interfaces.md equals the output of the programs and the schemas: interfaces_test.py BIN_DIR."""
 import subprocess
 import sys
 import tempfile
@@ -58,7 +58,7 @@ def shape(word, **keys):
 
 class Page(unittest.TestCase):
     def refused(self, page, verbs=interfaces.VERBS):
-        """Returns the message of a check of this page."""
+        """Returns the error of a check of this page."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "interfaces.md"
             path.write_text(page, encoding="utf-8")

@@ -22,15 +22,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 FAULTS = Path(__file__).resolve().with_suffix(".json")
-ENOUGH = 97.0   # per cent
+ENOUGH = 97.0   # required share of detected faults [%]
 KEYS = {"name", "file", "before", "after", "means", "runs", "preset", "lives"}
-FEW, USUAL = "10%", "100%"   # of the random cases
-# Programs that the tests outside of Catch2 need.
+FEW, USUAL = "10%", "100%"   # shares of the random cases
+# Programs that tests outside Catch2 need.
 PARTS = {"safety.kill_table": ["palpate_victim"],
          "scenes.igtl": ["palpate"],
          "scenes.explain_press": ["palpate", "palpate_make_volumes"]}
 
-# Folders of Catch2 programs outside of tests/.
+# Folders of Catch2 programs that are not in tests/.
 FOLDERS = {"haply": "tests/devices/haply"}
 
 
@@ -39,7 +39,7 @@ def fail(words):
 
 
 def read_faults():
-    """Returns the list of faults. Every snippet must occur exactly once in its file."""
+    """Returns the faults. Each `before` must occur exactly once in its file."""
     faults = json.loads(FAULTS.read_text())
     bad = []
     names = collections.Counter(fault["name"] for fault in faults)
@@ -67,14 +67,14 @@ def digest(*parts):
 
 
 def shown(command, **more):
-    """Runs a command. Returns whether it succeeded, and its output."""
+    """Runs a command. Returns true if it succeeded, and its output."""
     run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                          check=False, **more)
     return run.returncode == 0, run.stdout
 
 
 class Tree:
-    """The copy of the sources, and its builds."""
+    """The copy of the sources, with its builds."""
 
     def __init__(self, folder, jobs):
         self.path = folder / "tree"
@@ -91,7 +91,7 @@ class Tree:
             content = source.read_bytes()
             if source != FAULTS:
                 hashes.append(name + hashlib.sha256(content).hexdigest())
-            # An unchanged file keeps its time stamp, so that its build results stay valid.
+            # An unchanged file keeps its time stamp, so that it is not built again.
             if not to.is_file() or to.read_bytes() != content:
                 to.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(source, to)
@@ -99,7 +99,7 @@ class Tree:
         self.hash = digest(*hashes)
 
     def build(self, preset, runs):
-        """Returns the error if the build fails, otherwise an empty text."""
+        """Returns the error of a build that fails; "" if it succeeds."""
         if preset not in self.configured:
             good, words = shown(["cmake", "--preset", preset, "-DPALPATE_TESTS=ON"], cwd=self.path)
             if not good:
@@ -120,8 +120,8 @@ class Tree:
         if program in PARTS:
             command = ["ctest", "--no-tests=error", "-R", f"^{re.escape(program)}$"]
         else:
-            # Tests that depend on the machine's scheduling run only on request; tests that need external data do not
-            # run. The failing test's name comes from an XML report, which is complete even if the program dies.
+            # Tests that depend on the scheduler run only on request, and tests of external data do not run. The XML
+            # report has the name of the failing test even if the program crashes.
             command = [f"{FOLDERS.get(program, 'tests')}/palpate_{program}_tests",
                        spec if "[host]" in spec else f"{spec}~[host]~[.]", "--abort",
                        "--warn", "NoTests", "--reporter", "xml"]
@@ -145,13 +145,14 @@ class Tree:
         tests = re.findall(r'<TestCase name="([^"]*)"', words)
         sanitizer = re.search(r"SUMMARY: (\w+Sanitizer: [\w -]+?)(?: [/(]|$)", words, re.MULTILINE)
         name = html.unescape(tests[-1]) if tests else program
-        # With a sanitizer the program may continue to its end, so the last test need not be the failing one.
+        # With a sanitizer the program can continue after the failing test, so the last test is not always the failing
+        # one.
         name = sanitizer[1] if sanitizer else name
         return f"hangs: {name}" if status is None else name
 
 
 class Results:
-    """The results so far, saved after every fault, so that a run can resume."""
+    """The results so far. They are saved after every fault, so that a run can resume."""
 
     def __init__(self, file, resume):
         self.file = file
@@ -165,7 +166,7 @@ class Results:
         new.replace(self.file)
 
     def base(self, tree_hash, preset, run):
-        """Returns the seconds that the tests took without a fault, or None."""
+        """Returns the time of the tests without a fault [s], or None."""
         known = self.known["base"].get(f"{preset} {run}", {})
         return known.get("seconds") if known.get("tree") == tree_hash else None
 
@@ -174,8 +175,8 @@ class Results:
         self.save()
 
     def verdict(self, tree_hash, key, name):
-        """Returns the known verdict. A detected fault counts as detected while its key is the same. An undetected
-        fault is tried again after the sources have changed, because there may be a new test."""
+        """Returns the known verdict. "Detected" holds while the fault's key is the same. An undetected fault is tried
+        again after each change of the sources, because there may be a new test."""
         known = self.known["faults"].get(name, {})
         same = known.get("key") == key
         return known if same and (known["verdict"] == "died" or known["tree"] == tree_hash) else None
@@ -195,7 +196,7 @@ def try_fault(tree, fault, preset, seconds):
             return "unbuilt", words.strip().splitlines()[-1]
         for cases in (FEW, USUAL):
             for run in fault["runs"]:
-                # Other programs use the cores too.
+                # Allows for other programs on the cores.
                 seen = tree.test(preset, run, cases, 60.0 + 5.0 * seconds[preset, run])
                 if seen:
                     return "died", f"{run.split()[0]}: {seen}"

@@ -28,7 +28,7 @@ COMMENT[".cpp"] = COMMENT[".h"]
 
 
 def prose_of(file):
-    """Yields (line number, text) of the prose in a file."""
+    """Yields (line number, text) of each line of prose in a file."""
     text = (ROOT / file).read_text(encoding="utf-8", errors="replace")
     fenced = False
     for number, line in enumerate(text.splitlines(), 1):
@@ -41,7 +41,7 @@ def prose_of(file):
 
 
 def hits_of(file):
-    """Returns the number of lines of prose, and (line number, rule, text) of each hit."""
+    """Returns the number of lines of prose, and the hits: (line number, rule, text)."""
     lines, hits, sentence = 0, [], []
     before = 0
     for number, text in prose_of(file):

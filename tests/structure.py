@@ -11,8 +11,7 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# Lowest folder first. A source may include headers of its own folder and of the folders before it, so circles are not
-# possible.
+# Lowest folder first. A source may include headers of its own folder and of earlier ones, so there are no cycles.
 ORDER = """
 engine
 engine/balance engine/field engine/modes engine/safety engine/scene engine/tick engine/loop
@@ -24,7 +23,7 @@ scenes/guess scenes/library scenes/apps/common scenes/network/sites scenes/netwo
 scenes/bindings/c scenes/bindings/python scenes/apps/import scenes/apps/view scenes/apps/cli scenes/apps
 scenes
 """.split()
-# Folders above the library that must not include each other.
+# Top folders that must not include each other.
 APART = {"scenes/bindings/c", "scenes/bindings/python", "scenes/apps/import", "scenes/apps/view", "scenes/apps/cli"}
 # Folders without a public header.
 PRIVATE = APART - {"scenes/bindings/c"} | {"scenes/apps/common", "scenes/network/sites", "scenes/network/slicer"}
@@ -39,7 +38,7 @@ def sources():
 
 
 def fault_of(source, header):
-    """Returns the reason why a source may not include a header, or None. Both paths are relative to the root."""
+    """Returns the reason why a source must not include a header, or None. Both paths are relative to the root."""
     own, other = str(Path(source).parent), str(Path(header).parent)
     for folder in (own, other):
         if folder not in ORDER:
@@ -54,12 +53,12 @@ def fault_of(source, header):
 
 
 def functions(text):
-    """Yields (first line, lines) of each function body that clang-format's layout shows."""
+    """Yields (first line, number of lines) of each function body. Relies on clang-format's layout."""
     lines = text.splitlines()
     for opens, line in enumerate(lines):
         if not re.match(r"^ *\S.*[)a-z] \{$", line):
             continue
-        # A signature may extend over several lines, up to the line that closes its parentheses.
+        # A signature can span lines, up to the one that closes its parentheses.
         first, signature = opens, line
         while signature.count(")") > signature.count("(") and first > 0 and not re.search(r"[;{}]", lines[first - 1]):
             first -= 1

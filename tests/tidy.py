@@ -29,20 +29,19 @@ from cpp_text import code_of
 
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "palpate" / "tidy"
-KEPT = 90 * 86400   # seconds for which an unused stamp is kept
-# These checks take most of the time, so that only --all runs them. One looks for copied arguments, the analyzer follows
-# paths, the others look at every expression of every header.
+KEPT = 90 * 86400   # [s]; an unused stamp is removed after this time
+# These checks take most of the time, so only --all runs them.
 SLOW = ("performance-unnecessary-value-param", "clang-analyzer-*", "bugprone-assert-side-effect",
         "bugprone-implicit-widening-of-multiplication-result", "bugprone-infinite-loop",
         "bugprone-multiple-statement-macro", "bugprone-sizeof-expression", "bugprone-suspicious-semicolon", "bugprone-suspicious-string-compare",
         "bugprone-unused-raii", "bugprone-unused-return-value", "modernize-use-nullptr", "modernize-use-using",
         "readability-container-size-empty", "readability-redundant-control-flow", "readability-redundant-declaration")
-# With --all the analyzer does not follow calls deep into OpenVDB's templates.
+# With --all, the analyzer does not follow calls deep into OpenVDB's templates.
 TIDY = ["clang-tidy", "-quiet", "--extra-arg=-Wno-unknown-warning-option",
         "--extra-arg=-Wno-unused-command-line-argument",
         "--extra-arg=-Wno-ignored-optimization-argument",
         *(f"--extra-arg={a}" for a in ("-Xclang", "-analyzer-config", "-Xclang", "mode=shallow"))]
-TOGETHER = 8        # sources in a unit at most: larger units take more memory and make the load uneven
+TOGETHER = 8        # largest number of sources in a unit; larger units need more memory and make the load uneven
 
 
 def output_of(command):
@@ -50,18 +49,18 @@ def output_of(command):
 
 
 VERSION = output_of(["clang-tidy", "--version"])
-# Debian's name of the program includes the version number.
+# Debian's name of the program has the version number.
 SCANNER = "clang-scan-deps-" + re.search(r"version (\d+)", VERSION)[1]
 
 
 def included(build):
-    """Returns, for each source, the project's headers that it includes, from clang's own scanner; takes seconds."""
+    """Returns, for each source, the project's headers that it includes, from clang's scanner. Takes seconds."""
     rules = output_of([SCANNER, "-j", str(os.cpu_count()),
                        f"--compilation-database={build / 'compile_commands.json'}"])
     headers = {}
     for rule in rules.replace("\\\n", " ").splitlines():
         source, *rest = (str(Path(f).resolve()) for f in rule.partition(": ")[2].split())
-        # A source compiled by several targets depends on all headers that any target includes.
+        # A source of several targets depends on the headers that any of them includes.
         headers.setdefault(source, set()).update(
             file for file in rest if file.startswith(f"{ROOT}/") and not file.startswith(f"{build}/") and file != source)
     return headers
@@ -70,7 +69,7 @@ def included(build):
 class Stamps:
     def __init__(self, build):
         self.headers = included(build)
-        # Makes paths equal in every clone.
+        # Makes paths equal in all clones.
         self.here = lambda text: text.replace(str(build), "build").replace(str(ROOT), ".")
         self.entries = {}
         for entry in json.loads((build / "compile_commands.json").read_text()):
@@ -92,8 +91,8 @@ class Stamps:
         return False
 
     def to_check(self, sources, every):
-        """Returns the sources without a stamp, then sources that include the headers without a stamp: again and again
-        the source that includes most of the headers that are left."""
+        """Returns the sources without a stamp, and sources that include all headers without a stamp. Picks those by
+        the number of remaining headers."""
         chosen = [source for source in sources if every or not self.passed(source)]
         within = {source: self.headers.get(source, set()) for source in sources}
         left = {header for header in set().union(*within.values()) if not self.passed(header)}
@@ -106,7 +105,7 @@ class Stamps:
 
 
 def tidy(build, source, every):
-    """Returns whether it has passed, and clang-tidy's output."""
+    """Runs clang-tidy. Returns True if the source passed, and the output."""
     checks = [] if every else ["-checks=" + ",".join("-" + check for check in SLOW)]
     run = subprocess.run([*TIDY, *checks, f"--config-file={ROOT / '.clang-tidy'}", "-p", str(build), source], stdout=subprocess.PIPE,
                          stderr=subprocess.PIPE, text=True, check=False)
@@ -115,10 +114,10 @@ def tidy(build, source, every):
 
 
 def own_names(text):
-    """Returns approximately the names that a source defines for itself, which another source may define as well."""
+    """Returns names, approximately, that a source defines only for itself, which other sources could also define."""
     names = {"main"} if re.search(r"^int main\(", text, re.M) else set()
     for inside in re.findall(r"^namespace \{\n(.*?)^\}  // namespace$", text, re.M | re.S):
-        # Lines without indentation are at the namespace's own level.
+        # Lines without indentation are at namespace level.
         for line in re.findall(r"^[A-Za-z].*", inside, re.M):
             names.update(re.findall(r"\b(?:struct|class|enum class) (\w+)", line))
             if not re.match(r"using (namespace |\w+::)", line):
@@ -127,15 +126,15 @@ def own_names(text):
 
 
 def using(source):
-    """Returns the using-declarations of a source. clang-tidy reports an unused one only if no other source of the
-    unit has the same."""
+    """Returns a source's using-declarations. In a unit, clang-tidy reports an unused one only if no other source has
+    the same."""
     return set(re.findall(r"^ *using [\w:]+::\w+;", Path(source).read_text(), re.M))
 
 
 def unit_of(sources):
-    """Returns one text of all sources: first their includes, then their contents, in which own names that several
-    sources define are made distinct. The contents are pasted, not included, because the analyzer and some checks
-    read only the main file. The names are replaced in the text, because checks skip names from macros."""
+    """Returns one text of all sources: their includes, then their contents, with names that several sources define
+    made distinct. The contents are pasted, because the analyzer and some checks read only the main file. Names are
+    replaced in the text, because checks skip names from macros."""
     texts = {source: Path(source).read_text() for source in sources}
     headers = dict.fromkeys(h for t in texts.values() for h in re.findall(r"^#include .*", t, re.M))
     lines = [*headers]
@@ -165,7 +164,7 @@ def together(sources):
 
 
 def units(stamps, build, sources):
-    """Groups sources with equal flags, several in a unit: [(file, sources)]."""
+    """Groups sources of equal flags into units: [(file, sources)]."""
     alike = collections.defaultdict(list)
     for source in sources:
         commands = stamps.entries.get(source, [])
@@ -188,7 +187,7 @@ def units(stamps, build, sources):
 
 
 def ask(build, unit, every):
-    """Returns, for each source of a unit, whether it has passed, and clang-tidy's output."""
+    """Returns, for each source of a unit, whether it passed, and clang-tidy's output."""
     file, sources = unit
     if len(sources) > 1:
         if tidy(build / "units", file, every)[0]:
@@ -225,7 +224,7 @@ def main():
             else:
                 bad += 1
                 print(words, file=sys.stderr)
-    # A source that no target compiles here was not checked as it is built.
+    # A source that no target compiles here was not checked with the flags of its build.
     known = {source for source in passed_now if source in stamps.entries}
     complained = set().union(*(stamps.headers.get(source, set()) for source in set(now) - passed_now))
     for file in known.union(*(stamps.headers.get(source, set()) for source in known)) - complained:

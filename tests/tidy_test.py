@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests that tidy.py reports the same complaints for sources in one unit as for each source alone."""
+"""Tests that tidy.py reports the same complaints for sources in a unit as for each source alone."""
 import json
 import tempfile
 import unittest
@@ -16,7 +16,7 @@ int run(const Options& options) { return options.rounds; }
 }  // namespace
 int first() { return run(Options()); }
 """
-# The same names, with other contents.
+# The same names, other contents.
 OTHER = """#include <string>
 namespace {
 struct Options {
@@ -36,7 +36,7 @@ FAULTS = {
         "int left(std::string s) { take(std::move(s)); return static_cast<int>(s.size()); }\n",
     "bugprone-infinite-loop": "void wait() { int i = 0; while (i < 1) { } }\n",
 }
-# A source's own name that the other source also has, for another thing.
+# A name that another source uses for something else.
 NAMES = "namespace {\nstruct %s {};\nint %s() { return 0; }\n}  // namespace\nint %s() { return %s(); }\n"
 
 
@@ -93,7 +93,7 @@ class Stamp(unittest.TestCase):
         tidy.CACHE.mkdir()
 
     def stamps(self, clone, headers):
-        """Returns the stamps of a clone with the sources and headers of `headers`: {source: headers}."""
+        """Returns the stamps of a clone with these sources and headers, {source: headers}."""
         folder = self.root / clone
         folder.mkdir(exist_ok=True)
         stamps = tidy.Stamps.__new__(tidy.Stamps)

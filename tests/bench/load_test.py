@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests the benchmark of loading, with small files: load_test.py PROGRAM MAKE_VOLUMES. Times are not tested."""
+"""Tests the loading benchmark with small files: load_test.py PROGRAM MAKE_VOLUMES. Does not test times."""
 import subprocess
 import sys
 import tempfile

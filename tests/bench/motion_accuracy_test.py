@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests the chart of motion, from end to end: motion_accuracy_test.py PROGRAM CHART. Times are not tested."""
+"""Tests the motion chart from end to end: motion_accuracy_test.py PROGRAM CHART. Does not test times."""
 import json
 import os
 import subprocess
@@ -75,7 +75,7 @@ class MotionAccuracy(unittest.TestCase):
         coarse_first = sorted(OURS, key=lambda m: -float(m[1]))
         for case in SPHERES:
             errors = [self.row("surfaces", case, *m)["off"] for m in coarse_first]
-            # If a single reading suffices for several tolerances, their errors are equal except for rounding.
+            # If one reading suffices for several tolerances, their errors are equal except for rounding.
             for wide, narrow in zip(errors, errors[1:]):
                 self.assertLessEqual(narrow, 1.05 * wide, case)
 
@@ -84,7 +84,7 @@ class MotionAccuracy(unittest.TestCase):
         one = self.row("surfaces", "sphere, radius 40", "plane", "1")
         self.assertEqual(one["lost"], 0)
         self.assertGreater(one["off"], 100 * ours["off"])
-        # The engine does not read the field more often than the methods it is compared with.
+        # The engine reads the field about as often as the other methods.
         self.assertLessEqual(ours["reads"], 1.1 * one["reads"])
 
     def test_in_fog_methods_without_memory_lose_the_surface_or_drift(self):

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""README.md's figures are read from the output of commands; otherwise the page stays unchanged:
-readme_figures_test.py SOURCE_DIR. The outputs of the commands are recorded (readme_figures/)."""
+"""Tests that README.md's figures come from the output of commands, and that the page stays unchanged otherwise:
+readme_figures_test.py SOURCE_DIR. The commands' outputs are recorded (readme_figures/)."""
 import json
 import os
 import subprocess
@@ -31,7 +31,7 @@ CELLS = {
     9: ["at most 16 ms"],
     10: ["0, 0, 0"],
 }
-# For each figure: the text from which it is read, and a wrong text to put in its place.
+# For each figure, the text that gives it, and a wrong text.
 OTHERWISE = {1: ("1e-09 |", "1e-08 |"), 2: ("10000000 problems", "20000 problems"),
              3: ('"walk, carried", "primitives": 8', '"walk, carried", "primitives": 4'),
              4: ("1 kHz, asleep", "1 kHz, early"), 5: ("along 1000", "along 100"),
@@ -125,7 +125,7 @@ class Writing(unittest.TestCase):
         self.assertIn("figure 8: PALPATE_CASES=100000000 palpate_loop_tests",
                       self.run_it("--write", self.page, fails="8", status=1))
         self.untouched()
-        # All figures except the measured one are kept.
+        # All other figures are kept.
         told = self.run_it("--write", self.page, "--resume")
         self.assertEqual([n for n in CELLS if f"\n{n}: " in told], [8, 9, 10])
         self.assertEqual(figures.Page(self.page).cells, CELLS)

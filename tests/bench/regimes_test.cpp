@@ -1,5 +1,5 @@
-/// Tests the cases of docs/stability.md, section 6, in which other methods fail and the engine does
-/// not. Prints the numbers: palpate_map_tests "regime*".
+/// Tests the regimes of docs/stability.md, section 6, in which other methods fail. To print the
+/// numbers: palpate_map_tests "regime*".
 #include <cmath>
 #include <iostream>
 

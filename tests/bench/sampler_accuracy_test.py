@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests the chart of samplers, from end to end: sampler_accuracy_test.py PROGRAM CHART. Times are not tested."""
+"""Tests the sampler chart from end to end: sampler_accuracy_test.py PROGRAM CHART. Does not test times."""
 import json
 import os
 import subprocess
@@ -36,13 +36,14 @@ class SamplerAccuracy(unittest.TestCase):
         cls.holder.cleanup()
 
     def errors(self, field, method, quantity="value", which="rms"):
-        """Returns the errors for each number of voxels per wavelength, from coarse to fine."""
+        """Returns the errors by voxels per wavelength, from coarse to fine."""
         found = {r["voxels"]: r[quantity][which] for r in self.data["errors"]
                  if r["field"] == field and r["method"] == method}
         return [found[voxels] for voxels in VOXELS]
 
     def falls(self, method, quantity, factor, field="waves"):
-        _, *fine = self.errors(field, method, quantity)  # four voxels per wavelength are too few to show the order
+        _, *fine = self.errors(field, method, quantity)  # with four voxels per wavelength the order of convergence
+                                                         # does not show
         for coarse, half in zip(fine, fine[1:]):
             self.assertGreaterEqual(coarse / half, factor, (method, field, quantity, fine))
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests the chart of speed against accuracy, from end to end: speed_accuracy_test.py PROGRAM CHART."""
+"""Tests the chart of speed against accuracy from end to end: speed_accuracy_test.py PROGRAM CHART."""
 import json
 import os
 import statistics

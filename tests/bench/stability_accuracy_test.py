@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests the chart of stability, from end to end: stability_accuracy_test.py PROGRAM CHART. Times are not tested."""
+"""Tests the stability chart from end to end: stability_accuracy_test.py PROGRAM CHART. Does not test times."""
 import json
 import subprocess
 import sys
@@ -44,8 +44,7 @@ class StabilityAccuracy(unittest.TestCase):
             none = self.of(contact, "force function")
             self.assertGreater(none["force_error"], 1.0)
             self.assertEqual([at["stiffness"] for at in none["stable"]], [0, 0])
-        # The planes are not orthogonal, so the constraint approach adds to each plane's load the load that the other
-        # plane carries.
+        # The planes are not orthogonal, so the constraint approach adds each plane's load to the other's.
         self.assertGreater(self.of("two planes", "constraint approach")["force_error"], 0.1)
         self.assertLess(self.of("a wall", "constraint approach")["force_error"], 1e-9)
 

@@ -1,4 +1,4 @@
-/// Checks the display of a simulated arm.
+/// Tests ArmWatch, which shows an arm's reports as text, with simulated reports.
 #include "palpate/devices/hid/arm_watch.h"
 
 #include <algorithm>
@@ -15,7 +15,7 @@ using Catch::Contains;
 
 namespace {
 
-/// Returns the reports that the test gives. Ignores writes.
+/// A port whose reads return the reports that the test queued. Ignores writes.
 class Says final : public ReportPort {
  public:
   [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
@@ -43,8 +43,8 @@ class Says final : public ReportPort {
   int sent = 0;
 };
 
-/// Returns a profile with two kinds of reports: one with three counters of 10 um per count, one
-/// with a switch.
+/// Returns a profile with two kinds of reports: one with three counters of 10 um per count, the
+/// other with a switch.
 HidProfile arm(const char* home) {
   return parseHidProfile(std::string(R"({
     "palpate_arm": 1, "name": "mine", "firmware": "f",
@@ -105,12 +105,12 @@ TEST_CASE("palpate's watch of an arm shows its report bytes, rates, fields, join
                       "profile\n  09 ab cd\n"));
   CHECK_THAT(shown, Contains("  a                        1000           0.01\n"));
   CHECK_THAT(shown, Contains("  b                       -1000           0.02\n"));
-  // Joint b has the ratio 2; x of the arm is y of the world.
+  // Joint b has the ratio 2. The arm's x axis is the world's y axis.
   CHECK_THAT(shown, Contains("joint 2 of b                          0.01\n"));
   CHECK_THAT(shown, Contains("tip at (-0.01000, 0.01000, 0.00000) m in the hand's world\n"));
   CHECK_THAT(shown, Contains("flag homed (switch is 1): yes\n"));
 
-  // First the switch stops while positions continue; then positions stop too.
+  // First only the switch's reports stop. Then the position reports stop too.
   for (int i = 1; i <= 500; ++i) {
     port.say({1, 0xE8, 0x03, 0x18, 0xFC, 0x00, 0x00});
     (void)watch.take(port, ms(1600 + i));
@@ -121,8 +121,8 @@ TEST_CASE("palpate's watch of an arm shows its report bytes, rates, fields, join
   CHECK_THAT(stopped, Contains("report 1, 6 bytes: STOPPED, last received 2.50 s ago"));
   CHECK_THAT(stopped, Contains("m in the hand's world, 2.50 s ago\n"));
 
-  // Four special cases: a report too short for a field, an empty report, more kinds of reports than
-  // the watch shows, an unplugged arm.
+  // Special cases: a report too short for a field, an empty report, more kinds of reports than the
+  // watch shows, and an unplugged arm.
   port.say({1, 0x10, 0x00, 0x00});
   port.say({});
   for (int id = 10; id < 40; ++id) port.say({id});

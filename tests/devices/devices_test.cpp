@@ -61,7 +61,7 @@ TEST_CASE("a recorded path is interpolated linearly between its rows and ends at
 }
 
 TEST_CASE("a path file is refused if an error occurs before the end of the file", "[path]") {
-  // A stream that gives two rows and then fails, like a faulty disk.
+  // A stream that returns two rows and then throws, like a faulty disk.
   class Failing final : public std::streambuf {
    public:
     Failing() { setg(text_.data(), text_.data(), text_.data() + text_.size()); }
@@ -79,7 +79,7 @@ TEST_CASE("a path file that is a pipe or a device is refused before it is read",
   const auto place =
       std::filesystem::temp_directory_path() / ("palpate_pipe_" + std::to_string(getpid()));
   REQUIRE(mkfifo(place.c_str(), 0600) == 0);
-  // Opens a writer too, so that opening the pipe does not block.
+  // Keeps the pipe open for writing: without a writer, opening it for reading would block.
   const int writer = open(place.c_str(), O_RDWR | O_CLOEXEC);
   for (const std::string& file : {std::string("/dev/zero"), place.string()}) {
     std::ifstream holder;
@@ -111,7 +111,7 @@ TEST_CASE("a malformed path file is refused with its reason", "[path]") {
 
 TEST_CASE("a released simulated arm with viscous friction slows down as the closed form predicts",
           "[simulated]") {
-  // A released arm without Coulomb friction and encoder steps. After a push of one tick, v = v0
+  // An arm without a hand, Coulomb friction or encoder steps: after a push of one tick, v = v0
   // exp(-b t/m).
   ArmParams arm;
   arm.coulomb = 0.0;
@@ -154,15 +154,15 @@ TEST_CASE("a force acts on the simulated arm after a delay of whole or fractiona
   arm.encoder = 0.0;
   arm.delay = ticks * 1e-3;
   SimulatedDevice device(arm, {0.0, 0.0}, hold(Vec3::Zero(), 1.0), 1000.0);
-  // A constant force of one newton: v = (t - delay)/m.
+  // Under a constant force of 1 N, v = (t - delay)/m.
   for (int i = 0; i < 10; ++i) device.write({1, 0, 0});
   CHECK(device.velocity().x() == Approx((10 - ticks) * 1e-3 / arm.mass));
 }
 
 TEST_CASE("the target of a simulated hand is evaluated once a tick at increasing times",
           "[simulated]") {
-  // The device calls a target once per tick, so a target may have a state. Here each call moves the
-  // target by 1 mm, which is 1 m/s at 1 kHz.
+  // The device evaluates a target once per tick, so a target may have state. Here each call moves
+  // the target by 1 mm, which is 1 m/s at 1 kHz.
   std::vector<double> asked;
   const auto at = [&asked](double t) -> Vec3 {
     asked.push_back(t);

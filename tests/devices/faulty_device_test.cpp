@@ -29,9 +29,9 @@ constexpr double kEnd = 3.5;
 constexpr double kClear = 4.5;
 constexpr double kSeconds = 7.0;
 
-/// Returns a hand that presses until the trouble is over, and again before and after the fault is
-/// cleared. Between two presses the hand leaves the ball, because a surface does not hold a proxy
-/// that starts inside its solid.
+/// Returns a hand that presses on the ball until the injected trouble ends, and again before and
+/// after the fault is cleared. In between it leaves the ball, because a surface does not hold a
+/// proxy that starts inside its solid.
 std::unique_ptr<Device> pressing() {
   ArmParams arm;
   arm.hand = true;
@@ -47,7 +47,7 @@ std::unique_ptr<Device> pressing() {
   return std::make_unique<SimulatedDevice>(arm, GripParams{}, alongPath(path), kRate);
 }
 
-/// Stores the force that the device receives.
+/// Wraps the pressing hand and stores the force that the device receives.
 struct Arrived final : Device {
   explicit Arrived(Vec3& force) : inner(pressing()), last(force) {}
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner->info(); }
@@ -99,8 +99,9 @@ class Pressed {
 
 struct Expected {
   Trouble trouble;
-  Fault fault;      ///< kNone: no fault is expected.
-  double zero;      ///< Time until the force is zero [s]; infinity: it stays.
+  Fault fault;  ///< kNone: no fault is expected.
+  double zero;  ///< Time from the start of the trouble to zero force [s]; infinity: the force stays
+                ///< on.
   const char* why;  ///< Name of the limit that applies.
 };
 constexpr double kNever = std::numeric_limits<double>::infinity();
@@ -138,20 +139,20 @@ TEST_CASE("each injected trouble causes its expected fault in time and the fault
     const double end = needsClock(expected.trouble) ? kBegin + 0.01 : kEnd;
     Pressed pressed(std::make_unique<FaultyDevice>(std::make_unique<Arrived>(arrived),
                                                    expected.trouble, kRate, kBegin, end));
-    // If no write arrives any more, only the guardian can set the force to zero, through its own
-    // descriptor.
+    // If the device no longer receives writes, only the guardian can set the force to zero, through
+    // its own descriptor.
     const bool lost = expected.trouble == Trouble::kUnwritten || expected.trouble == Trouble::kGone;
     const auto ticks = [](double seconds) { return std::lround(seconds * kRate); };
     double before = 0.0;
     Fault fault = Fault::kNone;
-    // [s], from the start of the trouble to one tick after the last tick with a force.
+    // Time from the start of the trouble to the last tick with a force [s].
     double latest = -1.0;
     double back = 0.0;
     for (long i = 0; i < ticks(kSeconds); ++i) {
       if (i == ticks(kClear)) pressed.loop().clear();
       const double t = static_cast<double>(i) / kRate;
-      // Uses the real clock only for troubles that need it, because on a busy machine other ticks
-      // would be late too.
+      // Only troubles that need the real clock use it: on a busy machine other ticks would be late
+      // too.
       pressed.tick(0.0, needsClock(expected.trouble) && t >= kBegin && t < end);
       const double force = pressed.force.norm();
       if (i == ticks(kBegin) - 1) before = force;
@@ -205,8 +206,8 @@ TEST_CASE("a forward jump of the clock cuts the force, a backward jump adds at m
     for (int i = 0; i < 2000; ++i) pressed.tick();
     REQUIRE(pressed.force.norm() > 1.0);
     const double before = pressed.force.norm();
-    // A clock that jumps forward makes a tick late. After a jump backward the tick's duration is
-    // negative, and no tick counts as late.
+    // A clock that jumps forward makes a tick late. A backward jump gives a negative duration,
+    // which does not count as late.
     pressed.tick(leap);
     CHECK(pressed.told.fault == (leap > 0.0 ? Fault::kLate : Fault::kNone));
     if (leap > 0.0) CHECK(pressed.force.norm() == 0.0);
@@ -225,8 +226,8 @@ TEST_CASE("publishing a scene in every tick causes no force jump", "[fault]") {
   REQUIRE(before > 1.0);
   double least = before;
   double most = before;
-  // Every tick gets another scene: first with changed numbers, then with changed volumes. The force
-  // of each new volume grows from zero.
+  // Every tick gets another scene: first with changed numbers, then with changed volumes. After a
+  // change of volumes the force grows from zero.
   for (int i = 0; i < 2000; ++i) {
     const bool edit = i < 1400;
     pressed.loop().publish(ballScene(edit ? pressed.field() : ballField(), 3.0 + 0.1 * (i % 5)));
@@ -239,10 +240,11 @@ TEST_CASE("publishing a scene in every tick causes no force jump", "[fault]") {
   CHECK(pressed.within);
   CHECK(least > 0.9 * before);
   CHECK(most < 1.1 * before);
-  // If every scene is a new object, the engagement restarts each time: the force stays below 0.1 N.
+  // If every scene has a new volume, the engagement restarts each time: the force stays below 0.1
+  // N.
   CHECK(pressed.force.norm() < 0.1);
   for (int i = 0; i < 2000; ++i) pressed.tick();
-  // The force of the last scene has returned.
+  // Once the scene stays the same, the full force returns.
   CHECK(std::abs(pressed.force.norm() - before) < 0.1 * before);
 }
 

@@ -42,7 +42,7 @@ ReportField int32(const char* name, std::size_t i) {
   return field;
 }
 
-/// Returns a profile with three links like the WoodenHaptics', with 32-bit fields for input and
+/// Returns a profile with three links like the WoodenHaptics arm's, and 32-bit fields for input and
 /// output.
 HidProfile woody() {
   HidProfile profile;
@@ -78,8 +78,8 @@ HidProfile woody() {
   return profile;
 }
 
-/// Simulates the arm behind the reports: a tip that moves like SimulatedDevice, the links' weight
-/// at the tip, and the motors' torques.
+/// Simulates the arm that sends the reports. The tip moves like SimulatedDevice, under the links'
+/// weight and the motors' torques.
 class HeavyArm {
  public:
   HeavyArm(const HidProfile& profile, const ArmParams& params, std::vector<HidMass> masses)
@@ -101,7 +101,7 @@ class HeavyArm {
     const ArmPose pose = profile_.kinematics->at(joints_);
     const Vec3 motors = forceOf(profile_, pose, torques);
     tip_.write(motors + weight());
-    // Finds the joints that belong to the tip's present place.
+    // Solves for the joint angles at the tip's position, by Newton's method.
     for (int i = 0; i < 4; ++i) {
       const ArmPose here = profile_.kinematics->at(joints_);
       Mat3 jacobian;
@@ -181,8 +181,7 @@ HidHost inVirtualTime() {
   return host;
 }
 
-/// Runs the self-test like `palpate devices --test`, with a hand that holds the arm for the first
-/// second.
+/// Runs the self-test like `palpate devices --test`. A hand holds the arm for the first second.
 Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
   ArmParams params;
   params.mass = 0.15;
@@ -224,8 +223,8 @@ TEST_CASE("the self-test measures the weight of a heavy arm and passes with grav
   CAPTURE(light.words);
   REQUIRE(light.result.problems.empty());
 
-  // First the tip weighs 0.3 N, which the self-test's force of 0.5 N can hold. Then the tip weighs
-  // 1.5 N, which that force cannot hold.
+  // First the tip weighs 0.3 N, which the self-test can hold with its 0.5 N. Then it weighs 1.5 N,
+  // which is too much.
   for (const double scale : {1.0, 5.0}) {
     CAPTURE(scale);
     const std::vector<HidMass> masses{{0.02 * scale, std::nullopt, Vec3::Zero()},
@@ -236,7 +235,8 @@ TEST_CASE("the self-test measures the weight of a heavy arm and passes with grav
     CHECK(falls.farthest < 0.06);
     CHECK(falls.result.held == (scale == 1.0));
     const double weight = falls.weight.norm();
-    // If the test could not hold the arm, it measures the weight less the friction.
+    // If the self-test could not hold the arm, the measured weight is too small by the friction,
+    // 0.05 N.
     CHECK(falls.result.weight + (falls.result.held ? 0.0 : 0.05) == Approx(weight).epsilon(0.1));
     WARN("weight " << weight << " N, found " << falls.result.weight
                    << (falls.result.held ? "" : " and what friction holds"));
@@ -276,7 +276,8 @@ TEST_CASE(
   };
   auto device = open();
   std::int64_t count = 0;
-  /// Returns the motors' torques after a number of ticks.
+  /// Returns the motors' torques after a number of ticks. `may` permits the motors to carry the
+  /// weight.
   const auto after = [&](int ticks, bool may, const Vec3& force = Vec3::Zero()) {
     for (int i = 0; i < ticks; ++i) {
       arm.waits = true;
@@ -293,8 +294,7 @@ TEST_CASE(
   const Vec3 whole(all[0], all[1], all[2]);
   CHECK(whole.norm() > 0.1 * kG * 0.19);
   CHECK(after(1, false).norm() == 0.0);
-  // The torques that carry the weight grow evenly over half a second. They become zero within one
-  // tick.
+  // The torques that carry the weight grow linearly over 0.5 s, and drop to zero within one tick.
   Vec3 last = after(1, true);
   for (int i = 0; i < 499; ++i) {
     const Vec3 now = after(1, true);
@@ -319,8 +319,8 @@ TEST_CASE(
   CHECK(device->given() < 0.5);
   CHECK(most.cwiseAbs().maxCoeff() <= 1.0 + kTorque);
   CHECK((most - whole - device->given() * torquesOf(10.0 * push)).norm() < 5.0 * kTorque);
-  // If reports stop, or the program stops reading, the motors immediately stop carrying the weight.
-  // Afterwards their torques grow gradually again.
+  // If reports stop, or the program stops reading, the motors stop carrying the weight at once.
+  // Afterwards their torques grow from zero again.
   (void)after(10, true);
   for (int i = 0; i < 60; ++i) {
     virtual_now += 1000000;
@@ -333,13 +333,13 @@ TEST_CASE(
   CHECK(after(2, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
   // The weight's torques also start from zero if carrying is forbidden and permitted again between
-  // two readings.
+  // two reads.
   device->carry(false);
   CHECK(after(1, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
   device.reset();
   CHECK(arm.motors().norm() == 0.0);
-  // The motors of an untested arm carry at most its limit.
+  // The motors of an untested arm carry at most 3 N at the tip.
   tested = false;
   profile.masses[0].mass = 1.0;
   device = open();
@@ -366,11 +366,11 @@ TEST_CASE("gravity compensation plus an additional force never overheats a motor
     HeavyArm arm(profile, ArmParams{}, {});
     HidDevice device(profile, std::make_unique<Port>(arm), true, inVirtualTime());
     std::int64_t count = 0;
-    Vec3 heat = Vec3::Constant(holds * holds);  // heat that an earlier program left
+    Vec3 heat = Vec3::Constant(holds * holds);  // the windings start hot
     Vec3 told = Vec3::Zero();
     double hottest = 0.0;
-    double off = 0.0;  // error of the force that is added to the weight
-    long whole = 0;    // number of times that the whole weight was carried
+    double off = 0.0;  // largest error of the force that is added to the weight
+    long whole = 0;    // number of ticks in which the whole weight was carried
     const long cases = test::cases(20000);
     for (long i = 0; i < cases; ++i) {
       const double dt = random.uniform(0.0, MotorHeat::kHold);
@@ -385,8 +385,8 @@ TEST_CASE("gravity compensation plus an additional force never overheats a motor
       awaitWrites(device, ++count);
       told = kTorque * arm.motors();
       REQUIRE(told.cwiseAbs().maxCoeff() <= 1.0 + 1e-9);
-      // The torques are the sum of those for the weight's share, which grows, and those for the
-      // force.
+      // The torques are the sum of the weight's torques, times a share that grows, and the force's
+      // torques.
       Vec3 carried = told;
       for (std::size_t j = 0; j < 3; ++j) {
         carried[static_cast<Eigen::Index>(j)] -= device.given() * pose.jacobian[j].dot(force);

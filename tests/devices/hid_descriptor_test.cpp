@@ -40,7 +40,7 @@ std::vector<std::byte> virtualArm() {
   return {all.begin(), all.end()};
 }
 
-/// PJRC's RawHID: reports of 64 bytes in both directions, without numbers.
+/// Descriptor of PJRC's RawHID: unnumbered reports of 64 bytes in both directions.
 const std::vector<int> kRawHid{0x06, 0xAB, 0xFF, 0x0A, 0x00, 0x02, 0xA1, 0x01, 0x75, 0x08,
                                0x15, 0x00, 0x26, 0xFF, 0x00, 0x95, 64,   0x09, 0x01, 0x81,
                                0x02, 0x95, 64,   0x09, 0x02, 0x91, 0x02, 0xC0};
@@ -71,15 +71,15 @@ std::string complaint(const HidProfile& profile, const std::vector<std::byte>& d
 TEST_CASE("a HID descriptor gives the direction, number and size of each report", "[hid]") {
   CHECK(text(virtualArm()) == "# in1:40 out2:24 feature3:8");
   CHECK(text(bytes(kRawHid)) == " in0:64 out0:64");
-  // A keyboard's lights (5 bits and 3 bits of padding), a report in two parts, and a size that is
-  // pushed and popped.
+  // A keyboard's lights (5 bits and 3 bits of padding), a report of 9 bits, a size that is pushed
+  // and popped, and a report whose fields are declared in two places.
   CHECK(text(bytes({0x75, 1, 0x95, 5, 0x91, 2, 0x75, 3, 0x95, 1, 0x91, 1})) == " out0:1");
   CHECK(text(bytes({0x75, 1, 0x95, 9, 0x81, 2})) == " in0:2");
   CHECK(text(bytes({0x75, 8, 0x95, 2, 0xA4, 0x95, 4, 0x81, 2, 0xB4, 0x81, 2})) == " in0:6");
   CHECK(text(bytes({0x85, 9, 0x75, 8, 0x95, 1, 0x81, 2, 0x85, 7, 0x81, 2, 0x85, 9, 0x81, 2})) ==
         "# in9:2 in7:1");
   // Items with values of four bytes; a long item, which is skipped; a report without a number
-  // beside numbered ones, which is ignored.
+  // beside numbered reports, which is ignored.
   CHECK(text(bytes({0x77, 8, 0, 0, 0, 0x96, 0x2C, 0x01, 0x81, 2})) == " in0:300");
   CHECK(text(bytes({0xFE, 2, 0x10, 0x85, 0, 0x75, 8, 0x95, 1, 0xB1, 2})) == " feature0:1");
   CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");
@@ -114,8 +114,8 @@ TEST_CASE("a HID descriptor gives the bits, range, usages and collections of eac
     REQUIRE_FALSE(descriptor->fields.empty());
     return descriptor->fields;
   };
-  // Two fields of 8 bits, then a field of 16 bits whose maximum comes before its minimum. A usage
-  // page comes after a usage.
+  // Two fields of 8 bits, then a field of 16 bits whose maximum precedes its minimum. A usage page
+  // follows a usage.
   const auto fields =
       read({0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x05, 0x0F, 0x0B, 0x31, 0,
             1,    0,    0x15, 0,    0x25, 0xFF, 0x75, 8,    0x95, 2,    0x81, 2,    0x09,
@@ -141,7 +141,7 @@ TEST_CASE("a HID descriptor gives the bits, range, usages and collections of eac
   CHECK(fields[3].constant);
   CHECK(fields[3].bit == 16);
   CHECK(fields[3].inside.empty());
-  // A range, and the index of a usage in it.
+  // A range of usages, and the index of a usage in it.
   const auto range = read({0x05, 9, 0x19, 1, 0x29, 12, 0x75, 1, 0x95, 12, 0x81, 2})[0];
   CHECK(range.usage(11) == 0x09000C);
   CHECK(range.placeOf(0x090003) == 2U);
@@ -209,7 +209,7 @@ TEST_CASE("a mismatch between profile and HID descriptor is reported with its co
   arm.open = {feature(bytes({3, 0, 1})), feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8}))};
   CHECK(complaint(arm, virtualArm()) == "none");
 
-  // Without its number, every field of a report would be off by a byte.
+  // Without the report number, every field would be read one byte too early.
   arm.input[0].id.reset();
   CHECK(complaint(arm, virtualArm()) ==
         "/input/0: the device has input report 1 of 40 bytes, and this report has no number: write "
@@ -236,7 +236,7 @@ TEST_CASE("a mismatch between profile and HID descriptor is reported with its co
   CHECK_THAT(complaint(arm, virtualArm()),
              Contains("8 bytes after its number, not 9: send at most 8 bytes"));
 
-  // The profile gives a number to a report that has none.
+  // The profile numbers a report that the device does not number.
   arm.open.clear();
   CHECK(complaint(arm, bytes(kRawHid)) ==
         "/input/0: the device does not number its reports: remove every \"id\"");
@@ -251,7 +251,7 @@ TEST_CASE("a mismatch between profile and HID descriptor is reported with its co
   CHECK_THAT(complaint(arm, bytes(kRawHid)),
              Contains("/close/0/feature: the device has no feature report"));
 
-  // An arm without motors may leave the end of a report unread, but not read beyond it.
+  // A profile of an arm without motors may ignore the end of a report, but must not read beyond it.
   HidProfile puck;
   puck.input = {report(1, 12)};
   CHECK(complaint(puck, virtualArm()) == "none");

@@ -1,4 +1,4 @@
-/// Checks an arm on a simulated HID device: its positions, forces, loss and return.
+/// Tests a HID arm on a simulated device: its positions, forces, loss and return.
 #include "palpate/devices/hid/hid_device.h"
 
 #include <array>
@@ -33,8 +33,8 @@ namespace {
 
 constexpr std::size_t kRing = 63;
 
-/// A simulated device. A ring keeps its oldest unread reports; a list keeps the reports that were
-/// sent to it.
+/// A simulated device. A ring holds up to kRing unread reports and drops newer ones; a list holds
+/// the reports that the host sent.
 class FakeArm {
  public:
   void give(const std::vector<std::byte>& report) {
@@ -51,13 +51,13 @@ class FakeArm {
     }
     give(report);
   }
-  /// Returns the number of writes; each force is one write.
+  /// Returns the number of writes. Each force is one write.
   [[nodiscard]] long written() const { return written_; }
   std::vector<std::vector<std::byte>> sent() {
     const std::lock_guard lock(mutex_);
     return sent_;
   }
-  /// Returns the last force in raw units.
+  /// Returns the last force in counts.
   std::array<int, 3> driven() {
     const std::lock_guard lock(mutex_);
     std::array<int, 3> out{};
@@ -70,11 +70,11 @@ class FakeArm {
   }
 
   std::atomic<bool> there{true};
-  std::atomic<bool> holds{false};    ///< A write does not return.
-  std::atomic<bool> holding{false};  ///< Such a write has begun.
-  std::atomic<int> fails{0};         ///< Number of following writes that fail.
+  std::atomic<bool> holds{false};    ///< Writes block while this is true.
+  std::atomic<bool> holding{false};  ///< A write is blocked.
+  std::atomic<int> fails{0};         ///< Number of further writes that fail.
   std::atomic<bool> answers{false};  ///< Adds a report after every write.
-  std::vector<int> again;            ///< Counts and state of a report that every second read finds.
+  std::vector<int> again;  ///< Counts and state of a report that every second read returns.
 
  private:
   friend class FakePort;
@@ -84,8 +84,9 @@ class FakeArm {
   std::atomic<long> written_{0};
 };
 
-/// Blocks the writes of an arm during this object's life. Declare it after the device, so that the
-/// writes continue before the device waits for its writer.
+/// Blocks the writes of an arm during this object's life. Declare it after the device: its
+/// destructor must unblock the device's writer before the device's destructor waits for that
+/// writer.
 class Held {
  public:
   explicit Held(FakeArm& arm) : arm_(arm) { arm_.holds = true; }
@@ -135,7 +136,7 @@ class FakePort final : public ReportPort {
 
  private:
   FakeArm& arm_;
-  bool asked_ = false;  ///< True in every second read, which finds a report.
+  bool asked_ = false;  ///< True in every second read, which returns a report.
 };
 
 ReportField counts(const char* name, std::uint32_t bit) {
@@ -191,7 +192,7 @@ HidProfile narrowSlides() {
   return profile;
 }
 
-/// Returns a step of a sequence of slides() that waits until the state has a value.
+/// Returns a step of a home sequence of slides() that waits until the state has the value `equals`.
 HidStep waitForState(double equals, double seconds, const char* words = "") {
   HidStep wait;
   wait.kind = HidStep::Kind::kWait;
@@ -202,8 +203,8 @@ HidStep waitForState(double equals, double seconds, const char* words = "") {
   return wait;
 }
 
-/// The clock from which the age of reports is computed. It stands still until a test advances it,
-/// so the machine's speed has no effect.
+/// The clock from which the age of reports is computed. Only the test advances it, so the machine's
+/// speed has no effect.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -245,7 +246,7 @@ void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
     std::this_thread::yield();
   }
 }
-/// A rate of forces so high that no force waits in virtual time.
+/// An output rate so high that no force is delayed by pacing in virtual time.
 constexpr double kAtOnce = 1e9;  // [Hz]
 
 }  // namespace
@@ -264,7 +265,7 @@ TEST_CASE("a HID arm reports buttons, orientation, gripper and joints to the app
   roll.home = 0.25;
   profile.handle.orientation = {yaw, roll};
   profile.handle.gripper = roll;
-  // A quarter turn about z, because the arm stands on its side.
+  // A mount that turns the arm by a quarter turn about z.
   profile.world_from_device << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   const auto device = open(arm, profile);
   const HandleInfo& info = device->info().handle;
@@ -277,7 +278,7 @@ TEST_CASE("a HID arm reports buttons, orientation, gripper and joints to the app
   CHECK(hand.handle.buttons == 2);
   CHECK(hand.handle.joints[0] == Approx(0.03));
   CHECK(hand.handle.gripper == Approx(2.0 / 2.0 + 0.25));
-  // The mount and the first joint turn the handle about z, then the handle turns about its own x.
+  // The mount and joint a turn the handle about z. Then the handle turns about its own x axis.
   const double half_z = 0.5 * (0.5 * std::acos(-1.0) + 0.03);
   const double half_x = 0.5 * 1.25;
   CHECK(hand.handle.orientation[0] == Approx(std::cos(half_z) * std::cos(half_x)));
@@ -291,7 +292,7 @@ TEST_CASE("a HID arm reports buttons, orientation, gripper and joints to the app
 TEST_CASE("a NaN in a HID report leaves the last value of the handle unchanged", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
-  // The state is the upper half of a float, including its exponent.
+  // Field `odd` is a float whose upper half is the state.
   ReportField odd = profile.input[0].fields[3];
   odd.name = "odd";
   odd.type = ReportField::Type::kFloat;
@@ -315,7 +316,7 @@ TEST_CASE("a HID arm reads positions and sends forces in the profile's units and
   FakeArm arm;
   HidProfile profile = slides();
   profile.origin_D = {0.01, 0, 0};
-  profile.world_from_device << 0, -1, 0, 1, 0, 0, 0, 0, 1;  // x of the arm is y of the world
+  profile.world_from_device << 0, -1, 0, 1, 0, 0, 0, 0, 1;  // the arm's x is W's y
   const auto device = open(arm, profile);
   arm.giveCounts(3000, -2000, 1000);
   const HandState hand = device->read();
@@ -330,7 +331,7 @@ TEST_CASE("a HID arm reads positions and sends forces in the profile's units and
 }
 
 TEST_CASE("forces that would overheat a motor are scaled down and keep their direction", "[hid]") {
-  // Motor 0 can hold 1 N and motor 1 can hold 0.5 N continuously. Each gives at most 4 N.
+  // Continuous limits: 1 N for motor 0, 0.5 N for motor 1. Each motor's peak is 4 N.
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
   const std::array<double, 2> holds{1.0, 0.5};
@@ -341,8 +342,8 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
   }
   FakeArm arm;
   const auto device = open(arm, profile);
-  // Computes the windings' heat from the sent forces, each of which is held until the next. The
-  // motors are hot at the start.
+  // Computes the windings' heat from the sent forces. Each force is held until the next one. The
+  // motors start hot.
   std::array<double, 2> heat{holds[0] * holds[0], holds[1] * holds[1]};
   std::array<double, 2> hottest{};
   std::array<int, 3> driven{};
@@ -364,16 +365,15 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
     }
   };
 
-  // A motor that was hot at the start gives its continuous force, a motor that has rested its peak
-  // force.
+  // A hot motor gives at most its continuous force. A motor that has rested gives its peak force.
   step({2.5, 0.0, 2.0}, 0.0);
   CHECK(2.5 * share == Approx(1.0));
   step({0.4, 0.2, 0.0}, 1e-3);
   for (int i = 0; i < 40; ++i) step(Vec3::Zero(), 0.5);
   CHECK(heat[0] < 1e-3);
 
-  // Under a constant load the motor first gives the full force, then gradually less, finally the
-  // continuous force.
+  // Under a constant load the force stays full at first, then falls gradually to the continuous
+  // force.
   double last = 1.0;
   double steepest = 0.0;
   for (int i = 0; i < 12000; ++i) {
@@ -389,7 +389,7 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
   CHECK(hottest[0] > 0.99);
   CHECK(device->writes().weakened > 0);
 
-  // If the hot motor has no load, the force of the others returns, as gradually as after a start.
+  // If the hot motor has no load, the other motors' force returns gradually.
   double quickest = 0.0;
   for (int i = 0; i < 600; ++i) {
     step({0.0, 0.1, 2.0}, 1e-3);
@@ -408,7 +408,7 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
   }
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[1] <= 1.0);
-  // A NaN neither adds heat nor gives a force.
+  // A NaN force adds no heat, and the motors get zero.
   device->write({NAN, 0.0, 0.0});
   CHECK(device->given() == 0.0);
 }
@@ -421,13 +421,13 @@ TEST_CASE("a HID arm uses the newest report and discards all reports if their ri
   for (int i = 1; i <= 40; ++i) arm.giveCounts(10 * i, 0, 0);
   CHECK(device->read().position.x() == Approx(0.004));
   CHECK(device->reads().passed_by >= 39);
-  // Without a new report, the position stays the same and grows older.
+  // Without a new report, the position stays the same and its age grows.
   pass(0.02);
   const HandState again = device->read();
   CHECK(again.position.x() == Approx(0.004));
   CHECK(again.age == Approx(0.02));
-  // 300 reports arrive during a pause. The ring holds only the first 63, so the hand has moved
-  // since its last report.
+  // 300 reports arrive during a pause. The ring holds only the first 63, so all are outdated and
+  // none is used.
   for (int i = 0; i < 300; ++i) arm.giveCounts(5 * i, 0, 0);
   const HandState stalled = device->read();
   CHECK(stalled.position.x() == Approx(0.004));
@@ -438,8 +438,8 @@ TEST_CASE("a HID arm uses the newest report and discards all reports if their ri
   const HandState fresh = device->read();
   CHECK(fresh.position.x() == Approx(0.015));
   CHECK(fresh.age == 0.0);
-  // If the program has not read for longer than the largest age of a position, the arm is not ready
-  // until its next report. If no report comes, the position is stale.
+  // After a pause longer than the largest age of a position, the arm is not ready until its next
+  // report. If no report comes, the position is stale.
   pass(0.06);
   for (int i = 0; i < 100; ++i) arm.giveCounts(9 * i, 0, 0);
   const HandState back = device->read();
@@ -477,7 +477,7 @@ TEST_CASE("HID reports that are too short are counted and ignored", "[hid]") {
   arm.give({std::byte{1}, std::byte{2}, std::byte{3}});
   CHECK(device->read().position.x() == Approx(1e-3));
   CHECK(device->reads().strange == 2);
-  // A longer report is accepted. Only the fields of the profile are read.
+  // A longer report is accepted. Only the profile's fields are read.
   arm.give(std::vector<std::byte>(4096, std::byte{0}));
   CHECK(device->read().position.x() == 0.0);
 }
@@ -503,7 +503,7 @@ TEST_CASE("HID reports of different kinds are distinguished by their numbers", "
   CHECK(device.read().fault == Fault::kTemperature);
   arm.give({std::byte{8}, std::byte{0}});
   CHECK(device.read().fault == Fault::kTemperature);
-  // A report of the arm's state has no position, so the position grows older.
+  // A report of the arm's state has no position, so the age of the position grows.
   pass(0.03);
   arm.give({std::byte{9}, std::byte{1}});
   CHECK(device.read().age == Approx(0.03));
@@ -538,11 +538,10 @@ TEST_CASE("a force above a motor's limit is scaled down and keeps its direction"
   await([&] { return arm.driven() == std::array<int, 3>{1000, -4000, 500}; });
   CHECK(device->writes().weakened == 1);
   CHECK(device->given() == Approx(0.5));
-  // Values are rounded towards zero.
+  // Forces are rounded towards zero counts.
   device->write({0.0019, -0.0019, 0.0});
   await([&] { return arm.driven() == std::array<int, 3>{1, -1, 0}; });
   CHECK(device->given() == 1.0);
-  // Invalid numbers give no force.
   device->write({std::nan(""), 0, 1e300});
   await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
   CHECK(device->given() == 0.0);
@@ -587,7 +586,7 @@ TEST_CASE("an arm gets no force along a direction without a motor", "[hid]") {
     arm.giveCounts(0, 0, 0);
     const HandState hand = device->read();
     CHECK((hand.drives - Vec3(1, 1, 0).asDiagonal().toDenseMatrix()).norm() < 1e-9);
-    // The tank must not rely on friction that the self-test did not measure.
+    // The self-test did not measure the friction along z, so the tank must not rely on it.
     CHECK((device->info().limits.tank.use != TankUse::kOff) == planar);
     device->write({1, 0, 0});
     await([&] { return arm.driven()[0] != 0; });
@@ -596,8 +595,8 @@ TEST_CASE("an arm gets no force along a direction without a motor", "[hid]") {
     device->write({1, 0, 4});
     await([&] { return device->writes().count >= 2 && arm.driven() == without; });
     CHECK(device->given() == 1.0);
-    // The loop counts and limits the force, and reports the share that was given. The ball's
-    // surface is perpendicular to z.
+    // The loop limits the force to the axes that have motors, and reports the share that was given.
+    // The ball's surface is perpendicular to z.
     struct Held final : public Device {
       HidDevice& inner;
       DeviceInfo about;
@@ -639,7 +638,7 @@ TEST_CASE("a HID arm sends one report per tick, and a blocked write does not del
     await([&] { return device->writes().count == i; });
   }
   CHECK(arm.sent().size() == before + 50);
-  // A write does not return. The ticks continue, and afterwards the newest force is sent.
+  // A write blocks. The ticks continue, and the newest force is sent afterwards.
   Held held(arm);
   device->write({0, 0, 0.5});
   await([&] { return arm.holding.load(); });
@@ -664,8 +663,7 @@ TEST_CASE("a HID arm sends forces at most at its own rate and always the newest 
   await([&] { return arm.driven()[0] == 500; });
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - began;
   CHECK(static_cast<double>(device->writes().count) <= 100.0 * took.count() + 2.0);
-  // A report that sets the force to zero is sent without waiting for its time, even when the device
-  // is closed.
+  // A zero force is sent without waiting for its time, also when the device is closed.
   profile.output_rate = 0.01;
   {
     FakeArm cut;
@@ -703,8 +701,7 @@ TEST_CASE("a HID write that does not return is a fault", "[hid]") {
 
 TEST_CASE("a force that stays unsent is a fault even if the output rate delays it",
           "[hid][safety]") {
-  // The writer waits by the machine's clock, so in the test's virtual time the next force is never
-  // due.
+  // The writer waits on the real clock, so in virtual time the next force is never due.
   HidProfile profile = slides();
   profile.output_rate = 1e-3;
   FakeArm arm;
@@ -724,14 +721,14 @@ TEST_CASE("a force that stays unsent is a fault even if the output rate delays i
   device->write({2, 0, 0});
   CHECK(readFor(1000.0).fault == Fault::kNone);
   CHECK(readFor(0.04).fault == Fault::kWrite);
-  // A program that has not read for a while cannot tell whether a write was blocked.
+  // After a pause between reads, the program cannot know whether a write was blocked.
   pass(0.1);
   CHECK(device->read().fault == Fault::kNone);
 }
 
 TEST_CASE("pacing delays a force at most as long as the energy tank assumes", "[hid][passivity]") {
-  // Ticks of a clock, each late by up to one period, some of them skipped. A writer sends the
-  // newest force when Pace permits it. A replaced force counts as sent when the newer one is sent.
+  // Random ticks, each late by up to one period, some of them skipped. A writer sends the newest
+  // force when Pace permits it. A replaced force counts as sent when the newer one is sent.
   test::Random random(7);
   const long cases = test::cases(2000);
   for (long i = 0; i < cases; ++i) {
@@ -748,7 +745,7 @@ TEST_CASE("pacing delays a force at most as long as the energy tank assumes", "[
       const double late = typical * (random.integer(20) == 0 ? 0.99 : 0.1 * random.uniform(0, 1));
       asked.push_back(when(k, late));
     }
-    Pace pace(takes, 0);  // starts before the loop
+    Pace pace(takes, 0);  // the writer starts before the loop
     std::int64_t longest = 0;
     long gone = 0;
     for (std::size_t k = 0; k < asked.size(); ++gone) {
@@ -757,7 +754,7 @@ TEST_CASE("pacing delays a force at most as long as the energy tank assumes", "[
       pace.go(goes);
       while (k < asked.size() && asked[k] <= goes) ++k;
     }
-    // The period that HapticLoop passes to the tank.
+    // The pacing period that HapticLoop passes to the tank.
     const std::int64_t told = takes < rate ? std::llround(1e9 / takes) : 0;
     REQUIRE(longest <= told);
     const double seconds = 1e-9 * static_cast<double>(asked.back() - asked.front() + longest);
@@ -814,12 +811,12 @@ TEST_CASE("an arm that takes its home from its pose at opening does not reconnec
   profile.home_at_open = true;
   profile.joints[2].home = 0.05;
   arm.giveCounts(1234, 50, -9);
-  profile.input[0].fields[2].offset = 0.02;  // in the home pose the field's offset has no effect
+  profile.input[0].fields[2].offset = 0.02;  // has no effect in the home pose
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
     return std::make_unique<FakePort>(arm);
   };
   const auto device = open(arm, profile, true, {{}, find});
-  // The last report before the opening gives the home pose.
+  // The last report before the opening sets the home pose.
   arm.giveCounts(0, 0, 0);
   CHECK((device->read().position - Vec3(0, 0, 0.05)).norm() < 1e-12);
   arm.giveCounts(100, 0, 0);
@@ -868,7 +865,7 @@ TEST_CASE(
     arm.giveCounts(0, 0, 0);
     CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(arm), true),
                       Contains("it does not report state = 5") && Contains("press the button"));
-    // The sequence's command was sent, and no report of the sequence drove a motor.
+    // The home sequence sent its command, and none of its reports drove a motor.
     bool commanded = false;
     for (const auto& report : arm.sent()) {
       commanded = commanded || report[7] == std::byte{1};
@@ -877,7 +874,7 @@ TEST_CASE(
     CHECK(commanded);
   }
   {
-    // A press of the button before the request does not count as an answer.
+    // A button that was already pressed before the request does not count as an answer.
     FakeArm pressed;
     profile.home[1].seconds = 0.2;
     for (int i = 0; i < 3; ++i) pressed.giveCounts(0, 0, 0, 5);
@@ -885,7 +882,7 @@ TEST_CASE(
     CHECK_THROWS_WITH(
         HidDevice(profile, std::make_unique<FakePort>(pressed), true),
         Contains("it reported state = 5 from the start: release it first; then press the button"));
-    // A state that the device sets by itself may have been set before the request.
+    // A state that the device sets by itself may already be set at the start.
     profile.home[1].words.clear();
     CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
     profile.home[1].words = "press the button";
@@ -938,7 +935,7 @@ TEST_CASE("the closing sequence of a HID arm runs in order even after a failed o
   CHECK(std::chrono::steady_clock::now() - began < 30s);  // the profile allows 60 s
   user.join();
   CHECK(closed(stopped));
-  // Opening a device fails if its reports stop before the first one.
+  // Opening stops with an error if the program is stopped before the first report.
   profile.home.clear();
   FakeArm silent;
   CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
@@ -983,7 +980,7 @@ TEST_CASE("a report with a repeated sequence number is not a new position", "[hi
   const auto device = open(arm, profile);
   arm.giveCounts(100, 0, 0, 2);
   CHECK(device->read().age == 0.0);
-  // Firmware that hangs but still sends the same report.
+  // The firmware hangs but keeps sending the same report.
   for (int i = 1; i <= 51; ++i) {
     pass(1e-3);
     arm.giveCounts(100, 0, 0, 2);
@@ -998,7 +995,7 @@ TEST_CASE("a report with a repeated sequence number is not a new position", "[hi
 }
 
 TEST_CASE("the state of a switch expires when its HID report stops arriving", "[hid]") {
-  // Report 1 has the positions; report 2, ten times per second, has the dead-man switch.
+  // Report 1 has the positions. Report 2 has the dead-man switch and arrives ten times per second.
   HidProfile profile = slides();
   profile.input[0].id = 1;
   HidReportSpec switches;
@@ -1020,7 +1017,7 @@ TEST_CASE("the state of a switch expires when its HID report stops arriving", "[
   givePlace();
   const HidHost host = inVirtualTime();
   HidDevice device(profile, std::make_unique<FakePort>(arm), true, host);
-  // The arm is not ready, because the state of the switch is not known yet.
+  // The arm is not ready, because the state of the switch is not yet known.
   givePlace();
   CHECK_FALSE(device.read().ready);
   CHECK_THAT(device.whyNotReady(), Contains("dead-man switch"));
@@ -1053,8 +1050,8 @@ TEST_CASE("the state of a switch expires when its HID report stops arriving", "[
 
 TEST_CASE("the force of a HID arm fades while the arm keeps sending the same counts",
           "[hid][safety]") {
-  // The firmware repeats its last counters, and its reports have no number that would show the
-  // repetition. To the loop, the hand rests in the ball.
+  // The firmware repeats its last counts, and the reports have no number that reveals the
+  // repetition. The loop sees a hand that rests in the ball.
   FakeArm arm;
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
@@ -1081,7 +1078,7 @@ TEST_CASE("the force of a HID arm fades while the arm keeps sending the same cou
   CHECK(ticks < 700);
   CHECK(loop.latest().fault == Fault::kNone);
   CHECK(loop.latest().report.moving == 0.0);
-  // The arm moves by one count, and the force returns as gradually as it faded.
+  // When the arm moves by one count, the force returns as gradually as it faded.
   double last = 0.0;
   z -= 1;
   for (int i = 0; i < 600; ++i) {
@@ -1091,7 +1088,8 @@ TEST_CASE("the force of a HID arm fades while the arm keeps sending the same cou
     if (i % 100 == 0) z -= 1;
   }
   CHECK(last > 3.5);
-  // A force below the friction does not show that a hand holds the arm.
+  // If the force is below the friction, the arm can rest without a hand. So the force does not
+  // fade.
   for (; z < 2990; z += 5) (void)tick();
   for (int i = 0; i < 1500; ++i) (void)tick();
   CHECK(loop.latest().report.force.norm() > 0.02);
@@ -1101,7 +1099,7 @@ TEST_CASE("the force of a HID arm fades while the arm keeps sending the same cou
 
 namespace {
 
-/// A simulated arm. If `tells` is true, it also reports for how long its counters have been
+/// A simulated arm. If `tells` is true, the arm reports for how long its counters have been
 /// constant.
 class Counting final : public Device {
  public:
@@ -1127,13 +1125,13 @@ class Counting final : public Device {
   double still_ = 0.0;
 };
 
-/// A hand that presses on a ball with 3 N and then rests.
+/// Simulates a hand that presses on a ball with 3 N and then rests.
 struct Holding {
   bool sways = true;  ///< The hand changes its force slowly by 1 %, and trembles by 20 um at 9 Hz.
   double step = 1e-5, grip = 300.0, coulomb = 0.02;
 
   struct Held {
-    std::vector<Vec3> places;  ///< Exact positions of the arm.
+    std::vector<Vec3> places;  ///< exact positions of the arm in each tick
     long faded = 0;            ///< Number of ticks in which the force faded.
     double force = 0.0;        ///< Force at the end [N].
   };
@@ -1172,8 +1170,8 @@ struct Holding {
 
 TEST_CASE("motion of a joint that does not move the tip does not keep the force on",
           "[hid][safety]") {
-  // A planar arm with a third joint without a motor, like a wrist's. The last bit of its counter
-  // trembles.
+  // A planar arm with a third joint that has no motor, like a wrist's. The last bit of this joint's
+  // counter toggles.
   HidProfile profile = slides();
   profile.kinematics = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
   profile.joints[0].home = M_PI / 2 - 0.3;
@@ -1196,7 +1194,7 @@ TEST_CASE("motion of a joint that does not move the tip does not keep the force 
 TEST_CASE("a fading force moves a held arm by at most its friction and one encoder count",
           "[hid][safety][release]") {
   // Friction holds the arm while the force fades, so the hand feels no change. When the arm moves
-  // by a count, the force returns.
+  // by one count, the force returns.
   const FieldPtr ball = test::ballField();
   test::Thinned combinations(7);
   for (const bool sways : {true, false}) {
@@ -1213,8 +1211,7 @@ TEST_CASE("a fading force moves a held arm by at most its friction and one encod
           }
           CAPTURE(sways, step, grip, coulomb, fading.faded, moved, grip * moved);
           CHECK(grip * moved <= 1.3 * coulomb + grip * step + 0.02);
-          // If the hand's trembling moves the arm by at least a count, or if every report has a
-          // number, the force never fades.
+          // The force never fades if the hand's tremor moves the arm by at least a count.
           if (sways && step <= 1e-5 && coulomb <= 0.02) CHECK(fading.faded == 0);
           if (!sways) CHECK(fading.faded > 0);
         }
@@ -1284,7 +1281,7 @@ TEST_CASE("a counter that may have wrapped unnoticed is a fault and the arm is h
   CHECK(device->read().position.x() == Approx(0.0204));
   pass(0.1);
   arm.giveCounts(-2000, 0, 0);
-  // Reports that arrived during the pause are not used.
+  // Reports that arrived during the pause are ignored.
   CHECK(device->read().fault == Fault::kNone);
   arm.giveCounts(-2000, 0, 0);
   const HandState hand = device->read();
@@ -1299,7 +1296,7 @@ TEST_CASE("a counter that may have wrapped unnoticed is a fault and the arm is h
 
 TEST_CASE("after homing, each counter is placed in the range nearest to the home position",
           "[hid]") {
-  // The arm starts one count below its home, which is the middle along x, and 5 cm away along y.
+  // The arm starts near its home pose: joint a one count below 0, joint b three counts above 5 cm.
   HidProfile profile = narrowSlides();
   HidStep home;
   home.seconds = 0.001;
@@ -1321,7 +1318,7 @@ TEST_CASE("the first read after any pause accepts the position of an arm that re
   profile.flags.push_back(homed);
   FakeArm arm;
   const auto device = open(arm, profile);
-  // The program builds a scene and does not read, while the hand moves away.
+  // The program builds a scene without reading, while the hand moves away.
   pass(3.0);
   arm.giveCounts(-3, 1000, 3000);
   (void)device->read();
@@ -1329,11 +1326,11 @@ TEST_CASE("the first read after any pause accepts the position of an arm that re
   const HandState hand = device->read();
   CHECK(hand.fault == Fault::kNone);
   CHECK(hand.ready);
-  // Each counter is taken to be in the range nearest to the middle.
+  // After a pause, each counter is taken to be in the range nearest to the middle of the workspace.
   CHECK((hand.position - Vec3(-3e-5, 1e-2, -1.096e-2)).norm() < 1e-12);
   arm.giveCounts(-40, 1000, 3000);
   CHECK(device->read().position.x() == Approx(-4e-4));
-  // From then on, the counter is followed.
+  // From then on, the driver counts the wraps.
   pass(0.2);
   CHECK_FALSE(device->read().ready);
   arm.giveCounts(2000, 0, 0);
@@ -1369,7 +1366,7 @@ TEST_CASE("an arm with a miscounted encoder gets zero force and its closing comm
   const bool at_once = GENERATE(false, true);
   if (!at_once) {
     await([&] { return arm.sent().back()[7] == std::byte{9}; });
-    // The message to the user comes after the command was sent.
+    // The user's message follows the command.
     await([&] {
       const std::lock_guard lock(mutex);
       return said.find("start the program again") != std::string::npos;
@@ -1409,7 +1406,8 @@ TEST_CASE("a counter is not unwrapped while the arm is not homed", "[hid]") {
   };
   CHECK_FALSE(at(30000, 0).ready);
   CHECK_THAT(device->whyNotReady(), Contains("not homed"));
-  // Homing sets the counter to that of the home pose. This change is not a motion of the arm.
+  // Homing sets the counter to its value in the home pose. The device must not treat this jump as a
+  // motion.
   CHECK(at(-20000, 1).position.x() == Approx(-0.2));
   CHECK(device->whyNotReady().empty());
 }
@@ -1490,14 +1488,14 @@ TEST_CASE("under rate control a HID puck moves the simulated hand within its wor
     REQUIRE(device.read().position.norm() < 0.1 + 1e-12);
   }
   CHECK(device.read().position.norm() == Approx(0.1));
-  // The program has not read for a while. The position is not extrapolated over that pause.
+  // After a pause between reads, the position is not extrapolated over the pause.
   arm.giveCounts(-350, 0, 350);
   (void)device.read();
   const Vec3 looked = device.read().position;
   pass(0.3);
   CHECK((device.read().position - looked).norm() < 0.1 * 2 * 0.021);
-  // The arm sends no further report, although it has not reported rest. The position continues to
-  // move until the report is stale, then stays.
+  // No further report arrives, although the last one did not report rest. The position is
+  // extrapolated until that report is stale, then stays.
   arm.giveCounts(0, 350, 0);
   const Vec3 last = device.read().position;
   for (int i = 0; i < 200; ++i) {
@@ -1509,7 +1507,7 @@ TEST_CASE("under rate control a HID puck moves the simulated hand within its wor
   CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
   pass(0.3);
   CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
-  // The next report is valid from its arrival on.
+  // The next report's velocity counts from its arrival.
   arm.giveCounts(0, -350, 0);
   CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.05));
   pass(0.01);
@@ -1532,7 +1530,7 @@ TEST_CASE("reading and writing a HID arm does not allocate", "[hid]") {
     device->write({0.001 * i, 0, 0});
     allocations += test::CountScope::counts().allocations;
   }
-  // Zero: the deque of the simulated arm frees blocks, but nothing allocates.
+  // Zero: only the deque of the simulated arm frees memory.
   CHECK(allocations == 0);
   CHECK(sum.allFinite());
 }
@@ -1561,7 +1559,7 @@ TEST_CASE("a replugged HID arm gets force again only after the fault is cleared"
     params.realtime = {0, -1, false, false};
     HapticThread hand(patient, params);
     hand.publish(test::ballScene(test::ballField()));
-    // Waits for a number of ticks instead of a time, because a busy machine may stop any process.
+    // Waits for ticks instead of a time, because a busy machine may stop any process.
     const auto ticks = [&](std::int64_t count) {
       const std::int64_t last = hand.latest().tick + count;
       await([&] { return hand.latest().tick >= last; });
@@ -1573,8 +1571,8 @@ TEST_CASE("a replugged HID arm gets force again only after the fault is cleared"
         ticks(2);
       }
     };
-    // If the machine stops the loop during a write for longer than kWriteTime, the loop correctly
-    // cuts the force. This test ignores that case.
+    // If the machine stops the loop for longer than kWriteTime during a write, the loop rightly
+    // cuts the force. The test tolerates this case.
     const auto stopped = [&] { return hand.latest().fault == Fault::kWrite; };
     const auto press = [&] {
       for (;;) {
@@ -1598,7 +1596,7 @@ TEST_CASE("a replugged HID arm gets force again only after the fault is cleared"
     arm.there = true;
     await([&] { return device->pluggings() == 2; });
     ticks(50);
-    // The arm has returned, but the force stays off until the program clears the fault.
+    // The arm is back, but the force stays off until the program clears the fault.
     CHECK(hand.latest().fault == Fault::kGone);
     CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
     hand.clear();

@@ -1,4 +1,4 @@
-/// Tests profiles, the files that describe arms.
+/// Tests the parsing of arm profiles.
 #include "palpate/devices/hid/hid_profile.h"
 
 #include <array>
@@ -274,7 +274,7 @@ TEST_CASE("the shipped schema of profiles equals the one that the program prints
   std::ifstream in(test::sourceDir() + "/devices/hid/hid_profile.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
-  // Compares with the output of: build/release/bin/palpate schema arm >
+  // If this check fails, run: build/release/bin/palpate schema arm >
   // devices/hid/hid_profile.schema.json
   CHECK(shipped.str() == hidProfileSchema());
 }
@@ -299,8 +299,8 @@ TEST_CASE("a profile whose homed flag is its only home needs counters that span 
   Json json = full();
   json.erase("home");
   REQUIRE(trouble(json) == "none");  // 32 bits of 1 um per count
-  // 16 bits of 1 um per count cover 66 mm of a workspace of 200 mm. So a counter value may mean
-  // four places, and palpate must not guess.
+  // 16 bits of 1 um per count cover 66 mm of a workspace of 200 mm. So one counter value can mean
+  // up to four positions, and palpate must refuse to guess.
   json["input"][0]["fields"]["a"]["bits"] = 16;
   CHECK_THAT(trouble(json), Contains("/kinematics/joints/0/from: a wraps every 0.0655 m of the "
                                      "tip, and the workspace is 0.2 m wide"));
@@ -318,8 +318,8 @@ TEST_CASE("a profile whose homed flag is its only home needs counters that span 
   at_open["kinematics"]["home_words"] = "in the middle";
   CHECK(trouble(at_open) == "none");
 
-  // Two joints for which a further turn is not ambiguous: a wrist that turns on the spot, and a
-  // joint whose range is a whole turn.
+  // Two joints whose wraps are harmless: a wrist that turns without moving the tip, and a joint
+  // whose range is one whole turn.
   Json chain = full();
   chain.erase("home");
   chain["kinematics"] = Json::parse(R"({"model": "chain", "tip": [0.01, 0, 0],
@@ -350,7 +350,7 @@ TEST_CASE("only one program at a time can claim a device", "[profile]") {
   CHECK_NOTHROW(claim(ours, file));
   const int second = open(file.c_str(), O_RDWR | O_CLOEXEC);
   CHECK_THROWS_WITH(claim(second, file), Contains("(" + std::to_string(getpid()) + ") uses it"));
-  // After a program was killed, its guardian keeps the device until the guardian has written zero.
+  // After a program was killed, its guardian keeps the device claimed until it has written zero.
   const int guard = fcntl(ours, F_DUPFD_CLOEXEC, 3);
   close(ours);
   CHECK_THROWS_AS(claim(second, file), DeviceError);
@@ -364,8 +364,8 @@ TEST_CASE("a claim of a device waits for the guardian of a killed program and re
   const test::TemporaryFolder folder;
   const std::string file = (folder / "hidraw0").string();
   std::ofstream(file) << "x";
-  // Starts a program with a guardian that keeps the device for some time after the program was
-  // killed. The program stays a zombie until waitpid().
+  // Starts and kills a program whose guardian keeps the device claimed for `keeps_ms` [ms]. The
+  // program stays a zombie until waitpid().
   const auto killed = [&](unsigned keeps_ms) {
     std::array<int, 2> ready{};
     REQUIRE(pipe(ready.data()) == 0);
@@ -387,7 +387,7 @@ TEST_CASE("a claim of a device waits for the guardian of a killed program and re
     REQUIRE(read(ready[0], &byte, 1) == 1);
     close(ready[0]);
     REQUIRE(kill(program, SIGKILL) == 0);
-    // kill() returns before the program has ended.
+    // kill() may return before the program has ended.
     siginfo_t end{};
     REQUIRE(waitid(P_PID, static_cast<id_t>(program), &end, WEXITED | WNOWAIT) == 0);
     return program;
@@ -404,7 +404,8 @@ TEST_CASE("a claim of a device waits for the guardian of a killed program and re
   CHECK(waitpid(short_one, nullptr, 0) == short_one);
   REQUIRE(flock(ours, LOCK_UN) == 0);
 
-  // The claim waits for a limited time. Its message does not name the program that has ended.
+  // claim() waits for a limited time. Its message names the process id of the program that has
+  // ended.
   const pid_t long_one = killed(static_cast<unsigned>(1000.0 * kLongestClaim) + 2000);
   CHECK(waitpid(long_one, nullptr, 0) == long_one);
   CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
@@ -470,7 +471,7 @@ TEST_CASE("every kind of arm geometry is read from a profile", "[profile]") {
     if (joints < 3) json["output"]["fields"].erase("fc");
     CAPTURE(json["kinematics"].dump());
     CHECK(schemaAccepts(json));
-    // The tip must be able to reach the middle of the hand's world.
+    // The tip must be able to reach the origin of the hand's world.
     json["mount"]["origin"] = {0.0, 0.0, 1.9};
     CHECK_THAT(trouble(json), Contains("/mount/origin: the origin of the hand's world is"));
     json["mount"]["origin"] = {middle.x(), middle.y(), middle.z()};
@@ -515,12 +516,12 @@ TEST_CASE(
   CHECK_FALSE(arm.masses[0].link);
   CHECK(arm.masses[1].link == 1U);
   CHECK(arm.masses[1].centre.x() == 0.1);
-  // The second mass is carried by slides that do not move vertically.
+  // The second mass moves only horizontally, so no motor carries it.
   const ProfileFacts facts = factsOf(arm);
   CHECK((facts.carried_W - Vec3(0, 0, 0.1 * 9.80665)).norm() < 1e-4);
   CHECK(facts.motors[2].carries == Approx(0.1 * 9.80665 / 2.0));
   CHECK(facts.motors[0].carries == 0.0);
-  // The weight may take at most half of a motor's largest or continuous force.
+  // The weight may take at most half of a motor's peak and of its continuous force.
   json["gravity"]["masses"][0]["mass"] = 1.0;
   CHECK_THAT(trouble(json), Contains("/gravity: fc needs 4.9 to carry the arm's masses, more than "
                                      "half of its continuous limit of 5"));
@@ -549,7 +550,7 @@ TEST_CASE("the world axes along which an arm moves and is driven follow from its
     return words;
   };
   CHECK(axes(full()) == "xyz|xyz|");
-  // A slide without a motor; the mount makes the arm's x the world's y.
+  // A slide without a motor. The mount turns the arm's x axis to the world's y axis.
   Json sensed = full();
   sensed["kinematics"]["joints"][0].erase("motor");
   sensed["kinematics"]["joints"][0].erase("torque_constant");
@@ -568,13 +569,13 @@ TEST_CASE("the world axes along which an arm moves and is driven follow from its
           {"from": "a", "motor": "fa", "torque_constant": 0.1},
           {"from": "b", "motor": "fb", "torque_constant": 0.1}]})";
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}})) == "xy|xy|");
-  // The arm upright, and leaning by 30 degrees.
+  // The same arm, upright and then tilted by 30 degrees.
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}, {"rotation_wxyz", {1, 1, 0, 0}}})) ==
         "xz|xz|");
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}},
                           {"rotation_wxyz", {0.9659258, 0.258819, 0, 0}}})) ==
         "xy (0, 0.866, 0.5)|xy (0, 0.866, 0.5)|");
-  // Three rotary joints with a common axis.
+  // A chain of three rotary joints with parallel axes moves in a plane.
   CHECK(
       axes(with(R"({"model": "chain", "links": [{"across": 0.2}, {"across": 0.2}, {"across": 0.1}],
           "joints": [{"from": "a", "motor": "fa", "torque_constant": 0.1},
@@ -587,14 +588,14 @@ TEST_CASE("a profile's resolution, home position and largest motor demand are co
   const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
   CHECK(facts.off < 1e-6);
   CHECK(facts.step == Approx(3e-6));
-  // With the joints at home, the tip is at (0, 0, 0.1), which is the middle.
+  // In the home pose the tip is at (0, 0, 0.1), which is the origin of the hand's world.
   CHECK(facts.home_W.norm() < 1e-12);
   REQUIRE(facts.motors.size() == 3);
   CHECK(facts.motors[0].asked == Approx(5.0));
   CHECK(facts.motors[2].asked == Approx(2.5));
   CHECK(facts.motors[0].room == Approx(5.0));
-  // The Polhem arm: 5 N perpendicular to the arm, 0.14 m from its axis, converted by gear ratio and
-  // torque constant.
+  // Expected for the Polhem arm: 5 N perpendicular to the arm, 0.14 m from its axis, converted by
+  // gear ratio and torque constant.
   std::vector<std::string> notes;
   for (const HidProfile& arm : hidProfiles("/nowhere", notes)) {
     if (arm.name != "polhem") continue;
@@ -629,8 +630,8 @@ TEST_CASE("self-test results are stored by serial number and by profile", "[prof
   CHECK(testedArms(identityOf(arm, "")) == std::vector<std::string>{"S1"});
   CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.37));
   CHECK(measuredArm(identityOf(arm, "S1")).coulomb == 0.0);
-  // The delay's range is half a millisecond plus three standard errors to each side, but never
-  // before the reading.
+  // The delay's uncertainty is half a millisecond plus three standard errors to each side. The
+  // lower limit is never negative.
   CHECK(measuredArm(identityOf(arm, "S1")).delay == Approx(1e-3));
   CHECK(measuredArm(identityOf(arm, "S1")).doubt == Approx(0.8e-3));
   measured.axes[2].delay = 0.3e-3;
@@ -639,13 +640,13 @@ TEST_CASE("self-test results are stored by serial number and by profile", "[prof
   CHECK(measuredArm(identityOf(arm, "S1")).doubt == Approx(0.9e-3));
   CHECK(measuredArm(identityOf(arm, "S2")).viscous == 0.0);
   CHECK_FALSE(isTested(identityOf(arm, "")));
-  // A profile with a changed sign counts as another profile.
+  // A profile with a changed sign of a joint counts as untested.
   Json other = full();
   other["kinematics"]["joints"][0]["ratio"] = -1;
   CHECK_FALSE(isTested(identityOf(parseHidProfile(other.dump(), "arm.json"), "S1")));
   rememberTest(identityOf(parseHidProfile(other.dump(), "arm.json"), "S2"), measured);
   CHECK(isTested(identityOf(arm, "S1")));
-  // If the file has invalid contents, the arm counts as untested, without an error.
+  // If the file of tested arms is invalid, every arm counts as untested, without an error.
   for (const char* text : {"{", "[]", R"({"mine@S1": 3})", R"({"mine@S1": {"profile": 7}})", ""}) {
     std::ofstream(testedArmsFile()) << text;
     CHECK_FALSE(isTested(identityOf(arm, "S1")));
@@ -657,7 +658,7 @@ TEST_CASE("self-test results are stored by serial number and by profile", "[prof
   CHECK_FALSE(isTested(identityOf(arm, "S1")));
   rememberTest(identityOf(arm, "S1"), measured);
   CHECK(isTested(identityOf(arm, "S1")));
-  // Records of tests that measured no scale, or the scale along one axis only.
+  // Records without a measured scale, or with the scale of one axis only, do not count.
   for (const Json& scale : {Json(), Json(1.0)}) {
     std::ifstream in(testedArmsFile());
     Json json = Json::parse(in);
@@ -665,7 +666,7 @@ TEST_CASE("self-test results are stored by serial number and by profile", "[prof
     std::ofstream(testedArmsFile()) << json;
     CHECK_FALSE(isTested(identityOf(arm, "S1")));
   }
-  // A planar arm was not measured along the axis without a motor, and that axis is not used.
+  // A planar arm has no measurement along the axis without a motor. This axis is ignored.
   rememberTest(identityOf(arm, "S1"), measured);
   CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.37));
   measured.axes[1] = {};
@@ -720,8 +721,8 @@ TEST_CASE("an arm's name is split into profile, serial number and file", "[profi
 }
 
 TEST_CASE("a profile name that fits two profiles is refused with both their names", "[profile]") {
-  // The motors of the two editions differ twelvefold, so an arm with the wrong edition's profile
-  // would get twelve times its force.
+  // The motors of the two editions differ twelvefold: with the wrong profile, an arm would get
+  // twelve times the wanted force.
   const std::string editions =
       "hid:woodenhaptics: the name fits woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
       "differ";
@@ -766,7 +767,7 @@ TEST_CASE("the shipped profiles are valid, and every number has a source", "[pro
       }
       CHECK(said);
     }
-    // palpate's udev rules give users the permission to open the arm.
+    // palpate's udev rules must give users access to the arm.
     std::ifstream rules(test::sourceDir() + "/devices/70-palpate-arms.rules");
     const std::string text((std::istreambuf_iterator<char>(rules)), {});
     for (const Json& match : json.at("match")) {
@@ -787,7 +788,8 @@ TEST_CASE("a user's profile replaces the shipped one and a broken profile is rep
   mine["name"] = "polhem";
   std::ofstream(folder / "a.json") << mine.dump();
   std::ofstream(folder / "b.json") << "{";
-  // If a user's file for an arm is invalid, palpate's own numbers do not replace it.
+  // If a user's profile of an arm is invalid, palpate must not use its own profile of that name
+  // instead.
   std::ofstream(folder / "teensy-arm.json") << "{";
   Json broken = full();
   broken["name"] = "woodenhaptics-v2015";
@@ -806,7 +808,7 @@ TEST_CASE("a user's profile replaces the shipped one and a broken profile is rep
   CHECK(notes.size() == 4);
   CHECK_THAT(notes[0], Contains("a.json: /name: this file replaces palpate's own profile polhem"));
   CHECK_THAT(notes[1], Contains("b.json") && Contains("not valid JSON"));
-  // Two files of the user define the same name.
+  // Two of the user's files have the same name.
   std::ofstream(folder / "b.json") << mine.dump();
   notes.clear();
   CHECK(hidProfiles(folder.path(), notes).size() == 3);
@@ -827,7 +829,7 @@ TEST_CASE("every known arm has limits and a source", "[profile]") {
 
 TEST_CASE("damaged profiles never crash the profile reader", "[profile]") {
   const std::string good = full().dump();
-  // At each byte in turn: replaces the byte, removes it, or ends the text there.
+  // At each byte: replaces the byte, removes it, or cuts the text there.
   for (std::size_t i = 0; i < good.size(); ++i) {
     for (const char c : {'0', '"', '}', '-', '9'}) {
       std::string bad = good;
@@ -865,12 +867,12 @@ TEST_CASE("a profile of a PID device gives axis travel in metres and forces in n
   CHECK(arm.pid[0].axis == 0);  // the axes keep the file's order
   CHECK(arm.pid[0].way == 0.3);
   CHECK(arm.pid[1].force == 8.0);
-  CHECK(arm.output_rate == 250.0);  // [forces/s]: one force takes one report per axis
+  CHECK(arm.output_rate == 250.0);  // [forces/s]; one force takes one report per axis
   const ProfileFacts facts = factsOf(arm);
   CHECK(facts.off < 1e-6);
   CHECK(facts.moves.isApprox(Mat3(Vec3(1, 1, 0).asDiagonal())));
   REQUIRE(facts.motors.size() == 2);
-  CHECK(facts.motors[0].asked == Approx(5.0));  // [N], of the 10 N that the device can give
+  CHECK(facts.motors[0].asked == Approx(5.0));  // [N]; the device can give 10 N
   CHECK(facts.motors[0].room == Approx(10.0));
 
   std::ifstream in(test::sourceDir() + "/docs/profiles.md");
@@ -912,7 +914,6 @@ TEST_CASE("a profile of a PID device gives axis travel in metres and forces in n
     CHECK_THAT(trouble(json), Contains("arm.json") && Contains(bad.says));
     if (bad.schema) CHECK_FALSE(schemaAccepts(json));
   }
-  // A profile without limits or without a rate gets no force.
   for (const char* needed : {"limits", "pid"}) {
     Json json = good;
     json.erase(needed);

@@ -1,4 +1,4 @@
-/// Tests the conversion of the bytes of HID reports to numbers and back.
+/// Tests the conversion of report bytes to numbers and back.
 #include "palpate/devices/hid/hid_report.h"
 
 #include <array>
@@ -83,7 +83,7 @@ TEST_CASE("writing a field of a HID report keeps all other bits, and a read retu
                              : std::floor(random.uniform(f.least, f.most + 1.0));
     putRaw(report, f, value);
     REQUIRE(rawOf(report, f) == value);
-    // Writing another value does not change other bits.
+    // Writing must not change the bits of other fields.
     putRaw(report, f, 0.0);
     double changed = 0.0;
     for (std::uint32_t b = 0; b < 64; ++b) {
@@ -120,7 +120,7 @@ TEST_CASE("the decoder of HID reports unwraps a counter that overflows or underf
     const bool with_sign = random.integer(2) == 0;
     if (with_sign && truth > 0.5 * range) truth -= range;
     for (int i = 0; i < 10000; ++i) {
-      // The device counts modulo its range, with a sign or without.
+      // The device counts modulo its range, signed or unsigned.
       double raw = truth - range * std::floor(truth / range);
       if (with_sign && raw >= 0.5 * range) raw -= range;
       REQUIRE(counter.follow(raw, bits, 0.0) == truth);

@@ -1,5 +1,4 @@
-/// Checks the positions of tips: closed forms against finite differences, inverse computations,
-/// special poses.
+/// Tests arm kinematics: Jacobians against finite differences, known poses, and singular poses.
 #include "palpate/devices/hid/kinematics.h"
 
 #include <cmath>
@@ -22,7 +21,7 @@ namespace {
 struct Arm {
   std::string name;
   std::shared_ptr<const Kinematics> model;
-  std::function<Joints(Random&)> joints;  ///< Random joints within reach.
+  std::function<Joints(Random&)> joints;  ///< Returns random joint positions within reach.
 };
 
 std::vector<Arm> arms() {
@@ -64,7 +63,7 @@ TEST_CASE("an arm's Jacobians are the derivatives of its tip position", "[kinema
       const ArmPose pose = arm.model->at(q);
       REQUIRE(pose.reachable);
       for (std::size_t i = 0; i < arm.model->joints(); ++i) {
-        // A five-point difference, with an error of fourth order.
+        // Five-point difference; its error is of order h^4.
         const double h = 1e-3;
         const auto at = [&](double d) {
           Joints moved = q;
@@ -97,7 +96,7 @@ TEST_CASE("points on an arm's links move as their Jacobians predict", "[kinemati
           const auto at = [&](double d) {
             Joints moved = q;
             moved[i] += d;
-            // A link is rigid, so the distances between its points do not change.
+            // The link is rigid, so distances between its points are constant.
             const Vec3 here = model.on(link, place, moved).position_D;
             const double apart = (model.on(link, other, moved).position_D - here).norm();
             stretch = std::max(stretch, std::abs(apart - (other - place).norm()));
@@ -127,8 +126,7 @@ TEST_CASE("points on an arm's links move as their Jacobians predict", "[kinemati
 }
 
 TEST_CASE("joint torques from the Jacobian reproduce the force at the tip", "[kinematics]") {
-  // Checks virtual work. The torques for a force do the same work as the force. The force that the
-  // torques produce at the tip, by the transposed Jacobian, equals the given force.
+  // Principle of virtual work: torques J^T f. Solving J^T f = torques must give back f.
   Random random(5);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -161,13 +159,13 @@ TEST_CASE("known joint angles give the known tip positions", "[kinematics]") {
   const auto woody = makeCapstanArm(0.08, 0.205, 0.245);
   CHECK((woody->at({0, 0, M_PI / 2}).position_D - Vec3(0.245, 0, 0.285)).norm() < 1e-15);
   CHECK((woody->at({M_PI / 2, 0, M_PI / 2}).position_D - Vec3(0, 0.245, 0.285)).norm() < 1e-15);
-  // The tip of a delta with equal arm angles is on its axis. With horizontal arms: fore^2 = (base -
-  // plate + upper)^2 + z^2.
+  // The tip of a delta with equal joint angles is on its axis. If the upper arms are horizontal:
+  // fore^2 = (base - plate + upper)^2 + z^2.
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.14);
   const Vec3 tip = delta->at({0, 0, 0}).position_D;
   CHECK((tip - Vec3(0, 0, -std::sqrt(0.14 * 0.14 - 0.11 * 0.11))).norm() < 1e-12);
   CHECK(delta->at({0.3, 0.3, 0.3}).position_D.z() < tip.z());
-  // The tip of a symmetric pantograph is on its line of symmetry.
+  // If the joint angles are mirror images, the tip is on the pantograph's line of symmetry.
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
   const Vec3 middle = panto->at({M_PI / 2 - 0.3, M_PI / 2 + 0.3}).position_D;
   CHECK(middle.x() == Approx(-0.025));
@@ -182,11 +180,11 @@ TEST_CASE("unreachable poses of an arm give no torque and every pose gives finit
           "[kinematics]") {
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.12);
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
-  // First the elbows are farther apart than the rods reach. Then the rods are in one line and
-  // cannot hold the tip.
+  // First the rods are too short to meet. Then, at `along`, they are in one line and cannot hold
+  // the tip.
   CHECK_FALSE(makeDelta(0.08, 0.03, 0.06, 0.1)->at({0, 0, 0}).reachable);
   CHECK_FALSE(panto->at({0.0, M_PI}).reachable);
-  // Elbows 0.2 apart, so the rods are in one line.
+  // The elbows are 0.2 m apart, the length of both rods.
   const double along = std::acos((0.1 - 0.025) / 0.08);
   CHECK_FALSE(panto->at({along, M_PI - along}).reachable);
   CHECK(Kinematics::torque(panto->at({0.0, M_PI}), 0, {1, 1, 0}) == 0.0);
@@ -200,8 +198,7 @@ TEST_CASE("unreachable poses of an arm give no torque and every pose gives finit
       REQUIRE(pose.position_D.allFinite());
       for (std::size_t j = 0; j < model->joints(); ++j) REQUIRE(pose.jacobian[j].allFinite());
       lost += pose.reachable ? 0 : 1;
-      // Torques are bounded in every reachable pose: for 1 N they correspond to a lever of at most
-      // 12 m.
+      // Torques are bounded in every reachable pose: at most 12 N m per newton at the tip.
       for (std::size_t j = 0; j < model->joints(); ++j) {
         REQUIRE(std::abs(Kinematics::torque(pose, j, Vec3::UnitX())) < 12.0);
       }

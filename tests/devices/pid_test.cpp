@@ -1,5 +1,5 @@
-/// Tests simulated arms of USB's PID class: how they are detected, driven, lost and released, and
-/// differences between firmware.
+/// Tests drivers of simulated arms of USB's PID class: detection, forces, loss and release, with
+/// several kinds of firmware.
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -29,7 +29,7 @@ using test::PidShape;
 
 namespace {
 
-/// The clock of devices and drivers. It stands still until a test advances it.
+/// The clock of devices and drivers. Only a test advances it.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -64,10 +64,10 @@ class Wire {
 
   std::mutex mutex;
   PidModel model;
-  std::vector<int> raw;  ///< Position that the device reports.
+  std::vector<int> raw;  ///< Reported position, in counts.
   std::uint32_t buttons = 0;
   std::deque<std::vector<std::byte>> waits;
-  std::vector<std::byte> fixed;  ///< Sent instead of `raw`; does not allocate.
+  std::vector<std::byte> fixed;  ///< If not empty, sent instead of `raw`; does not allocate.
   double takes = 0.0;            ///< Duration of a write [s].
   double strongest = 0.0;        ///< Largest force of a motor so far.
   double together = 0.0;         ///< Largest sum of all motors' forces.
@@ -127,10 +127,10 @@ class WirePort final : public ReportPort {
     return true;
   }
   Wire& wire_;
-  bool asked_ = false;  ///< True in every second read, which finds a report.
+  bool asked_ = false;  ///< True in every second read, which returns a report.
 };
 
-/// Returns a profile with 0.2 m and 8 N per axis; y moves and pushes in the opposite direction.
+/// Returns a profile with 0.2 m and 8 N per axis. The y axis is inverted.
 HidProfile stick(int axes) {
   HidProfile profile;
   profile.name = "stick";
@@ -143,7 +143,7 @@ HidProfile stick(int axes) {
   }
   profile.kinematics = makeSlides(directions);
   profile.output.emplace();
-  profile.output_rate = 1e9;  // so high that tests in virtual time never wait for it
+  profile.output_rate = 1e9;  // so high that pacing never delays a force in virtual time
   profile.limits = {5.0, 2000.0, 1000.0, 5.0, 0.1, 0.05, 3.0, 0.0, 0.0};
   return profile;
 }
@@ -229,7 +229,7 @@ TEST_CASE("a PID device of either kind with one to three axes gives positions an
     send(*device, force);
     for (int a = 0; a < shape.axes; ++a) {
       CAPTURE(a);
-      // With a direction of 8 bits, an angle has an error of up to 0.3 degrees.
+      // A direction field of 8 bits makes angular errors of up to 0.3 degrees.
       CHECK(wire.share(a) * (a == 1 ? -8.0 : 8.0) == Approx(force[a]).margin(0.02));
     }
     send(*device, Vec3::Zero());
@@ -286,7 +286,7 @@ TEST_CASE(
 TEST_CASE("an untested PID device opens without force and with a tenth of its gain", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
-  shape.wakes_with = 4000;  // firmware that starts an effect with this magnitude by itself
+  shape.wakes_with = 4000;  // the firmware gives each new effect this magnitude
   Wire wire(shape);
   const auto device = open(wire, false);
   CHECK(wire.strongest == 0.0);
@@ -295,11 +295,11 @@ TEST_CASE("an untested PID device opens without force and with a tenth of its ga
   CHECK(device->info().limits.peak == kUntestedForce);
   CHECK(device->info().max_stiffness <= kUntestedStiffness);
   CHECK_THAT(device->info().source, Contains("its gain is reduced to a tenth"));
-  // The sent force does not exceed the requested one, even if the firmware ignores its gain.
+  // The force does not exceed the requested one, even if the firmware ignores its gain.
   send(*device, {0.5, 0.0, 0.0});
   CHECK(8.0 * wire.share(0) == Approx(0.5 * wire.model.gainShare()).epsilon(0.03));
   CHECK(8.0 * wire.share(0) / wire.model.gainShare() <= 0.5);
-  // During the self-test the device has its full gain.
+  // During the self-test the gain is full.
   HidHost host;
   host.tests = true;
   Wire other(shape);
@@ -316,7 +316,7 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     shape.load_status = 2;
     Wire wire(shape);
     CHECK_THAT(refusal(wire), Contains("arm stick: it has no memory left for an effect: "));
-    // If an opening fails, the device's earlier commands are reversed.
+    // If opening fails, the driver reverses its earlier commands.
     CHECK_FALSE(wire.model.active());
   }
   {
@@ -345,13 +345,13 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
                Contains("it does not answer the request for the index of the effect"));
   }
   {
-    shape.load_refused = 5;  // the driver waits for a slow device
+    shape.load_refused = 5;  // the driver retries for a slow device
     Wire wire(shape);
     CHECK(refusal(wire) == "none");
   }
   {
-    // The driver ignores outdated status reports of the previous effect. So each force acts along
-    // its own axis.
+    // The driver ignores outdated status reports of the previous effect, so each force acts along
+    // the right axis.
     PidShape late = shape;
     late.load_refused = 0;
     late.load_stale = 3;
@@ -387,14 +387,14 @@ TEST_CASE("PID effects have a finite duration and are renewed before it ends", "
     CHECK(raw < (1 << shape.duration_bits) - 1);
     CHECK(raw == (shape.duration_bits == 8 ? 254 : 500));
   }
-  // The force is held for more than two minutes.
+  // The force is held for 130 s.
   const Vec3 force(2.0, 1.0, 0.0);
   for (int i = 0; i < 6500; ++i) {
     send(*device, force);
     REQUIRE(wire.share(0) > 0.2);
     pass(0.02);
   }
-  // An effect is restarted four times per duration, not with every force.
+  // The driver restarts an effect four times per duration, not with every force.
   const double times =
       wire.model.starts() / 2.0 / (130.0 / (shape.duration_bits == 8 ? 0.254 : 0.5));
   CHECK(times > 3.0);
@@ -463,11 +463,11 @@ TEST_CASE("a PID device's power, safety and actuator states cut the force", "[hi
     return device->read();
   };
   (void)device->read();
-  // State bits that the device never set have no meaning.
+  // State bits that the device has never set are ignored.
   CHECK(says(true, false, false).fault == Fault::kNone);
   CHECK(device->read().ready);
-  // The power returns. The device would apply the old force immediately, so the driver starts the
-  // force from zero as after an opening.
+  // The power returns. The device would apply the old force at once, so the force starts from zero
+  // as after opening.
   const HandState powered = says(true, true, false);
   CHECK(powered.fault == Fault::kNone);
   CHECK_FALSE(powered.ready);
@@ -499,7 +499,7 @@ TEST_CASE("actuators that a guardian stopped are enabled again only at zero forc
   CHECK(wire.share(0) == 0.0);
   wire.say(wire.model.state());
   CHECK(device->read().fault == Fault::kPower);
-  // The actuators stay off while a non-zero force is written.
+  // The actuators stay off while the written force is not zero.
   pass(2.0);
   send(*device, {2.0, 0.0, 0.0});
   CHECK_FALSE(wire.model.active());
@@ -540,7 +540,7 @@ TEST_CASE("the stiffness limit of a PID device follows from the time that its re
     ArmParams arm;
     arm.viscous = PidDevice::kLikelyViscous;
     arm.delay = 0.011;
-    // The coupling's damping may use half of the friction.
+    // The coupling's damping may use half of the arm's friction.
     CHECK(device->info().max_damping == Approx(0.5 * arm.viscous));
     CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 100.0, 0.5 * arm.viscous)));
     CHECK(device->info().max_stiffness < 20.0);
@@ -549,9 +549,9 @@ TEST_CASE("the stiffness limit of a PID device follows from the time that its re
                Contains("from 100 forces per second, a delay of 11 ms and a guessed friction"));
   }
   wire.takes = 0.0;
-  // If reports take less time, the profile's rate holds.
+  // If reports take less time, the output rate is the profile's.
   CHECK(open(wire, true, {}, 500.0)->info().output_rate == 500.0);
-  // The limit also follows from measured friction and delay.
+  // Measured friction and delay also determine the limit.
   HidHost host;
   host.measured = {2.0, 0.1, 0.003, 0.001, 0.2};
   const auto device = open(wire, true, host, 500.0);
@@ -598,7 +598,7 @@ TEST_CASE("a PID device's buttons are reported", "[hid][pid]") {
   CHECK(device->info().handle.buttons.size() == 32);
   (void)device->read();
   wire.buttons = 0x80000005U;
-  wire.say(wire.model.state());  // a report of another kind, which has no positions
+  wire.say(wire.model.state());  // a state report, which has no positions
   CHECK(device->read().handle.buttons == 0x80000005U);
   wire.buttons = 0;
   CHECK(device->read().handle.buttons == 0);
@@ -620,7 +620,7 @@ TEST_CASE("a PID descriptor without constant force is refused with the name of t
           "[hid][pid]") {
   const PidModel model(PidShape{});
   CHECK(mapOf(model).buttons.size() == 32);
-  // Replaces the usage that shows the purpose of a report.
+  // Replaces the usage that identifies a report.
   const auto without = [&](int usage, int instead) {
     std::vector<std::byte> bytes = model.descriptor();
     for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
@@ -648,7 +648,7 @@ TEST_CASE("a PID descriptor without constant force is refused with the name of t
         "this axis");
   CHECK(without(0x99, 0x01) == "none");
 
-  // A magnitude that starts at 0 could push in one direction only.
+  // A magnitude field whose minimum is 0 could push in one direction only.
   std::vector<std::byte> bytes = model.descriptor();
   for (std::size_t i = 0; i + 4 < bytes.size(); ++i) {
     if (bytes[i] != std::byte{0x70} || bytes[i + 1] != std::byte{0x16}) continue;
@@ -685,7 +685,8 @@ TEST_CASE("mutated PID descriptors and answers never crash the driver of PID dev
     if (any(8) == 0) descriptor.resize(any(descriptor.size()));
     if (any(16) == 0)
       descriptor.insert(descriptor.end(), any(300), static_cast<std::byte>(any(256)));
-    // The answers: the pool, a block for each axis, then input.
+    // The bytes of the answers: first the pool report, then a block load report for each axis, then
+    // input reports.
     std::vector<std::byte> says(any(400));
     for (std::byte& b : says) b = static_cast<std::byte>(any(256));
     if (any(4) != 0) {

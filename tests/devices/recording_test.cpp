@@ -1,5 +1,5 @@
-/// Tests recordings: written data are read back, an incomplete end is ignored, and a replay gives
-/// exactly the same forces.
+/// Tests recordings: reading back, files with damaged or missing ends, and replays with
+/// bit-identical forces.
 #include "palpate/devices/recording/recording.h"
 
 #include <algorithm>
@@ -47,7 +47,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A folder for this test; the destructor removes it.
+/// A temporary folder, removed by the destructor.
 struct Folder {
   fs::path path = fs::temp_directory_path() / ("palpate-recording-" + std::to_string(::getpid()));
   Folder() { fs::create_directories(path); }
@@ -55,7 +55,7 @@ struct Folder {
   [[nodiscard]] fs::path file(const char* name) const { return path / name; }
 };
 
-/// Returns a tick in which all numbers differ.
+/// Returns a tick with random values in all fields.
 Telemetry anyTick(std::int64_t number, Random& random) {
   RecordedTick tick{};
   const auto bits = [&] { return static_cast<std::uint8_t>(random.integer(2)); };
@@ -198,7 +198,7 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
   };
   CHECK(ticksOf(whole) == 9);
   CHECK(Recording(file).incomplete().empty());
-  // Ends the file at many different places.
+  // Cuts the file after every seventh byte.
   for (std::size_t end = header; end <= whole.size(); end += 7) {
     const auto chunks = std::count_if(ends.begin(), ends.end(), [&](auto e) { return e <= end; });
     CAPTURE(end);
@@ -207,7 +207,7 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
   put(file, whole.substr(0, whole.size() - 1));
   CHECK(Recording(file).torn() == ends[3] - ends[2] - 1);
   CHECK(Recording(file).damaged() == 0);
-  // With one wrong bit anywhere, one chunk is lost and the chunks after it are read.
+  // One flipped bit anywhere loses one chunk. The chunks after it are still read.
   for (long i = 0; i < test::cases(400); ++i) {
     std::string damaged = whole;
     const auto at =
@@ -222,7 +222,7 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
     REQUIRE(recording.size() == (chunk == 0 ? 9 : 6));
     REQUIRE(recording.scenes().size() == (chunk == 0 ? 0 : 1));
     REQUIRE(recording.damaged() + recording.torn() == bytes);
-    // The wrong bit may be in the length of the last chunk, which then looks incomplete.
+    // If the flipped bit is in the length of the last chunk, this chunk seems incomplete.
     if (chunk < 3) REQUIRE(recording.torn() == 0);
     REQUIRE(recording.lost() == (chunk == 2 ? 3 : 0));
     REQUIRE(recording.tick(0).tick == (chunk == 1 ? 4 : 1));
@@ -230,13 +230,13 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
       CHECK_THAT(recording.incomplete(), Contains("are damaged and skipped; 3 ticks"));
     }
   }
-  // Chunks that repeat or precede ticks that were already read are ignored.
+  // Chunks whose ticks were already read, or are older than those, are ignored.
   const auto chunk = [&](std::size_t i) { return whole.substr(ends[i], ends[i + 1] - ends[i]); };
   CHECK(ticksOf(whole + chunk(1)) == 9);
   CHECK(Recording(file).damaged() == ends[2] - ends[1]);
   CHECK(ticksOf(whole.substr(0, ends[0]) + chunk(1) + chunk(0) + chunk(2)) == 6);
   CHECK(Recording(file).lost() == 0);
-  // Each mark may begin a chunk. The search must end soon even in a file full of marks.
+  // Any chunk mark can begin a chunk. The search must be fast even in a file full of marks.
   const std::size_t record = sizeof(RecordedTick);
   std::string marks;
   for (std::uint64_t left = 8000; left-- > 0;) {
@@ -249,7 +249,7 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
     CAPTURE(end);
     REQUIRE_THROWS_AS(ticksOf(whole.substr(0, end)), Error);
   }
-  // Shortening the file after it was read has no effect.
+  // The recording must not read the file again.
   put(file, whole);
   const Recording before(file);
   std::filesystem::resize_file(file, 0);
@@ -278,12 +278,12 @@ TEST_CASE("a full disk ends the recording and leaves its file readable", "[recor
   const fs::path file = folder.file("full.rec");
   CHECK_THROWS_WITH(Recorder(folder.path, setting()).begin(), Contains("it cannot be written"));
   CHECK_THROWS_WITH(Recorder(folder.path / "no" / "a.rec", setting()), Contains("No such file"));
-  // A recorder that never begins does not change the existing file.
+  // A recorder that does not begin leaves an existing file unchanged.
   put(file, "what was there");
   { const Recorder never(file, setting()); }
   CHECK(fs::file_size(file) == 14);
   CHECK(std::distance(fs::directory_iterator(folder.path), {}) == 1);
-  // Simulates a full disk: limits the size of files.
+  // Limits the file size, to simulate a full disk.
   struct rlimit before {};
   REQUIRE(::getrlimit(RLIMIT_FSIZE, &before) == 0);
   const auto handler = std::signal(SIGXFSZ, SIG_IGN);
@@ -298,7 +298,7 @@ TEST_CASE("a full disk ends the recording and leaves its file readable", "[recor
     const auto header = fs::file_size(file);
     for (std::int64_t i = 1; i <= 20000; ++i) {
       recorder.take(anyTick(i, random));
-      // Waits until some of the ticks have been written before the disk is full.
+      // The recorder must have written some ticks before the simulated disk is full.
       while (i == 50 && fs::file_size(file) == header) std::this_thread::yield();
       if (!recorder.trouble().empty()) break;
     }
@@ -329,7 +329,7 @@ TEST_CASE("recording a tick neither allocates nor locks", "[record][realtime]") 
 
 namespace {
 
-/// A hand with every fault that can occur.
+/// A device that produces every fault at random times.
 class TroubledDevice final : public Device {
  public:
   explicit TroubledDevice(std::uint64_t seed) : random_(seed) {
@@ -373,7 +373,6 @@ class TroubledDevice final : public Device {
   double given_ = 1.0;
 };
 
-/// Keeps all ticks in memory.
 struct Kept final : TickSink {
   std::vector<RecordedTick> ticks;
   explicit Kept(std::size_t room) { ticks.reserve(room); }
@@ -392,15 +391,15 @@ struct Troubles {
   std::vector<RecordedTick> ticks;
   std::vector<std::shared_ptr<const Scene>> scenes;
 
-  /// @param around  Changes the thread's floating-point mode before each tick (true), and restores
-  /// it after the tick (false).
+  /// @param around  Called with true before each tick, with false after it. It changes and restores
+  /// the thread's floating-point mode.
   explicit Troubles(std::size_t count, const std::function<void(bool)>& around = {}) {
     Random random(95);
     TroubledDevice hand(96);
     device = hand.info();
     Kept kept(count);
     HapticLoop loop(hand, 1000.0, &kept);
-    // No scene at first, then scenes that differ in numbers and in shape.
+    // First no scene, then scenes that differ in numbers, then in structure.
     for (int i = 0; i < 6; ++i) {
       GraphSpec spec = ballSpec(0.5 + i);
       spec.modes[0].friction = 0.1 * i;
@@ -452,7 +451,6 @@ TEST_CASE("a run with many faults replays bit for bit", "[record][replay]") {
   REQUIRE(troubles.ticks.size() == count);
   CHECK(troubles.firstOther() == 0);
   if (count < 200000) return;
-  // The run contained faults and forces.
   std::array<std::int64_t, kFaults> faults{};
   double felt = 0.0;
   for (const RecordedTick& tick : troubles.ticks) {
@@ -481,10 +479,9 @@ TEST_CASE("a replay is bitwise equal in any floating-point mode of the host", "[
     const unsigned after = _mm_getcsr();
     _mm_setcsr(before);
     CHECK(other == 0);
-    // The host program's floating-point mode is restored.
+    // Each tick restores the caller's floating-point mode.
     CHECK((after & ~0x3FU) == (host & ~0x3FU));
-    // A loop gives the same ticks too, although its check of the hand reads the device's values in
-    // the host's mode.
+    // A loop that runs in the caller's mode gives the same ticks.
     const Troubles again(troubles.ticks.size(), [&](bool set) { _mm_setcsr(set ? host : before); });
     for (std::size_t i = 0; i < again.ticks.size(); ++i) {
       RecordedTick tick = again.ticks[i];

@@ -27,7 +27,7 @@ struct Run {
   bool ended = false;
 };
 
-/// Runs the self-test as the program does, with limitForce before the arm.
+/// Runs the self-test as the program does: its forces pass limitForce before they reach the arm.
 Run tried(const ArmParams& arm, const GripParams& grip = {0.0, 0.0},
           const std::function<Vec3(const Vec3&)>& wires = nullptr,
           const Vec3& gravity = Vec3::Zero(), const SelfTestParams& params = {}) {
@@ -59,7 +59,7 @@ ArmParams arm(double mass, double viscous, double coulomb) {
   return params;
 }
 
-/// Checks that the problems contain these words.
+/// Checks that the reported problems contain these words.
 void expectWords(const Run& run, const std::string& words) {
   CAPTURE(words);
   std::string all;
@@ -115,7 +115,7 @@ TEST_CASE("the self-test names an arm's faults and their remedy", "[hid]") {
   says(heavy, "released, it moves to (0, 0, -1) by itself, with 0.399 N");
   CHECK(heavy.result.weight == Approx(0.4).margin(0.01));
   CHECK(heavy.result.held);
-  // The message distinguishes an arm that falls from one that rises because it carries too much
+  // The message distinguishes an arm that falls from an arm that rises because it carries too much
   // weight.
   for (const double up : {-1.0, 1.0}) {
     SelfTestParams params;
@@ -133,7 +133,7 @@ TEST_CASE("the self-test finds wrong force scales and directions from implausibl
           "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   // Motors that are ten times too strong, one motor that is six times too strong, and a force that
-  // is turned by 35 degrees.
+  // is rotated by 35 degrees.
   expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "moved farther");
   expectWords(tried(good, {0, 0},
                     [](const Vec3& f) {
@@ -145,8 +145,8 @@ TEST_CASE("the self-test finds wrong force scales and directions from implausibl
   CHECK_FALSE(tried(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
-  // An axis with a wrong sign that also moves along another axis. The test must not drive an axis
-  // whose sign is unknown.
+  // The y axis has a wrong sign, and a force along x also acts along y. The test must not use an
+  // axis whose sign is unknown.
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
   expectWords(coupled, "pushed to +y, it moved the other way");
@@ -158,19 +158,20 @@ TEST_CASE("the delay of an arm's force is measured by the self-test to a fractio
   test::Random random(7);
   const long arms = test::cases(60);
   std::vector<double> off;  // relative errors of the viscous friction
-  double farthest = 0.0;    // largest error of a delay, for encoder steps below 20 um
+  double farthest = 0.0;    // largest error of a delay for encoder steps below 20 um [s]
   long told = 0;
   for (long i = 0; i < arms; ++i) {
     ArmParams any = arm(random.logUniform(0.05, 0.4), random.logUniform(0.1, 2.0),
                         random.logUniform(0.01, 0.25));
     any.encoder = random.logUniform(2e-6, 6e-5);
     any.delay = random.uniform(0.0, 6e-3);
-    // The fit cannot distinguish an amplifier lag from a delay.
+    // The fit cannot distinguish amplifier lag from delay.
     if (random.uniform(0.0, 1.0) < 0.3) any.lag = random.logUniform(1e-4, 1e-3);
     const double late = any.delay + any.lag;
     CAPTURE(any.mass, any.viscous, any.coulomb, any.encoder, any.delay, any.lag);
     const Run run = tried(any);
-    if (!run.result.problems.empty()) continue;  // encoder steps too coarse, or friction too large
+    if (!run.result.problems.empty())
+      continue;  // encoder steps are too coarse or the friction is too large
     ++told;
     double least = 1.0;
     double most = 0.0;
@@ -179,7 +180,7 @@ TEST_CASE("the delay of an arm's force is measured by the self-test to a fractio
       most = std::max(most, axis.delay + 3.0 * axis.delay_error + 0.5e-3);
       if (any.encoder < 2e-5) farthest = std::max(farthest, std::abs(axis.delay - late));
       off.push_back(std::abs(axis.viscous / any.viscous - 1.0));
-      // The loop relies on these shares of the measured friction as a lower limit.
+      // The loop uses these shares of the measured friction as lower limits.
       CHECK(0.25 * axis.viscous < any.viscous);
       CHECK(0.5 * axis.coulomb < any.coulomb);
     }
@@ -214,7 +215,7 @@ TEST_CASE("comparing with a ruler reveals a wrong position scale of any axis", "
   };
   CHECK(trouble({0.1, 0, 0}).empty());
   CHECK(trouble({0.093, 0, 0}).empty());
-  // A hand does not move exactly along the axis.
+  // A user's hand does not move exactly along the axis.
   CHECK(trouble({0.095, 0.03, -0.02}).empty());
   CHECK_THAT(trouble({1.0, 0, 0}), Contains("over 0.1 m of ruler along +x the arm reports 1 m"));
   for (const double scale : {0.25, 0.67, 1.5, 4.0, 0.0, std::nan("")}) {
@@ -234,7 +235,7 @@ TEST_CASE("the self-test of an arm without motors in one direction uses only the
     const Vec3 across(0, -std::sin(lean), std::cos(lean));
     const Mat3 plane = Mat3::Identity() - across * across.transpose();
     const auto motors = [&](const Vec3& f) { return Vec3(plane * f); };
-    // If the plane of the motors is unknown, the test reports a faulty motor.
+    // If the test does not know the motors' plane, it reports a faulty motor.
     CHECK_FALSE(tried(good, {0, 0}, motors).result.problems.empty());
     SelfTestParams params;
     params.axes = axesWithin(plane);
@@ -249,7 +250,7 @@ TEST_CASE("the self-test of an arm without motors in one direction uses only the
       CHECK(run.result.axes[a].viscous == Approx(0.5).margin(0.05));
       CHECK(run.result.axes[a].coulomb == Approx(0.05).margin(0.01));
     }
-    // Within the plane, the usual checks apply.
+    // In the plane, the usual checks apply.
     const Run turned = tried(
         good, {0, 0}, [&](const Vec3& f) { return Vec3(f.x(), -motors(f).y(), -motors(f).z()); },
         Vec3::Zero(), params);
@@ -288,7 +289,7 @@ TEST_CASE("the self-test reports a low position rate and long pauses", "[hid]") 
 
 TEST_CASE("the self-test counts new positions and measures the longest pause between them",
           "[hid]") {
-  // An arm that reports at 250 Hz, in a loop of 1 kHz.
+  // An arm that reports at 250 Hz in a loop of 1 kHz.
   SelfTest self;
   HandState hand;
   for (int i = 0; i < 400; ++i) {

@@ -1,4 +1,4 @@
-/// Tests the engine inside the servo loop of another program.
+/// Tests the engine when another program's servo loop calls it.
 #include "palpate/devices/arm/servo.h"
 
 #include <cmath>
@@ -19,7 +19,7 @@ constexpr double kDt = 1e-3;
 DeviceInfo arm() {
   DeviceInfo info;
   info.name = "arm";
-  info.watch.late = 1.0;  // so long that the machine's load has no effect
+  info.watch.late = 1.0;  // [s]; so long that a busy machine has no effect
   return info;
 }
 
@@ -34,7 +34,7 @@ std::shared_ptr<const Scene> ball() {
   return makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}});
 }
 
-/// Moves the hand to 2 mm below the surface and keeps it there, trembling by 1 nm. Returns the
+/// Moves the hand to 2 mm below the surface and keeps it there, with a tremor of 1 nm. Returns the
 /// last force.
 Vec3 press(Servo& servo, int ticks = 2000) {
   Vec3 force = Vec3::Zero();
@@ -68,8 +68,8 @@ TEST_CASE("a servo's force grows over half a second after a fault", "[servo]") {
   CHECK(servo.tick(hand, kDt) == Vec3::Zero());
   CHECK(servo.latest().fault == Fault::kStopped);
   servo.clear();
-  // The hand enters again from outside. The force is at most the peak times the completed share of
-  // the engagement.
+  // The hand enters again from outside. The force is at most the peak force times the elapsed share
+  // of the engagement.
   const double peak = arm().limits.peak;
   double strongest = 0.0;
   for (int i = 0; i < 400; ++i) {
@@ -120,7 +120,7 @@ TEST_CASE("a servo's force fades while a held arm's position is frozen and retur
     same.position = {0.0, 0.0, 0.038};
     Vec3 force;
     for (int i = 0; i < 400; ++i) force = servo.tick(same, kDt);
-    CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // a hand may rest for this time
+    CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // the force does not fade yet
     for (int i = 0; i < 700; ++i) force = servo.tick(same, kDt);
     CHECK(force.z() == Approx(hand_on_it ? 0.0 : 1.0).margin(1e-6));
     CHECK(servo.latest().fault == Fault::kNone);
@@ -140,7 +140,8 @@ TEST_CASE("a servo's force fades if the arm reports that it stands still", "[ser
     HandState hand;
     Vec3 force;
     for (int i = 0; i < 1100; ++i) {
-      // If HandState::still is NaN, the servo's own measurement of stillness holds.
+      // If HandState::still is NaN, the servo itself measures how long the position has been
+      // constant.
       hand.position = {std::isnan(still) ? 0.0 : 1e-9 * (i % 2), 0.0, 0.038};
       hand.still = still;
       force = servo.tick(hand, kDt);
@@ -176,7 +177,7 @@ TEST_CASE("an invalid time step does not increase a servo's force", "[servo]") {
     HandState deeper;
     deeper.position = {0.0, 0.0, 0.0375};
     CHECK(servo.tick(deeper, dt).norm() <= before * (1.0 + 1e-12));
-    // The fault ends with that tick.
+    // Afterwards clear() ends the fault.
     servo.clear();
     (void)press(servo);
     CHECK(servo.latest().fault == Fault::kNone);

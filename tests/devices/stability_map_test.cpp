@@ -1,4 +1,5 @@
-/// Tests maps of couplings: the engine agrees with the formula for a wall, other methods do not.
+/// Tests maps of stability over coupling stiffness and damping: the engine agrees with the formula
+/// for a wall, other methods do not.
 #include "palpate/devices/simulated/stability_map.h"
 
 #include <algorithm>
@@ -54,7 +55,7 @@ TEST_CASE(
     CHECK(map.tried < kSize * kSize / 2);
     const auto n = static_cast<std::size_t>(kSize);
     for (std::size_t row = 0; row < n; ++row) {
-      // Skips high damping, where encoder steps matter; the formula does not contain them.
+      // Skips high damping, at which encoder steps matter: the formula ignores them.
       if (map.damping[row] > 5.0) continue;
       const double stable =
           stableStiffness(setting.arm, setting.grip, setting.rate, map.damping[row]);
@@ -63,7 +64,7 @@ TEST_CASE(
         CAPTURE(map.stiffness[column], map.damping[row], stable, cell.swing);
         if (map.stiffness[column] < 0.8 * stable) CHECK(cell.outcome == MapOutcome::kRests);
         if (map.stiffness[column] > 1.25 * stable) CHECK(cell.outcome != MapOutcome::kRests);
-        // Below the passive stiffness no energy comes out, whatever the hand does.
+        // Below the passive stiffness the device gives no energy, whatever the hand does.
         const double passive = passiveStiffness(setting.arm, setting.rate, map.damping[row]);
         if (map.stiffness[column] < passive) CHECK_FALSE(cell.active);
       }
@@ -81,15 +82,15 @@ TEST_CASE("other methods oscillate at coupling settings at which the engine is s
     const MapFeel feel = named(methods, name).make(stiffness, damping, 1.0 / setting.rate);
     return tryCoupling(setting, trough, feel).outcome == MapOutcome::kRests;
   };
-  // A method without a proxy has a force jump at the wall, with any coupling.
+  // A method without a proxy has a force jump at the wall, for any coupling.
   for (const double stiffness : {50.0, 200.0, 1000.0, 3000.0}) {
     for (const double damping : {0.0, 0.5, 5.0}) {
       CHECK_FALSE(rests("force function", stiffness, damping));
       CHECK(rests("palpate", stiffness, damping));
     }
   }
-  // A solver that chatters makes soft couplings vibrate, because their damping reacts to each
-  // tick's error. With a stiff coupling, a solver with wrong results is unstable.
+  // Chatter of a solver shakes soft couplings through their damping. Wrong results of a solver make
+  // stiff couplings unstable.
   struct Shaken {
     const char* method;
     std::vector<double> stiffness;

@@ -68,8 +68,8 @@ class Oscillator {
   double xx_, xv_, vx_, vv_, xf_, vf_;
 };
 
-/// Returns the slope of the logarithm of the oscillation's envelope, by least squares. The loop is
-/// stable if the slope is below 0. Simulates from event to event, without a matrix.
+/// Returns the growth rate of the oscillation's envelope, by least squares. The loop is stable if
+/// it is negative. The simulation goes from event to event and uses no transition matrix.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
                      double damping, int span, int swings) {
   const double ticks = arm.delay / period;
@@ -170,7 +170,7 @@ TEST_CASE("without hand and delay the stability boundary equals the closed form"
     const double expected = fast > 0.0 ? std::min(slow, fast) : slow;
     CAPTURE(m, b, period);
     CHECK(stableStiffness(bare(m, b), kReleased, 1.0 / period) == Approx(expected).epsilon(1e-6));
-    // The only friction is the coupling's damping.
+    // Here the coupling's damping is the only friction.
     const double beta = random.uniform(0.01, 0.8);
     const double damping = 2.0 * m * beta / period;
     CHECK(stableStiffness(bare(m, 0.0), kReleased, 1.0 / period, damping, 0.0) ==
@@ -181,7 +181,7 @@ TEST_CASE("without hand and delay the stability boundary equals the closed form"
 TEST_CASE("above the passive stiffness the worst-case motion of the hand gains energy",
           "[passivity]") {
   // Computes the energy at the port for positions x_n = z^n with |z| = 1, per |x_{n+1} - x_n|^2.
-  // Between samples, the arm makes the motion that gains most (docs/passivity.md, section 1).
+  // Between samples, the arm moves such that the hand gains most (docs/passivity.md, section 1).
   // Returns true if the hand gains energy for some z.
   const auto gains = [](double k, double b, double period, int whole, double part,
                         double damping = 0.0, int span = 1) {
@@ -207,8 +207,8 @@ TEST_CASE("above the passive stiffness the worst-case motion of the hand gains e
     CAPTURE(b, period, whole, part, k);
     CHECK_FALSE(gains(k * (1.0 - 1e-4), b, period, whole, part));
     CHECK(gains(k * (1.0 + 1e-4), b, period, whole, part));
-    // The coupling's damping reduces the available friction of the arm by the same amount. The
-    // number of periods over which the damper's velocity is computed has no effect.
+    // The coupling's damping reduces the usable friction of the arm by the same amount. The number
+    // of periods over which the damper measures velocity has no effect.
     const double damping = 0.3 * b;
     const double damped = passiveStiffness(arm, 1.0 / period, damping);
     CHECK(damped < k);
@@ -218,8 +218,8 @@ TEST_CASE("above the passive stiffness the worst-case motion of the hand gains e
     }
     CHECK(passiveStiffness(arm, 1.0 / period, b) == 0.0);
   }
-  // The bounds of Abbott and Okamura: 2 b / T and 2 c / D, for viscous friction b, Coulomb friction
-  // c, period T and encoder step D.
+  // The bounds of Abbott and Okamura: 2 b / T and 2 c / D. b is viscous friction, c Coulomb
+  // friction, T the period and D the encoder step.
   ArmParams arm = bare(0.1, 0.5);
   arm.coulomb = 0.02;
   arm.encoder = 1e-5;
@@ -231,7 +231,7 @@ TEST_CASE("above the passive stiffness the worst-case motion of the hand gains e
 
 TEST_CASE("an axis with a lagging amplifier moves as its differential equation says",
           "[stability]") {
-  // Compares with ten thousand small Runge-Kutta steps.
+  // Compares with a Runge-Kutta integration in ten thousand steps.
   Random random(10);
   for (int i = 0; i < 20; ++i) {
     ArmParams arm = bare(random.logUniform(0.05, 0.5), random.logUniform(0.02, 5.0));
@@ -259,7 +259,7 @@ TEST_CASE("an axis with a lagging amplifier moves as its differential equation s
     const State exact = axisStep(arm, grip, time) * from;
     CHECK((exact - y).cwiseQuotient(State(1e-3, 0.1, 5.0)).norm() < 1e-9);
   }
-  // A simulated device with a tiny lag behaves as one without lag.
+  // A simulated device with a tiny lag must agree with one without lag.
   const auto swing = [](double lag) {
     ArmParams arm = bare(0.1, 0.5, 1.5e-3);
     arm.lag = lag;
@@ -312,28 +312,28 @@ TEST_CASE("the stability margin states the rate or friction at which a coupling 
   arm.viscous = room.viscous;
   CHECK(passiveStiffness(arm, 1000.0) == Approx(400.0).epsilon(1e-5));
   arm.viscous = 0.5;
-  // The arm's own delay may be too long at any rate.
+  // The arm's delay can be too long for any rate.
   CHECK(roomFor(arm, {300.0, 5.0}, 1000.0, 600.0, 0.0).rate == 0.0);
 }
 
 namespace {
 
-/// Returns a scene with a flat wall below z = 0 that does not yield, and a coupling of this
-/// stiffness.
+/// Returns a scene with a rigid flat wall below z = 0 and a coupling of this stiffness [N/m].
 std::shared_ptr<const Scene> wallScene(double stiffness) {
   const double radius = 100.0;
   return test::ballScene(makeSphere(Vec3(0, 0, -radius), radius), 50.0, {stiffness, 0.0});
 }
 
 struct Pressed {
-  double early = 0.0;  ///< Swing about the resting position soon after the kick [m].
-  double later = 0.0;  ///< Swing some time after that [m].
+  double early = 0.0;  ///< Amplitude about the resting position soon after the kick [m].
+  double later = 0.0;  ///< Amplitude some time later [m].
   double force = 0.0;  ///< Mean force that was sent [N].
-  /// Share of ticks in which the tank reduced the force, or would have reduced it.
+  /// Share of ticks in which the tank reduced the force, or would have reduced it if active.
   double drained = 0.0;
 };
 
-/// Runs the whole loop. A hand slowly presses into the wall, and gets an impulse at 2 s.
+/// Runs the whole loop. A hand slowly presses into the wall with `load` [N], and is displaced by
+/// `kick` [m] for 20 ms at 2 s.
 Pressed press(const ArmParams& arm, const GripParams& grip, double rate, double stiffness,
               double load, double kick) {
   const double depth = load / grip.stiffness + load / stiffness;
@@ -404,7 +404,7 @@ TEST_CASE("the tank takes at most one percent of a passive wall's force", "[pass
     if (!rates.runs()) continue;
     for (const double encoder : {1e-7, 1e-6, 1e-5}) {
       ArmParams arm = bare(0.1, 0.5, 1.0 / rate);
-      // Without Coulomb friction, motions below an encoder step would be undetermined.
+      // Without Coulomb friction, motions smaller than an encoder step would not decay.
       arm.coulomb = 0.02;
       arm.encoder = encoder;
       arm.tank = TankUse::kObserve;

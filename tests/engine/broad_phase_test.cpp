@@ -1,4 +1,4 @@
-/// Tests the tree that finds the boxes near a hand.
+/// Tests BroadPhase, the tree that finds the boxes near a hand.
 #include "palpate/engine/scene/broad_phase.h"
 
 #include <algorithm>
@@ -22,8 +22,7 @@ Box boxAt(const Vec3& centre, const Vec3& half) {
   return {centre - half, centre + half};
 }
 
-/// Returns boxes of many sizes in a cube of one metre. Some have the same place, some have no
-/// thickness.
+/// Returns boxes of many sizes in a cube of 1 m. Some have equal centres, some have no thickness.
 std::vector<Box> someBoxes(std::size_t count, Random& random) {
   std::vector<Box> boxes;
   const Vec3 heap = random.inCube(0.5);
@@ -47,8 +46,8 @@ std::vector<std::uint32_t> found(const BroadPhase& tree, const Box& query) {
   return all;
 }
 
-/// Requires that the tree finds every box that overlaps the query. Boxes that it finds in addition
-/// must be within the resolution of floats.
+/// Requires that the tree finds every box that overlaps the query. Other boxes that it finds must
+/// be within float rounding of the query.
 void compare(const BroadPhase& tree, const std::vector<Box>& boxes, const Box& query) {
   const auto all = found(tree, query);
   REQUIRE(std::adjacent_find(all.begin(), all.end()) == all.end());
@@ -71,7 +70,7 @@ TEST_CASE("the box tree finds the same boxes as a search through all boxes", "[b
     for (int i = 0; i < 200; ++i) {
       compare(tree, boxes, boxAt(random.inCube(0.6), random.logUniform(1e-6, 0.3) * Vec3::Ones()));
     }
-    // The boxes move, but the structure of the tree stays.
+    // refit() must work for moved boxes without a new tree.
     for (Box& box : boxes) {
       const Vec3 by = random.inCube(0.2);
       box = {box.lower + by, box.upper + by};
@@ -101,7 +100,7 @@ TEST_CASE(
   CHECK(found(tree, Box{}).empty());
   CHECK(found(tree, boxAt({nan, 0, 0}, {1, 1, 1})).empty());
   CHECK(found(tree, {Vec3::Constant(-inf), Vec3::Constant(inf)}).empty());
-  // A box becomes empty, then returns.
+  // A box becomes empty, then gets its old extent.
   const Box was = boxes[0];
   boxes[0] = Box{};
   tree.refit(boxes);
@@ -148,13 +147,12 @@ TEST_CASE(
   const Box query = boxAt(Vec3::Zero(), Vec3::Constant(1e-3));
   CHECK(near.near(heap, query).size() == NearBoxes::kMost);
   CHECK_FALSE(near.complete());
-  // Many boxes are in the query's margin, but not in the query.
+  // Many boxes are in the margin around the query, but not in the query itself.
   for (std::size_t i = 1; i < boxes.size(); ++i) boxes[i] = boxAt({0.005, 0, 0}, {1e-4, 1, 1});
   heap.refit(boxes);
   near.forget();
   CHECK(near.near(heap, query).size() == 1);
   CHECK(near.complete());
-  // The hand moves to where these boxes are.
   CHECK(near.near(heap, boxAt({0.005, 0, 0}, Vec3::Constant(1e-3))).size() == NearBoxes::kMost);
 }
 

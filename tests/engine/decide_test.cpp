@@ -1,4 +1,4 @@
-/// Tests the decisions after a trial step, case by case.
+/// Tests each case of decide(), which chooses the next action after a trial step or a sweep.
 #include "palpate/engine/tick/decide.h"
 
 #include <array>
@@ -8,13 +8,13 @@
 namespace palpate::decide_test {
 namespace {
 
-/// A row of TrialState: read, within, spent, held.
+/// A row of the table for TrialState: read, within, spent, held.
 struct TrialRow {
   TrialState state;
   Next next;
 };
 
-/// A row of SweepState: complete, strays, chosen_out, met_before.
+/// A row of the table for SweepState: complete, strays, chosen_out, met_before.
 struct SweepRow {
   SweepState state;
   Next next;
@@ -28,9 +28,8 @@ constexpr bool kYes = true;
 TEST_CASE(
     "after a trial step the tick reads, arrives, waits or releases as the table of states says",
     "[step]") {
-  // All sixteen states.
   constexpr std::array<TrialRow, 16> kRows{{
-      // Before the first reading, every other state leads to a reading.
+      // Without a reading, the next action is always a reading.
       {{kNo, kNo, kNo, kNo}, Next::kRead},
       {{kNo, kNo, kNo, kYes}, Next::kRead},
       {{kNo, kNo, kYes, kNo}, Next::kRead},
@@ -39,16 +38,16 @@ TEST_CASE(
       {{kNo, kYes, kNo, kYes}, Next::kRead},
       {{kNo, kYes, kYes, kNo}, Next::kRead},
       {{kNo, kYes, kYes, kYes}, Next::kRead},
-      // The remaining distance is within the tolerance: the proxy has arrived, even if this was the
-      // last reading.
+      // The remaining distance is within the tolerance: the proxy has arrived, even if no reading
+      // is left.
       {{kYes, kYes, kNo, kNo}, Next::kArrive},
       {{kYes, kYes, kNo, kYes}, Next::kArrive},
       {{kYes, kYes, kYes, kNo}, Next::kArrive},
       {{kYes, kYes, kYes, kYes}, Next::kArrive},
-      // Readings are left.
+      // The tick may read again.
       {{kYes, kNo, kNo, kNo}, Next::kRead},
       {{kYes, kNo, kNo, kYes}, Next::kRead},
-      // The limit of readings is reached.
+      // The tick may not read again.
       {{kYes, kNo, kYes, kYes}, Next::kWait},
       {{kYes, kNo, kYes, kNo}, Next::kRelease},
   }};
@@ -61,14 +60,14 @@ TEST_CASE(
 TEST_CASE("a free proxy reads the field at the first surface and at new parts on its path",
           "[step]") {
   constexpr std::array<SweepRow, 8> kRows{{
-      {{kNo, kNo, kNo, kNo}, Next::kRead},  // the first surface on the path
-      // A second surface: the path is not searched further.
+      {{kNo, kNo, kNo, kNo}, Next::kRead},  // first surface on the path
+      // A second surface ends the search along the path.
       {{kNo, kNo, kNo, kYes}, Next::kRelease},
       {{kNo, kNo, kYes, kNo}, Next::kRead},
-      {{kNo, kYes, kNo, kNo}, Next::kRead},  // new parts, even after a surface
+      {{kNo, kYes, kNo, kNo}, Next::kRead},  // the path enters new parts, even after a surface
       {{kNo, kYes, kNo, kYes}, Next::kRead},
-      {{kNo, kYes, kYes, kNo}, Next::kRelease},  // no further choice of parts is allowed
-      {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the path reaches the hand
+      {{kNo, kYes, kYes, kNo}, Next::kRelease},  // parts must not be chosen again
+      {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the path is searched up to the hand
       {{kYes, kYes, kNo, kYes}, Next::kRelease},
   }};
   for (const SweepRow& row : kRows) {

@@ -19,7 +19,7 @@ struct Reference {
   double lambda2;
 };
 
-/// Computes the expected values from their definitions, with Eigen's general eigenvalue solver.
+/// Computes the expected values from their definitions, with Eigen's eigenvalue solver.
 Reference referenceOf(const Mat3& J) {
   const Mat3 S = 0.5 * (J + J.transpose());
   const Mat3 O = 0.5 * (J - J.transpose());
@@ -37,7 +37,7 @@ Mat3 randomMatrix(Random& random) {
 }  // namespace
 
 TEST_CASE("Q and lambda2 of known flows have their analytic values", "[flow]") {
-  // Solid rotation at w about z, with strain rate S and rotation rate O: |O|^2 = 2 w^2, S^2 + O^2 =
+  // Solid rotation at w about z. With strain rate S and rotation rate O: |O|^2 = 2 w^2, S^2 + O^2 =
   // diag(-w^2, -w^2, 0).
   Mat3 rotation = Mat3::Zero();
   rotation(0, 1) = -3.0;
@@ -49,12 +49,12 @@ TEST_CASE("Q and lambda2 of known flows have their analytic values", "[flow]") {
   const Mat3 strain = Vec3(2.0, -1.0, -1.0).asDiagonal();
   CHECK(qCriterion(strain) == Approx(-3.0));
   CHECK(lambda2(strain) == Approx(1.0));
-  // Simple shear: equal parts of rotation and strain.
+  // Simple shear consists of equal parts of rotation and strain.
   Mat3 shear = Mat3::Zero();
   shear(0, 1) = 5.0;
   CHECK(qCriterion(shear) == 0.0);
   CHECK(std::abs(lambda2(shear)) < 1e-15);
-  // Burgers' vortex on its axis: strain a, rotation w.
+  // Burgers' vortex on its axis: strain of 1 along the axis, rotation at 2.
   Mat3 burgers = Vec3(-0.5, -0.5, 1.0).asDiagonal();
   burgers(0, 1) = -2.0;
   burgers(1, 0) = 2.0;
@@ -68,8 +68,8 @@ TEST_CASE("Q and lambda2 agree with the definitions for any Jacobian", "[flow]")
   double worst_lambda2 = 0.0;
   for (int i = 0; i < 100000; ++i) {
     Mat3 J = randomMatrix(random);
-    // Some Jacobians have eigenvalues that agree to 1e-8, are singular to 1e-12 or are free of
-    // divergence; others have any magnitude.
+    // Some Jacobians have eigenvalues that agree to 1e-8, some are singular to 1e-12, some have no
+    // divergence. The others have random magnitudes.
     if (i % 5 == 1) J = Mat3::Identity() * random.uniform(-1, 1) + 1e-9 * J;
     if (i % 5 == 2) {
       const Mat3 R = Eigen::AngleAxisd(random.uniform(0, 3), random.direction()).matrix();

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// Solves one balance with friction, from a cold start.
+/// Solves one balance with friction. After restart() the start is cold.
 struct Balance {
   PrimitiveSet set;
   WarmStart warm;
@@ -31,7 +31,7 @@ struct Balance {
   SolveResult solve(const Vec3& probe, const Vec3& proxy = Vec3::Zero()) {
     return solveWithFriction(probe, kStiffness, set, proxy, params, warm, start, forces);
   }
-  /// Forgets the last balance. Constructing another Balance instead would take a millisecond.
+  /// Forgets the last balance. This is faster than a new Balance, which takes 1 ms.
   void restart() {
     set.clear();
     warm.forget();
@@ -45,7 +45,7 @@ struct Balance {
   }
 };
 
-/// Returns a random direction perpendicular to q.
+/// Returns a random unit vector perpendicular to q.
 Vec3 across(const Vec3& q, Random& random) {
   return q.cross(random.direction()).normalized();
 }
@@ -61,7 +61,7 @@ TEST_CASE("slip starts at mu times the normal load of the same tick", "[modes][f
     const double mu = random.uniform(0.05, 1.5);
     const double depth = random.uniform(1e-4, 3e-3);
     CAPTURE(i, q, mu, depth);
-    // The plane passes through a random point, whose coordinates are not round numbers.
+    // Random coordinates, because round numbers would hide rounding errors.
     const Vec3 corner = random.inCube(0.01);
     ModeSpec wall;
     wall.kind = i % 2 == 0 ? ModeKind::kIsosurface : ModeKind::kSurface;
@@ -101,7 +101,7 @@ TEST_CASE(
     b.restart();
     const Vec3 q = random.direction();
     const Vec3 grip = random.inCube(1e-3);
-    // In some cases the plane has moved since the proxy gripped it.
+    // In three of four cases the plane has moved since the proxy gripped it.
     const double height = i % 4 == 0 ? 0.0 : random.uniform(-2e-4, 2e-4);
     const double strength = random.uniform(0.5, 4.0);
     const double mu = random.uniform(0.0, 1.5);
@@ -124,8 +124,8 @@ TEST_CASE(
     const SolveResult result = b.solve(probe, grip);
     const std::vector<Primitive> items(b.set.items().begin(), b.set.items().end());
     CAPTURE(i, height, mu, test::describe(probe, kStiffness, items));
-    // Skips planes that the drags may cause to yield, because Newton's method solves those cases.
-    // Drags that hold the proxy in front of the plane do not count.
+    // Skips planes whose load, with the drags, can exceed their strength: Newton's method solves
+    // those cases. Drags that hold the proxy in front of the plane do not count.
     const double pressed = q.dot(anchor - probe) * kStiffness - q.dot(push);
     if (std::max(pressed, 0.0) + (height > 0.0 ? 0.0 : drags) > strength) continue;
     REQUIRE(result.status == SolveStatus::kConverged);
@@ -155,7 +155,7 @@ TEST_CASE(
     if (slip.norm() > 1e-9) {
       REQUIRE((friction + mu * load * slip.normalized()).norm() <= 1e-5 * mu * load + kForce);
     }
-    // Checks the drags, along the plane if the plane is pressed.
+    // Checks the drags: each is within its strength, and along the plane if the plane is pressed.
     double work = friction.dot(went);
     for (std::size_t j = 0; j < items.size(); ++j) {
       if (items[j].kind != PrimitiveKind::kPoint) continue;
@@ -170,7 +170,7 @@ TEST_CASE(
       }
       work += force.dot(went);
     }
-    REQUIRE(work <= 1e-15);  // Friction and drags add no energy.
+    REQUIRE(work <= 1e-15);  // friction and drags add no energy
 
     const SolveResult plain = solveProxy(probe, kStiffness, items, grip);
     REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
@@ -195,8 +195,8 @@ TEST_CASE("on one plane with a drag the proxy moves at most 1 + mu times as far 
     const double mu = random.uniform(0.1, 1.5);
     const Vec3 way = random.inCube(2e-6);
     Vec3 probe = random.inCube(3e-3);
-    // The plane is micrometres away from the old proxy, like a plane that was read at the new proxy
-    // on a round surface.
+    // The plane is micrometres away from the old proxy, as on a round surface, where it was read at
+    // the new proxy.
     const double height = random.uniform(-2e-5, 2e-5);
     const auto offset = [&] {
       b.restart();
@@ -217,8 +217,8 @@ TEST_CASE("on one plane with a drag the proxy moves at most 1 + mu times as far 
 }
 
 TEST_CASE("behind a surface that yields a drag holds the proxy in place", "[modes][friction]") {
-  // A skin that yields at 0.8 N, and a drag below it. The hand moves in to 3.2 mm, then repeatedly
-  // part of the way out and in again.
+  // A skin that yields at 0.8 N, and a drag below it. The hand moves in to 3.2 mm, then partly out
+  // and in again several times.
   ModeSpec skin;
   skin.kind = ModeKind::kIsosurface;
   skin.of = "body";
@@ -256,7 +256,6 @@ TEST_CASE("behind a surface that yields a drag holds the proxy in place", "[mode
     go(-3.2e-3, 100);
   }
   CHECK(injected < 1e-12);
-  // If the hand rests, the proxy must rest.
   for (const double depth : {1.2e-3, 1.7e-3, 2.2e-3, 2.6e-3}) {
     go(-depth, 50);
     go(-depth, 10);
@@ -293,8 +292,8 @@ TEST_CASE("Coulomb's law holds for a plane that is balanced together with other 
     REQUIRE(result.error_bound <= 1e-6);
     const FrictionLink& link = b.set.links()[0];
     REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-9 * strength);
-    // With its final strengths, friction balances like fixed primitives, and the error bound covers
-    // the difference.
+    // If the friction is replaced by fixed primitives of its final strengths, the balance is the
+    // same within the error bounds.
     const SolveResult plain = solveProxy(probe, kStiffness, b.set.items(), Vec3::Zero());
     REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
     if (i % 100 == 0) {
@@ -331,7 +330,7 @@ TEST_CASE(
     for (const FrictionLink& link : b.set.links()) {
       excess += std::abs(b.strength(link) - link.coefficient * b.load(link));
     }
-    // Either the laws are met, or the error bound shows by how much they are missed.
+    // Either Coulomb's law holds, or the error bound covers the excess.
     if (result.status == SolveStatus::kConverged) {
       REQUIRE(excess <= 1e-8);
     } else {
@@ -346,12 +345,12 @@ TEST_CASE(
 TEST_CASE(
     "friction on walls around one point is balanced, and a failed search keeps the held strengths",
     "[modes][friction]") {
-  // The hand moves from place to place within two to four walls.
+  // The hand jumps between random positions within two to four walls.
   Random random(64);
   const long cases = test::cases(3000);
   long limited = 0;
   long stopped = 0;
-  long weaker = 0;  // number of frictions whose strength equals that of the last balance
+  long weaker = 0;  // number of frictions whose strength was limited by the last balance's value
   Balance b;
   for (long i = 0; i < cases; ++i) {
     b.restart();
@@ -365,7 +364,7 @@ TEST_CASE(
       const std::vector<double> held = b.start.held;
       const bool remembered = b.start.count > 0;
       const Vec3 probe = random.inCube(5e-3);
-      // Every second solve gets too few iterations to find a balance.
+      // Every second solve gets too few iterations.
       b.params.max_iterations = at % 2 == 0 ? SolverParams{}.max_iterations : 6;
       const SolveResult result = b.solve(probe);
       if (result.status != SolveStatus::kIterationLimit) continue;
@@ -376,7 +375,7 @@ TEST_CASE(
       }
       REQUIRE(result.error_bound >= excess / kStiffness);
       ++(at % 2 == 0 ? limited : stopped);
-      // Coulomb's law may hold even if the error bound is large.
+      // Coulomb's law may hold although the error bound is large.
       for (std::size_t l = 0; remembered && excess > 1e-9 && l < links.size(); ++l) {
         const double most = links[l].coefficient * b.set.items()[links[l].plane].strength;
         CAPTURE(i, at, l, held[l], most);
@@ -386,14 +385,14 @@ TEST_CASE(
     }
   }
   CAPTURE(limited, stopped, weaker);
-  CHECK(limited <= cases / 10000);  // there are three times as many solves as cases
+  CHECK(limited <= cases / 10000);  // each case has three solves
   CHECK(stopped > cases / 10);
   CHECK(weaker > cases / 10);
 }
 
 TEST_CASE("the solver finds the next balance where a branch of balances ends at a fold",
           "[modes][friction]") {
-  // A wall with friction, a plane of a cloud and a drag, from two recorded ticks whose branch of
+  // A wall with friction, a plane of a cloud, and a drag, from two recorded ticks. The branch of
   // balances ends at a fold.
   struct Tick {
     double stiffness;
@@ -458,7 +457,7 @@ TEST_CASE("the solver finds the next balance where a branch of balances ends at 
 
 TEST_CASE("a converged tick at a yielding skin over bone has an error bound of at most 3 um",
           "[modes][friction][release]") {
-  // A skin that yields, a drag below the skin, and bone behind.
+  // A skin that yields, a drag below it, and bone behind.
   const auto rough = [](const char* of, double strength, double friction) {
     ModeSpec mode;
     mode.kind = ModeKind::kIsosurface;
@@ -501,9 +500,9 @@ TEST_CASE("a converged tick at a yielding skin over bone has an error bound of a
 
 TEST_CASE("a failed search for frictions in a groove does not make the proxy slip",
           "[modes][friction]") {
-  // Two walls with friction share a load, which passes from one wall to the other during a slow
-  // push along the groove. Even where Coulomb's law is not met, the walls must hold. k times the
-  // hand's step is 4 mN per tick.
+  // Two walls with friction share a load, which moves from one wall to the other during a slow push
+  // along the groove. Even where Coulomb's law is not met, the walls must hold. The spring's force
+  // changes by 4 mN per tick.
   for (const double degrees : {30.0, 60.0, 80.0}) {
     for (const double mu : {0.2, 0.8}) {
       CAPTURE(degrees, mu);
@@ -603,8 +602,8 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   Reader reader;
   ProxyState state(ForceLimits{100.0, 1e9});
   (void)hapticStep(*scene, reader, {Vec3(0.0501, 0, 0)}, state, 1e-3);
-  // The proxy sticks at the point where its path met the ball, except for the effect of the ball's
-  // curvature in one tick.
+  // The proxy sticks where its path met the ball. The tolerance covers the ball's curvature within
+  // one tick.
   const double met = 0.0009 * 0.1 / 2.1;
   StepReport first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
   CHECK(first.proxy.y() == Approx(met).epsilon(0.01));
@@ -646,7 +645,7 @@ TEST_CASE("primitives at one place share a load and a plane without load carries
     const double drag = random.uniform(0.2, 0.5);
     REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), q, wall}));
     REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), drag}));
-    // Along the wall, the drag carries the whole load. Into the wall, plane and drag share the load
+    // Along the wall, the drag bears the whole load. Into the wall, plane and drag share the load
     // in proportion to their strengths.
     const double along = random.uniform(0.0, 1e-4);
     const double into = random.uniform(1e-7, 1e-4);
@@ -656,7 +655,7 @@ TEST_CASE("primitives at one place share a load and a plane without load carries
     REQUIRE(b.solve(along * t - into * q).status == SolveStatus::kConverged);
     const double share = wall / (wall + drag) * kStiffness * into;
     CHECK(q.dot(b.forces[0]) == Approx(share).epsilon(1e-6));
-    // Three walls that meet in a point can share the load in only one way.
+    // Three walls that meet in a point can share the load in one way only.
     b.set.clear();
     for (const Vec3& n : {q, t, Vec3(q.cross(t))}) {
       const Vec3 tilted = (n + 0.1 * random.direction()).normalized();

@@ -82,11 +82,11 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   spec.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
   const auto ramp = TransferFunction::piecewise({{0, 0}, {1, 10}});
   spec.modes = {mode(ModeKind::kFollow, "flow"), mode(ModeKind::kFollow, "flow")};
-  // The factors are: a number, a curve of the mode's own speed, and a curve of the distance to
-  // another volume's surface.
+  // Factors: a number, a curve of the mode's own speed, and a curve of the distance to another
+  // volume's surface.
   spec.modes[0].strength = TransferSpec(std::vector<TransferSpec::Factor>{
       {0.5, ""}, {ramp, ""}, {TransferFunction::window(0, 0.1, 2), "head"}});
-  // The mode's `by` applies to factors that do not name a property.
+  // A factor without a property uses the mode's `by`.
   spec.modes[1].by = "head";
   spec.modes[1].strength = TransferSpec(std::vector<TransferSpec::Factor>{
       {ramp, "speed"}, {TransferFunction::window(0, 0.1, 2), ""}});
@@ -95,7 +95,7 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   reader.bind(*scene);
   Properties at;
   const Vec3 p(0.02, 0.03, 0.01);
-  CHECK(reader.sample(*scene, p, at) == 2);            // each property is sampled only once
+  CHECK(reader.sample(*scene, p, at) == 2);            // each property is read once
   const double speed = Vec3(-0.06, 0.04, 0.1).norm();  // |omega x p plus the flow along the axis|
   const double share = 2.0 * ((p.norm() - 0.05) / 0.1 + 0.5);
   CHECK(std::get<FollowMode>(scene->graph.modes[0]).strength(at) ==
@@ -154,7 +154,7 @@ TEST_CASE("a vector's direction, Q and lambda2 come from one reading of the volu
   CHECK(graph.units.size() == 3);
   CHECK(graph.unused == std::vector<std::string>{"head"});
 
-  // The vortex turns at 2 rad/s about z and flows along z at 0.1 m/s.
+  // The vortex rotates at 2 rad/s about z and flows along z at 0.1 m/s.
   Reader reader;
   reader.bind(*scene);
   Properties at;
@@ -178,7 +178,7 @@ TEST_CASE("a vector's direction, Q and lambda2 come from one reading of the volu
   CHECK(scalar(5).value == Approx(1.0));
   CHECK(scalar(3).inside);
 
-  // Where the volume has no data, its derived properties have none either.
+  // Outside of a volume's data, its derived properties have no data either.
   (void)reader.sample(*scene, {9, 9, 9}, at);
   for (const std::size_t i : {2, 3, 5}) CHECK_FALSE(scalar(i).inside);
   CHECK_FALSE(vector(std::get<FollowMode>(graph.modes[0]).vector).inside);

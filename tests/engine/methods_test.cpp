@@ -1,5 +1,5 @@
-/// Tests the published methods in bench/methods. They must give correct results where their sources
-/// claim this, and the expected wrong results elsewhere.
+/// Tests the published methods in bench/methods: they must be correct where their papers claim it,
+/// and show their known errors elsewhere.
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -41,7 +41,7 @@ std::vector<Primitive> onePlane(double strength) {
   return {{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), strength}};
 }
 
-/// A problem of any family, with a reference answer whose error bound is small.
+/// A problem of any family, with a reference solution of a small error bound.
 struct Known {
   BalanceProblem problem;
   Vec3 offset;
@@ -59,13 +59,13 @@ std::vector<Known> knownProblems(int primitives, long per_family) {
       known.push_back({p, r.offset, r.error_bound, reachOf(p)});
     }
   }
-  // If many problems were dropped, the shares computed below would describe a different set.
+  // If many problems were dropped, the shares computed below would be those of a different set.
   REQUIRE(static_cast<double>(known.size()) >=
           0.9 * static_cast<double>(kFamilies.size()) * static_cast<double>(per_family));
   return known;
 }
 
-/// The score of a method on known problems.
+/// Results of a method on known problems.
 struct Score {
   double reached = 0.0;  ///< Share of problems solved to within 1e-3 S/k.
   double settled = 0.0;
@@ -130,11 +130,11 @@ TEST_CASE("a force function pushes with its full strength where a plane would on
     return kStiffness *
            solveReference(Vec3(0, 0, -depth), kStiffness, onePlane(strength)).offset.z();
   };
-  // Deeper than s/k, proxy and probe are both behind the plane, and both methods give s.
+  // Deeper than s/k, proxy and probe are behind the plane, and both methods give s.
   CHECK(force(3e-3, 1.0) == Approx(balance(3e-3, 1.0)));
   CHECK(force(-1e-3, 1.0) == 0.0);
-  // Within s/k, the plane holds the proxy: at 1 mm with 0.5 N, at the plane itself without force.
-  // The force function jumps to 1 N.
+  // Up to s/k the plane holds the proxy: at 1 mm with 0.5 N, at 0 mm without force. The force
+  // function jumps to 1 N.
   CHECK(balance(1e-3, 1.0) == Approx(0.5));
   CHECK(force(1e-3, 1.0) == Approx(1.0));
   CHECK(balance(1e-9, 1.0) < 1e-6);
@@ -162,7 +162,7 @@ TEST_CASE(
     "the constraint approach of eq. 2 gives more than 1 N for weak primitives that are not "
     "orthogonal",
     "[methods][eq2][eq7]") {
-  // Two planes, 45 degrees apart, with strengths of 1e-9 N. The hand is 4 mm behind the first
+  // Two planes of 1e-9 N, whose normals differ by 45 degrees. The hand is 4 mm behind the first
   // plane, along its normal.
   const Vec3 slanted = Vec3(1, 0, 1).normalized();
   const std::vector<Primitive> set{{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 1e-9},
@@ -170,8 +170,7 @@ TEST_CASE(
   const Vec3 probe(0, 0, -4e-3);
   const Reference r = solveReference(probe, kStiffness, set);
   CHECK(kStiffness * r.offset.norm() < 2.1e-9);
-  // By eq. (5) of Lundin et al. the result is (0, 0, -4) + (-2, 0, -2) mm; correct is (0, 0, -4)
-  // mm.
+  // Eq. (5) of Lundin et al. gives (0, 0, -4) + (-2, 0, -2) mm. Correct is (0, 0, -4) mm.
   const Balance b = constraintApproach(probe, kStiffness, set, Vec3::Zero());
   CHECK((b.offset - Vec3(-2e-3, 0, -2e-3)).norm() < 1e-9);
   CHECK(kStiffness * b.offset.norm() == Approx(std::sqrt(2.0)));
@@ -179,7 +178,7 @@ TEST_CASE(
 
 TEST_CASE("Euler's method: a residual force within the tolerance bounds the error",
           "[methods][eq15]") {
-  // The potential is strongly convex with constant k, and eq. (14) always gives one of its
+  // Because the potential is strongly convex with constant k, and eq. (14) always gives one of its
   // subgradients.
   const int count = GENERATE(1, 2, 5);
   int settled = 0;
@@ -211,11 +210,11 @@ TEST_CASE(
     CHECK(std::abs(height) > 1e-6);
     CHECK(residualForce(b.offset, probe, kStiffness, onePlane(s)).norm() >= 0.5 - 1e-9);
   }
-  // The default parameters reach 1e-3 S/k, at a high cost.
+  // The default parameters reach 1e-3 S/k, but need 20,000 iterations.
   const Balance b = eulerFixed(probe, kStiffness, onePlane(s), Vec3(0, 0, 1e-3));
   CHECK(std::abs(b.offset.z() - 1e-3) <= 1e-3 * s / kStiffness);
   CHECK(b.iterations == 20000);
-  // Deeper than s/k, the force is smooth at the answer, so the method settles.
+  // Deeper than s/k, the force is smooth at the solution, so the method settles.
   const Balance deep = eulerFixed(Vec3(0, 0, -8e-3), kStiffness, onePlane(s), Vec3::Zero());
   CHECK(deep.settled);
   CHECK(deep.offset.z() == Approx(4e-3).epsilon(1e-3));
@@ -231,8 +230,8 @@ TEST_CASE("Euler with an adaptive step finds the plane of fig. 6 though |f_res| 
     CAPTURE(depth);
     CHECK(b.settled);
     CHECK((b.offset - Vec3(0, 0, held)).norm() <= 1e-3 * s / kStiffness);
-    // If a plane holds the proxy, the residual is the spring's force above the plane, and the rest
-    // of the strength below it.
+    // If a plane holds the proxy, the residual above the plane is the spring's force. Below the
+    // plane it is the strength minus that force.
     const double pull = kStiffness * held;
     const double left = residualForce(b.offset, probe, kStiffness, onePlane(s)).norm();
     if (depth < s / kStiffness) CHECK(left > 0.9 * std::min(pull, s - pull));
@@ -247,7 +246,7 @@ TEST_CASE(
   const Balance b = eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero());
   CHECK_FALSE(b.settled);
   CHECK(b.iterations == EulerAdaptiveParams{}.max_iterations);
-  // With a step that only shrinks, the method settles.
+  // If the step can only shrink, the method settles.
   CHECK(
       eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero(), {1.0, 0.75, 3e-5, 2000}).settled);
 }
@@ -260,7 +259,7 @@ TEST_CASE(
   const Score two = scoreOf(method, knownProblems(2, 20));
   CHECK(two.reached > 0.88);
   CHECK(two.reached < 0.99);
-  CHECK(two.settled > 0.97);  // the method still stops by its own rule
+  CHECK(two.settled > 0.97);  // the method's own stopping rule is met
   CHECK(two.median_iterations <= 40);
   CHECK(two.mean_iterations < 100.0);
   const Score eight = scoreOf(method, knownProblems(8, 4));
@@ -317,12 +316,12 @@ TEST_CASE("section 4.2: |f_res| can be smallest off the balance, and the start d
   };
   const Reference r = solveReference(probe, kStiffness, planes);
 
-  // A search from the probe finds the balance. The other minimum is the tip of a narrow wedge.
+  // A search from the probe finds the balance. Another minimum is at the tip of a narrow wedge.
   const Balance from_probe = smallestResidual(probe, kStiffness, planes, probe);
   CHECK((from_probe.offset - r.offset).norm() < 1e-6);
 
-  // A search that starts in that wedge with small steps stays there. It gives a smaller |f_res|,
-  // but a proxy that is off by more than a millimetre.
+  // A search with small steps that starts in that wedge stays there. Its |f_res| is smaller, but
+  // its proxy is off by more than a millimetre.
   SmallestResidualParams fine;
   fine.size = 1e-3;
   const Vec3 tip(0.0030742, -0.00644263, 0);

@@ -28,8 +28,8 @@ constexpr long kPaths = palpate::test::kSanitized ? 50 : 1000;
 constexpr double kStiffness = 500.0;
 const ForceLimits kOpen{1e3, 1e12};
 
-/// Returns a dented ball: the distance to a sphere of 5 cm plus a wave of 2 mm, with data up to 9
-/// cm, moved by `pose`.
+/// Returns a dented ball: the distance to a sphere of radius 5 cm plus a wave of 2 mm, with data up
+/// to 9 cm from the centre, moved by `pose`.
 FieldPtr dentedBall(const Eigen::Isometry3d& pose) {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 1.0};
   return makeScalarField(frame, [pose](const Vec3& p_W) {
@@ -65,7 +65,7 @@ std::map<std::string, FieldPtr> fields(
   return {{"ball", dentedBall(pose)}, {"flow", slantedFlow(pose)}};
 }
 
-/// Adds a point at the proxy's own place, as a user's mode may do.
+/// A user's mode that adds a point at the proxy. Counts its calls.
 bool placeDrag(void* state, const ModeInput& input, PrimitiveSet& set) noexcept {
   ++*static_cast<int*>(state);
   const Properties::Scalar& height =
@@ -77,7 +77,7 @@ bool placeDrag(void* state, const ModeInput& input, PrimitiveSet& set) noexcept 
 struct Named {
   const char* name;
   ModeSpec mode;
-  bool anchored;  ///< True: anchored at the old proxy, so that it adds no energy.
+  bool anchored;  ///< True: anchored at the last tick's proxy, so it adds no energy.
 };
 
 Named named(const char* name, ModeKind kind, const char* of, double strength, bool anchored) {
@@ -89,7 +89,7 @@ Named named(const char* name, ModeKind kind, const char* of, double strength, bo
   return out;
 }
 
-/// Returns every mode, in variants that place different primitives. Guides move with `pose`.
+/// Returns every mode, in variants that place different primitives. `pose` moves the guides.
 std::vector<Named> allModes(const Eigen::Isometry3d& pose = Eigen::Isometry3d::Identity()) {
   std::vector<Named> modes;
   modes.push_back(named("viscosity", ModeKind::kViscosity, "ball", 0.3, true));
@@ -130,8 +130,8 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, at, coupling);
 }
 
-/// Returns a motion that turns and shifts to and fro in 0.4 s, by less than half a voxel per
-/// millisecond.
+/// Returns a motion that rotates and translates back and forth in 0.4 s, by less than half a voxel
+/// per millisecond.
 MotionPtr tumbling(double slower = 1.0) {
   std::vector<Keyframe> keys(5);
   const std::array<Vec3, 3> turns{Vec3(0.2, 0.1, -0.15), Vec3(0.1, 0.3, 0.1), Vec3(-0.1, 0.1, 0.2)};
@@ -146,7 +146,7 @@ MotionPtr tumbling(double slower = 1.0) {
   return std::make_shared<const Motion>(keys, true);
 }
 
-/// A wave that shears space: 0.04 m long and 2 mm high, with ten periods per second.
+/// A shear wave with a wavelength of 0.04 m, a height of 2 mm and a frequency of 10 Hz.
 class Bend final : public Warp {
  public:
   explicit Bend(double slower) : slower_(slower) {}
@@ -172,7 +172,7 @@ class Bend final : public Warp {
   double slower_;
 };
 
-/// Returns a motion that shifts to and fro in 0.4 s, and bends.
+/// Returns a motion that translates back and forth in 0.4 s, with a warp.
 MotionPtr bending(double slower = 1.0) {
   std::vector<Keyframe> keys(3);
   keys[1].time = 0.2 * slower;
@@ -181,15 +181,15 @@ MotionPtr bending(double slower = 1.0) {
   return std::make_shared<const Motion>(keys, true, "/keyframes", std::make_shared<Bend>(slower));
 }
 
-/// Removes guides, because they do not follow volumes that deform.
+/// Removes guides, because guides cannot follow volumes that deform.
 std::vector<ModeSpec> guidelessOf(std::vector<ModeSpec> modes) {
   std::erase_if(modes, [](const ModeSpec& mode) { return mode.kind == ModeKind::kGuide; });
   if (modes.empty()) modes.push_back(allModes()[2].mode);
   return modes;
 }
 
-/// Builds a scene with a ball that moves. Guides move with it. The flow also moves with it, unless
-/// the flow has its own motion.
+/// Builds a scene with a ball that moves. Guides move with it, and so does the flow unless
+/// `of_flow` is given.
 std::unique_ptr<const Scene> movingScene(std::vector<ModeSpec> modes, const MotionPtr& motion,
                                          const MotionPtr& of_flow = nullptr) {
   GraphSpec spec;
@@ -201,8 +201,8 @@ std::unique_ptr<const Scene> movingScene(std::vector<ModeSpec> modes, const Moti
   return makeScene(spec, fields(), {kStiffness, 0.0});
 }
 
-/// A closed path through the data, with three harmonics per axis. Its centre is 5 cm from the
-/// origin, near the ball's surface.
+/// A closed path with three harmonics per axis. Its centre is 5 cm from the origin, near the ball's
+/// surface.
 class ClosedPath {
  public:
   ClosedPath(Random& random, int ticks) : centre_(0.05 * random.direction()), ticks_(ticks) {
@@ -228,7 +228,7 @@ class ClosedPath {
   std::array<Vec3, 3> phase_;
 };
 
-/// Runs one hand along a path, and calls `after` after every tick.
+/// Moves one hand along a path, and calls `after` after every tick.
 template <class After>
 void feel(const Scene& scene, const ClosedPath& path, After after) {
   static test::FreshHand fresh(kOpen);
@@ -297,13 +297,13 @@ TEST_CASE("each mode places the primitives that the table of modes gives for it"
   CHECK(isA(rough[1], PrimitiveKind::kLine, p, rough[0].direction, 0.0));
   CHECK(isA(rough[2], PrimitiveKind::kPoint, p, {}, 0.1));
 
-  // Inside the solid, an isosurface acts only by its viscosity.
+  // Inside the solid, an isosurface places only its viscosity.
   const auto inside = of("isosurface with friction");
   REQUIRE(inside.size() == 1);
   CHECK(isA(inside[0], PrimitiveKind::kPoint, p, {}, 0.2));
 
   const auto guide = of("guide point");
-  REQUIRE(guide.empty());  // 3.3 cm away, which exceeds its snap distance
+  REQUIRE(guide.empty());  // 3.3 cm away, more than its snap distance
   ModeSpec near;
   near.kind = ModeKind::kGuide;
   near.guide = {PrimitiveKind::kLine, p + Vec3(0.0, 3e-3, 0.0), Vec3(0.0, 0.0, 2.0), 4e-3};
@@ -311,13 +311,13 @@ TEST_CASE("each mode places the primitives that the table of modes gives for it"
   const auto line = placed(near, p);
   REQUIRE(line.size() == 1);
   CHECK(isA(line[0], PrimitiveKind::kLine, p + Vec3(0.0, 3e-3, 0.0), Vec3::UnitZ(), 0.6));
-  // The guide's strength curve is in the units of the volume that contains the guide.
+  // The guide's strength curve uses the units of the guide's volume.
   near.guide.metres_per_unit = 0.5;
   REQUIRE(placed(near, p).size() == 1);
   CHECK(placed(near, p)[0].strength == Approx(1.2));
   near.guide.metres_per_unit = 1.0;
-  // In front of a plane guide, the proxy is held at any distance. Behind it, the guide releases the
-  // proxy at its snap distance.
+  // In front of a plane guide, the proxy is held at any distance. More than the snap distance
+  // behind it, the proxy is free.
   near.guide.shape = PrimitiveKind::kPlane;
   near.guide.direction = Vec3::UnitY();
   const auto wall = placed(near, p);
@@ -342,7 +342,7 @@ TEST_CASE("a guide releases the hand at a distance of the proxy and not of the h
     const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
     if (r.wanted.norm() > 1e-9) held = hand.x() - 0.1;
   }
-  // The hand is s/k (4 mm) from the proxy, and the proxy is 4 mm from the point.
+  // At the release, the hand is s/k (4 mm) from the proxy, and the proxy is 4 mm from the point.
   CHECK(held == Approx(8e-3).margin(2e-4));
 }
 
@@ -355,7 +355,7 @@ TEST_CASE(
   ModeSpec tube;
   tube.kind = ModeKind::kVortexTube;
   tube.of = "flow";
-  tube.strength = TransferFunction::piecewise({{0, 0}, {6, 3}});  // |curl v| = 6: 3 N
+  tube.strength = TransferFunction::piecewise({{0, 0}, {6, 3}});  // at |curl v| = 6: 3 N
   const auto scene = sceneOf({tube}, at);
   const Vec3 out = axis.cross(Vec3::UnitX()).normalized();
   const Vec3 round = axis.cross(out);
@@ -364,7 +364,7 @@ TEST_CASE(
   const auto step = [&](const Vec3& hand) {
     return hapticStep(*scene, reader, {hand}, state, kDt);
   };
-  // The proxy moves at a radius of 2 cm. The hand is 1 mm outside it, and the tube holds the proxy
+  // The proxy is at a radius of 2 cm and the hand 1 mm farther out. The tube holds the proxy
   // against the spring's 0.5 N. Motion along and around the tube is free.
   const Vec3 start = 0.02 * out + 0.01 * axis;
   (void)step(start);
@@ -374,12 +374,11 @@ TEST_CASE(
     const double angle = 2.0 * std::numbers::pi * i / 400.0;
     step(0.021 * (std::cos(angle) * out + std::sin(angle) * round) + 0.0105 * axis);
   }
-  // The plane is tangent to the tube, so a step of length h drifts outwards by about h^2 / (2 r): 2
-  // um for h = 0.3 mm and r = 2 cm.
+  // The plane is tangent to the tube, so a step of length h drifts outwards by h^2 / (2 r): 2 um
+  // for h = 0.3 mm and r = 2 cm.
   const double radius = (state.proxy() - state.proxy().dot(axis) * axis).norm();
   CHECK(radius > 0.0199);
   CHECK(radius < 0.0211);
-  // The proxy starts on the core.
   state.clearFault();
   (void)step(0.02 * axis);
   REQUIRE(state.primitives().size() == 1);
@@ -407,7 +406,7 @@ TEST_CASE("the force of a vortex tube does not jump at its core and rounding err
   double worst = 0.0;
   constexpr double kStep = 5e-5;
   for (int i = 0; i <= 2000; ++i) {
-    // The hand moves outwards from the core on a spiral, and always pulls the proxy.
+    // The hand moves outwards on a spiral, so that it always pulls the proxy.
     const double r = 6e-3 * i / 2000.0;
     const Vec3 hand(r * std::cos(kStep * i / std::max(r, 1e-3)),
                     r * std::sin(kStep * i / std::max(r, 1e-3)), 0.01);
@@ -417,7 +416,7 @@ TEST_CASE("the force of a vortex tube does not jump at its core and rounding err
   }
   CHECK(worst < 4.0 * kStiffness * kStep);
 
-  // The flow is uniform, except for rounding to floats.
+  // A uniform flow plus a Jacobian that imitates rounding to floats.
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
   const std::map<std::string, FieldPtr> noise{{"flow", makeVectorField(frame, [](const Vec3& p) {
                                                  Mat3 J = Mat3::Zero();
@@ -464,8 +463,8 @@ TEST_CASE(
     return where;
   };
   CHECK(drops(0.0).empty());
-  // A front holds the proxy until the spring is 2 mm long (s/k). The next front takes effect 4
-  // voxels farther on.
+  // A front holds the proxy until the spring is 2 mm long (s/k). The next front is 4 voxels farther
+  // on.
   const std::vector<double> fronts = drops(4.0);
   REQUIRE(fronts.size() == 4);  // on a path of 30 mm
   for (std::size_t i = 1; i < fronts.size(); ++i) {
@@ -475,7 +474,7 @@ TEST_CASE(
 
 TEST_CASE("an isosurface with viscosity but without strength drags everywhere in its solid",
           "[modes]") {
-  // The plate is 2 mm thick, so its surface is within range at every place.
+  // The plate is 2 mm thick, so the whole plate is within reach of its surfaces.
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 1.0};
   const std::map<std::string, FieldPtr> at{
       {"plate", makeScalarField(frame, [](const Vec3& p) {
@@ -512,13 +511,13 @@ TEST_CASE("a user-defined mode reads its fields and places its primitives and ke
   const StepReport first = hapticStep(*scene, reader, {p}, state, kDt);
   const int before = *count;
   const StepReport pulled = hapticStep(*scene, reader, {p + Vec3(0, 0, 1.2e-3)}, state, kDt);
-  // The first tick reads at the proxy and then at the place to which the balance led. Each tick
-  // balances once with the known primitives, and once per reading.
+  // The first tick reads at the proxy, then where the balance led the proxy. Each tick balances
+  // once with the known primitives, and once per reading.
   CHECK(first.samples == 4);
   CHECK(pulled.samples == 2 * pulled.substeps);
   CHECK(*count - before == 1 + pulled.substeps);
-  // At 5 cm the height of the wave is 2 mm sin(3). The pull is 0.4 N plus k times that height.
-  // The place of the reading changes it by up to 1e-5 of its size.
+  // At 5 cm, the wave's height is 2 mm sin(3). The pull is 0.4 N plus that height times 1 N per
+  // metre. The position of the reading changes it by up to 1e-5 of its size.
   CHECK(pulled.wanted.norm() == Approx(0.4 + 2e-3 * std::sin(3.0)).epsilon(1e-5));
   own.user.place = nullptr;
   CHECK_THROWS_WITH(sceneOf({own}), Catch::Contains("/modes/0"));
@@ -555,8 +554,8 @@ TEST_CASE("pairs and triples of modes balance as the reference solver does",
            const test::Reference reference =
                test::solveReference(hand + report.waiting, kStiffness, items);
            const Vec3 offset = report.wanted / kStiffness - report.waiting;
-           // For planes alone, the answer is Newton's target, up to this distance from the balance
-           // of the last reading.
+           // For planes alone, the result is Newton's target, which is within `apart` of the
+           // balance of the last reading.
            const bool planes = std::all_of(items.begin(), items.end(), [](const Primitive& one) {
              return one.kind == PrimitiveKind::kPlane;
            });
@@ -578,10 +577,9 @@ TEST_CASE("pairs and triples of modes balance as the reference solver does",
       }
     }
   }
-  // There are 455 sets (182 with sanitizers), some of which never have a primitive.
+  // 455 sets (182 with sanitizers); some sets never have a primitive
   CHECK(compared > (test::kSanitized ? 150 : 400));
-  // If two planes with friction coincide, only the sum of their loads is determined, except for
-  // rounding.
+  // If two planes with friction coincide, rounding decides how they share their load.
   CAPTURE(ticks, limited);
   CHECK(limited <= 20);  // measured: 4 of 182,455
 }
@@ -610,7 +608,7 @@ TEST_CASE("a mode of zero strength does not change the result, bit for bit", "[m
     const auto alone = forces({base});
     CHECK(forces({base, zero}) == alone);
     CHECK(forces({zero, base}) == alone);
-    // Adds a strength curve that is zero at these places. It uses the field that is read anyway.
+    // A strength curve that is zero at these positions. It reads the field that is read anyway.
     if (mode.mode.of == base.of) {
       zero.strength = TransferFunction::piecewise({{10.0, 0.0}, {20.0, 1.0}});
       CHECK(forces({base, zero}) == alone);
@@ -625,14 +623,14 @@ TEST_CASE("rotating and moving scene and hand together rotates the force in the 
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     pose.linear() = Eigen::AngleAxisd(random.uniform(0.1, 3.0), random.direction()).matrix();
     pose.translation() = random.inCube(0.5);
-    // Beside each mode there is a surface, so that a balance has more than one primitive.
+    // A second mode, a surface, gives each balance more than one primitive.
     const std::vector<Named> still = allModes();
     const std::vector<Named> moved = allModes(pose);
     CAPTURE(still[i].name);
     Scene scene = *sceneOf({still[i].mode, still[1].mode});
     Scene turned = *sceneOf({moved[i].mode, moved[1].mode}, fields(pose));
-    // The precision of the balance limits the precision with which primitives share a load, and so
-    // that of the friction.
+    // The tolerance of the balance limits how precisely primitives share a load, and so how precise
+    // the friction is.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     if (rough) scene.solver.tolerance = turned.solver.tolerance = 1e-9;
     const ClosedPath path(random, 400);
@@ -659,9 +657,8 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     const std::vector<Named> still = allModes();
     CAPTURE(still[i].name);
-    // The path through a moving volume is split at different places. If two surfaces coincide,
-    // micrometres decide which surface bears a load and has the friction. So the test combines a
-    // surface with friction with a front instead.
+    // In a moving volume the path is split elsewhere. If two surfaces coincided, micrometres would
+    // decide which of them bears the load. So a surface with friction is combined with a front.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     const ModeSpec& beside = still[rough ? 5 : 1].mode;
     Scene scene = *sceneOf({still[i].mode, beside});
@@ -684,8 +681,7 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
       worst = std::max(worst, (pose.linear * force - other).norm());
       largest = std::max(largest, force.norm());
     }
-    // With friction, the force is only as precise as the balance, which decides how the planes
-    // share the load.
+    // Friction depends on how the planes share the load, which is only as precise as the balance.
     CHECK(worst <= (rough ? 1e-8 : 1e-9) * largest);
   }
 }
@@ -719,7 +715,7 @@ TEST_CASE("work from moving volumes is at most the injected and held energy, wit
   double injected_sum = 0.0;
   const long paths = test::cases(kPaths / 50);
   for (const auto& set : sets) {
-    // The two volumes move together, move independently, or also bend.
+    // The volumes move together, independently, or also bend.
     for (const int how : {0, 1, 2}) {
       const auto scene = how == 2
                              ? movingScene(guidelessOf(set), bending(), bending(2.0))
@@ -739,8 +735,8 @@ TEST_CASE("work from moving volumes is at most the injected and held energy, wit
         for (int tick = 0; tick <= path.ticks(); ++tick) {
           const Vec3 hand = path(tick);
           const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
-          // The last force acted along the hand's path dh up to this tick. This alone adds up to
-          // k/2 |dh|^2.
+          // The last force acted along the hand's path dh to this position. Sampling alone adds up
+          // to k/2 |dh|^2, which is not counted.
           work += force.dot(hand - last) - 0.5 * kStiffness * (hand - last).squaredNorm();
           force = r.wanted;
           injected += r.injected;
@@ -763,9 +759,9 @@ TEST_CASE("the work on a closed path is at most the counted injection",
           "[modes][passivity][release]") {
   std::vector<std::vector<Named>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode});
-  constexpr double kVoxel = 1e-3;  // voxel size of the fields
+  constexpr double kVoxel = 1e-3;
   const auto all = allModes();
-  sets.push_back({all[2], all[3], all[7]});   // anchored, and not orthogonal
+  sets.push_back({all[2], all[3], all[7]});   // anchored, not orthogonal
   sets.push_back({all[9], all[3], all[10]});  // not anchored
   for (const auto& set : sets) {
     std::vector<ModeSpec> specs;
@@ -779,12 +775,11 @@ TEST_CASE("the work on a closed path is at most the counted injection",
     CAPTURE(names);
     const auto scene = sceneOf(specs);
     Random random(74);
-    // Enough paths to show every set that injects energy. With sanitizers the test runs fewer
-    // paths.
+    // Enough paths to find every set that injects energy.
     const long paths = std::max(test::cases(kPaths), test::kSanitized ? 10L : 50L);
     double injected_sum = 0.0;
     for (long i = 0; i < paths; ++i) {
-      // The top speed is between about 0.05 and 2 m/s.
+      // Top speeds are about 0.05 to 2 m/s.
       const ClosedPath path(random, static_cast<int>(random.logUniform(150.0, 3000.0)));
       double work = 0.0;
       double injected = 0.0;
@@ -795,7 +790,7 @@ TEST_CASE("the work on a closed path is at most the counted injection",
       feel(*scene, path, [&](int, const Vec3& hand, const StepReport& r, const ProxyState&) {
         work += r.wanted.dot(hand - last);
         injected += r.injected;
-        // If the hand is more than a voxel away, the proxy reaches it in several moves.
+        // A tick takes several moves if the hand is more than a voxel from the proxy.
         double& most = (hand - proxy).norm() > kVoxel ? most_of_several : most_of_one;
         proxy = r.proxy;
         most = std::max(most, r.injected);
@@ -820,8 +815,7 @@ TEST_CASE("a released hand ends at zero force", "[modes][passivity]") {
     CAPTURE(mode.name);
     const auto scene = sceneOf({mode.mode});
     for (int i = 0; i < hands; ++i) {
-      // The hand is moved about and then released. The released hand is a mass with the arm's own
-      // friction.
+      // The hand moves, then lets go. The released arm is a mass with friction.
       const ClosedPath path(random, 300);
       fresh.restart();
       Vec3 x = path(0);
@@ -888,13 +882,12 @@ TEST_CASE("volumes that no mode needs are not read, and orthogonal sets are solv
     CHECK(r.samples % r.substeps == 0);
     return r.samples / r.substeps;
   };
-  CHECK(countAt({-0.03, 0, 0.03}) == 3);  // a, wind and the pressure that weights wind
-  CHECK(countAt({0.03, 0, 0.03}) == 4);   // these, and b
+  CHECK(countAt({-0.03, 0, 0.03}) == 3);  // a, wind and the pressure, which weights wind
+  CHECK(countAt({0.03, 0, 0.03}) == 4);   // the three above, and b
   CHECK(countAt({0.08, 0, 0.03}) == 1);   // b
   CHECK(countAt({1, 0, 0.03}) == 1);      // far
   CHECK(countAt({0.5, 0, 0}) == 0);
-  // A weight is not read where its mode has no data. So the pressure is not read where there is no
-  // wind.
+  // A weight is not read where its mode has no data: without wind, the pressure is not read.
   GraphSpec weighted = spec;
   weighted.modes = {spec.modes[2]};
   std::map<std::string, FieldPtr> apart = at;
@@ -903,8 +896,7 @@ TEST_CASE("volumes that no mode needs are not read, and orthogonal sets are solv
   CHECK(fieldsAt(lonely->graph, {0.1, 0, 0}).scalars == 0);
   CHECK(fieldsAt(lonely->graph, {0.01, 0, 0}).scalars == 1);
 
-  // These sets are orthogonal: a surface with its friction, a line with its front, a front with a
-  // surface.
+  // Orthogonal sets: a surface with its friction, a line with its front, a front with a surface.
   const auto kindOfSolve = [&](const std::vector<ModeSpec>& modes) {
     GraphSpec g;
     g.modes = modes;
@@ -984,7 +976,8 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate",
   CHECK(high > 600.0);
   CHECK(high <= 900.0);
 
-  // While the hand presses on a hard surface, the stiffness waits. After the release it changes.
+  // While the hand presses on a hard surface, the stiffness must wait. It changes after the
+  // release.
   const Vec3 offset(0, 0, 3e-3);
   VaryingStiffness k{300.0, 0.0};
   k = nextStiffness(k, 800.0, offset, 0.0, kDt);
@@ -995,12 +988,13 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate",
   CHECK(k.value == Approx(295.0 + 2e-6 / 9e-6));
   CHECK(k.tank == Approx(0.5 * 5.0 * 9e-6));
   k = nextStiffness(k, 800.0, offset, 0.0, kDt);
-  // Stiffening may use the energy that softening has freed.
+  // Stiffening may use the energy that softening freed.
   CHECK(k.value == Approx(300.0 + 2e-6 / 9e-6));
   k = nextStiffness(k, 800.0, Vec3::Zero(), 0.0, kDt);
   CHECK(k.value == Approx(305.0 + 2e-6 / 9e-6));
   CHECK(nextStiffness({300.0, 0.0}, 800.0, Vec3(1e-17, 0, 0), 0.0, kDt).value ==
-        305.0);                                                           // rounding
+        305.0);                                                           // an offset of the size
+                                                                          // of rounding
   CHECK(nextStiffness(k, 0.0, Vec3::Zero(), 0.0, kDt).value == k.value);  // no data
   CHECK(nextStiffness(k, std::nan(""), Vec3::Zero(), 0.0, kDt).value == k.value);
 }

@@ -33,7 +33,7 @@ MotionPtr motion(const std::vector<Keyframe>& keys, bool repeat = false) {
   return std::make_shared<const Motion>(keys, repeat);
 }
 
-/// Returns a motion from start to end with a speed [m/s], which begins at time `from`.
+/// Returns a motion from start to end that begins at time `from` [s] with speed `speed` [m/s].
 MotionPtr straight(const Vec3& start, const Vec3& end, double speed, double from = 0.0) {
   return motion({keyAt(from, start), keyAt(from + (end - start).norm() / speed, end)});
 }
@@ -68,7 +68,7 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kStiffness, 0.0});
 }
 
-/// One hand in a scene.
+/// A hand in a scene.
 struct Hand {
   const Scene& scene;
   Reader reader;
@@ -78,8 +78,8 @@ struct Hand {
   StepReport at(const Vec3& hand) { return hapticStep(scene, reader, {hand}, state, kDt); }
 };
 
-/// Returns the height of the proxy above the surface of a ball that is at rest at W's origin
-/// [voxels].
+/// Returns the height of the proxy above the ball's surface [voxels]. The ball's centre at rest is
+/// W's origin.
 double offSurface(const Hand& hand, double radius) {
   return ((hand.state.bodies()[0].pose.toRest(hand.state.proxy())).norm() - radius) / kVoxel;
 }
@@ -101,7 +101,7 @@ TEST_CASE("a motion rotates and translates at a constant rate between two keyfra
     return Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis));
   };
   Eigen::Quaterniond other = turn(2.0);
-  other.coeffs() *= -3.0;  // the same rotation, not of unit length
+  other.coeffs() *= -3.0;  // the same rotation, as a quaternion that is not of unit length
   const std::vector<Keyframe> keys{keyAt(1.0, {0, 0, 0}, turn(0.5)), keyAt(3.0, {0.2, 0, 0}, other),
                                    keyAt(4.0, {0.2, 0, 0.1}, turn(0.5))};
   const Motion once(keys);
@@ -115,7 +115,8 @@ TEST_CASE("a motion rotates and translates at a constant rate between two keyfra
   check(once.poseAt(3.0), 2.0, {0.2, 0, 0});
   check(once.poseAt(3.5), 1.25, {0.2, 0, 0.05});
   check(once.poseAt(99.0), 0.5, {0.2, 0, 0.1});
-  CHECK(once.poseAt(99.0) == once.poseAt(100.0));  // after its end, the last pose is held exactly
+  CHECK(once.poseAt(99.0) == once.poseAt(100.0));  // after its end, a motion holds the last pose
+                                                   // exactly
   std::vector<Keyframe> closed = keys;
   closed.back().translate.setZero();
   const Motion again(closed, true);
@@ -123,7 +124,7 @@ TEST_CASE("a motion rotates and translates at a constant rate between two keyfra
   check(again.poseAt(2.0 + 3.0 * 1000), 1.25, {0.1, 0, 0});
   check(Motion(std::vector<Keyframe>{keyAt(7.0, {0, 1, 0})}).poseAt(0.0), 0.0, {0, 1, 0});
 
-  // The space that a moving box covers, and its top speed.
+  // The region that a moving box covers, and the box's top speed.
   const Box box{{0.1, -0.01, -0.01}, {0.12, 0.01, 0.01}};
   const auto z = [](double angle) {
     return Eigen::Quaterniond(Eigen::AngleAxisd(angle, Vec3::UnitZ()));
@@ -191,7 +192,7 @@ TEST_CASE("invalid keyframes are refused with their JSON path", "[modes][moving]
 
 TEST_CASE("a ball that moves over a resting hand keeps the proxy on its surface",
           "[modes][moving]") {
-  // The ball orbits at 0.2 m/s, and a hand at rest is 2.56 voxels deep in it.
+  // The ball orbits at 0.2 m/s. The hand rests, 2.56 voxels deep in the ball.
   constexpr double kRadius = 40.0 * kVoxel;
   constexpr double kDeep = 2.56 * kVoxel;
   constexpr double kSpeed = 0.2;
@@ -247,8 +248,8 @@ TEST_CASE("a ball that moves over a resting hand keeps the proxy on its surface"
         worst = std::max(worst, std::abs(offSurface(hand, kRadius)));
       }
       CHECK(held > ticks / 5);
-      CHECK(more <= 5);       // ticks in which hand and ball first meet
-      CHECK(worst <= 0.001);  // measured 5e-6, with one or two readings
+      CHECK(more <= 5);       // ticks in which contact begins
+      CHECK(worst <= 0.001);  // measured 5e-6, with one or two readings per tick
     }
   }
 }
@@ -266,7 +267,7 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
                                    {{"ball", spinning(Vec3::UnitZ(), rate)}});
         Hand hand(*scene);
         hand.at({kRadius, 0, 0});
-        const Vec3 held(kRadius - 2e-3, 0, 0);  // 1 N
+        const Vec3 held(kRadius - 2e-3, 0, 0);  // 1 N: 2 mm times 500 N/m
         bool slipped = false;
         int stuck = 0;
         double creep = 0.0;
@@ -279,8 +280,8 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
           const double load = r.wanted.dot(q);
           const Vec3 along = r.wanted - load * q;
           const Vec3 now = hand.state.bodies()[0].pose.toRest(hand.state.proxy());
-          // While the hand sticks, the drag is the arc by which the ball has turned. While it
-          // slips, the drag is mu times the load.
+          // While the hand sticks, the tangential force grows with the ball's rotation. While it
+          // slips, the force is mu times the load.
           REQUIRE(along.norm() <= mu * load * (1.0 + 1e-6));
           slipped = slipped || along.norm() > 0.999 * mu * load;
           if (!slipped) {
@@ -292,7 +293,7 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
         const double load = r.wanted.dot(q);
         const Vec3 along = r.wanted - load * q;
         CHECK(slipped);
-        // The ball turns by 0.047 mm per tick. The hand starts to slip after 2 mm times mu.
+        // The surface moves by 0.047 mm per tick. The hand starts to slip after 2 mm times mu.
         CHECK(stuck == Approx(mu * 2e-3 / (kRadius * kRate * kDt)).margin(3.0 + 10.0 * mu));
         CHECK(creep <= 1e-9 * kVoxel);
         CHECK(along.norm() == Approx(mu * load).epsilon(1e-6));
@@ -305,7 +306,7 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
 
 TEST_CASE("two bodies with different motions act on the hand together and one after the other",
           "[modes][moving]") {
-  // One ball comes from the left, a spinning ball from the front, and a floor stands still.
+  // One ball comes from the left, a spinning ball comes from the front, and a floor is at rest.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{
       {"left", makeSphere(Vec3::Zero(), kRadius, kVoxel)},
@@ -335,10 +336,10 @@ TEST_CASE("two bodies with different motions act on the hand together and one af
     }
   }
   CHECK(worst <= 0.01);
-  // Each ball pushes the proxy out by about 1.03 mm instead of 1 mm, because the balls are round.
+  // Because the balls are round, each pushes the proxy out by 1.03 mm instead of 1 mm.
   CHECK((r.wanted / kStiffness - Vec3(deep, deep, deep)).norm() < 0.05 * deep);
 
-  // The two balls pass the hand one after the other.
+  // The balls pass the hand one after the other.
   const auto passing = sceneOf(
       {mode(ModeKind::kIsosurface, "left", 5.0), mode(ModeKind::kIsosurface, "front", 5.0)}, fields,
       {{"left", straight({-0.1, deep - kRadius, 0}, {0.1, deep - kRadius, 0}, 0.2)},
@@ -375,7 +376,8 @@ TEST_CASE("a moving volume that passes beside the hand causes no force", "[modes
 
 TEST_CASE("a surface that moves at up to 3 m/s does not pass through the proxy",
           "[modes][moving]") {
-  // At 3 m/s, a tick moves the surface by 3.84 voxels, which takes eight sub-steps of half a voxel.
+  // At 3 m/s the surface moves by 3.84 voxels per tick, which takes eight sub-steps of half a
+  // voxel.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
   const double deep = 2.0 * kVoxel;
@@ -390,7 +392,8 @@ TEST_CASE("a surface that moves at up to 3 m/s does not pass through the proxy",
       REQUIRE(sideOf(hand.state.memory(0)) == Side::kOutside);
     }
     CHECK(std::abs(offSurface(hand, kRadius)) < 1e-9);
-    CHECK(limited == (speed > 3.0));  // the status shows that the tick may have missed a surface
+    CHECK(limited == (speed > 3.0));  // the status must report that the tick may have missed a
+                                      // surface
   }
 }
 
@@ -405,11 +408,11 @@ TEST_CASE("a moving viscous medium pulls the hand in the medium's direction of m
     StepReport r;
     for (int i = 0; i < 300; ++i) {
       r = hand.at(Vec3(0.01, 0, 0));
-      // At 0.1 m/s the force grows by 0.05 N per tick.
+      // At 0.1 m/s the spring's force grows by 0.05 N per tick.
       const double expected = std::min(0.4, kStiffness * 1e-4 * i);
       REQUIRE((r.wanted - expected * way).norm() < 1e-9);
     }
-    CHECK(r.injected < 1e-12);  // in a steady motion, the drag adds no energy
+    CHECK(r.injected < 1e-12);  // in steady motion the drag adds no energy
   }
   SECTION("a held hand in a stream is dragged only perpendicular to the stream") {
     const auto scene = sceneOf({mode(ModeKind::kFollow, "air", 0.4)}, fields, moving);
@@ -462,7 +465,7 @@ TEST_CASE("a scene's time starts with the proxy's first tick in it and continues
   at(0.1);
   for (const double dt : {0.0, -1.0, std::nan(""), HUGE_VAL}) (void)tick(*one, 0.0, dt);
   at(0.1);
-  (void)tick(*two, 0.0);  // another scene, though built the same way
+  (void)tick(*two, 0.0);  // a second scene, built from the same data
   at(0.0);
   for (int i = 0; i < 50; ++i) (void)tick(*two, 0.0);
   at(0.05);

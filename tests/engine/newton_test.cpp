@@ -1,4 +1,4 @@
-/// Tests Newton's step against the known fixed point.
+/// Tests Newton's step of the balance: its convergence, and its results on curved surfaces.
 #include "palpate/engine/balance/newton.h"
 
 #include <cmath>
@@ -17,8 +17,9 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// A surface V = 0. The planes on it are perpendicular to the slope of another quadric, as the
-/// planes on a trilinear volume are perpendicular to its continuous gradient.
+/// A quadric V = 0. A Surface has two: one for its values, one whose gradient gives the normals of
+/// its planes. On trilinear volumes, too, normals come from another gradient than that of the
+/// values.
 struct Quadric {
   double value = 0.0;
   Vec3 slope = Vec3::Zero();
@@ -35,7 +36,7 @@ struct Surface {
   double strength = 0.0;
 };
 
-/// The balance of the surfaces' primitives that were read at x, and Newton's step from x.
+/// The residual of the balance of the primitives read at x, and Newton's step from x.
 struct Reading {
   Vec3 residual;
   Vec3 step;
@@ -68,7 +69,7 @@ Reading readAt(const Vec3& x, const Vec3& probe, const std::vector<Surface>& sur
 }
 
 /// Returns a surface near the origin with a curvature of up to `bend` [1/mm]. The normals of its
-/// planes are tilted and curved by similar amounts.
+/// planes are tilted and curved by a similar amount.
 Surface anySurface(test::Random& random, const Vec3& outwards, double bend, double strength) {
   const auto symmetric = [&] {
     Mat3 m;
@@ -82,7 +83,7 @@ Surface anySurface(test::Random& random, const Vec3& outwards, double bend, doub
   return surface;
 }
 
-/// A run of Newton's method from x: |residual| in each step, and the last reading.
+/// A run of Newton's method: |residual| of each step [m], and the last reading.
 struct Course {
   std::vector<double> residuals;
   Reading last;
@@ -102,12 +103,12 @@ Course converge(Vec3 x, const Vec3& probe, const std::vector<Surface>& surfaces,
 
 TEST_CASE("Newton's residual falls quadratically on a fillet on which Picard's iteration diverges",
           "[newton]") {
-  // The fillet has a radius of 0.3 mm, and the hand is 2 mm deep. Picard's iteration multiplies the
-  // error by -6.7.
+  // A fillet of radius 0.3 mm with the hand 2 mm deep: Picard's iteration multiplies the error by
+  // -6.7.
   const double radius = 3e-4;
   Surface fillet;
   fillet.strength = 10.0;
-  // The free side is inside the cylinder x^2 + z^2 < r^2, which the quadric approximates near the
+  // The free side is inside the cylinder x^2 + z^2 < r^2, approximated by a quadric near the
   // origin.
   fillet.value = {0.0, Vec3::UnitZ(), -Vec3(1.0, 0.0, 1.0).asDiagonal().toDenseMatrix() / radius};
   fillet.normal = fillet.value;
@@ -149,10 +150,9 @@ TEST_CASE(
     const bool all =
         std::all_of(course.last.loads.begin() + static_cast<std::ptrdiff_t>(others.size()),
                     course.last.loads.end(), [](Load load) { return load == Load::kHeld; });
-    // The loads change between steps, or the hand is at a ridge.
+    // Skips cases in which loads change between steps, or the hand is at a ridge.
     if (!all || course.residuals[8] > 1e-9) continue;
     ++held;
-    // The residual falls quadratically from step to step, until rounding limits it.
     for (std::size_t i = 3; i + 1 < course.residuals.size(); ++i) {
       const double e = course.residuals[i];
       const double next = course.residuals[i + 1];
@@ -165,8 +165,8 @@ TEST_CASE(
 
 TEST_CASE("Newton's step converges where a surface yields and the direction of the balance changes",
           "[newton]") {
-  // The surface has yielded, so it acts on the proxy with its strength s along its normal n: x = h
-  // + s/k n(x), with the hand at h.
+  // The surface has yielded, so it pushes the proxy with its strength s along its normal n. With
+  // the hand at h, the balance is x = h + s/k n(x).
   test::Random random(4);
   const long count = test::cases(2000);
   long gave = 0;
@@ -177,28 +177,27 @@ TEST_CASE("Newton's step converges where a surface yields and the direction of t
     const Vec3 out = surface.value.slope;
     const Vec3 probe = -1e-2 * out;
     const Course course = converge(probe + 5e-4 * out, probe, {surface});
-    // The quadric curves back, so the surface does not yield.
+    // Skips quadrics that curve back, so that the surface does not yield.
     if (course.last.loads[0] != Load::kYielding) continue;
     ++gave;
     converged += course.residuals[8] < 1e-11 ? 1 : 0;
   }
   CHECK(gave > count / 2);
-  CHECK(converged >= gave - gave / 50);  // the method fails only where the surface turns over
+  CHECK(converged >= gave - gave / 50);  // fails only where the surface turns over
 }
 
 TEST_CASE(
     "on a convex edge Newton's step lowers the energy, without surfaces it equals the residual",
     "[newton]") {
-  // A cylinder of radius 1 mm, with the hand 3 mm deep and 10 um to one side. The nearest point
-  // is on that side.
+  // A cylinder of radius 1 mm, the hand 3 mm deep and 10 um to one side of the ridge. The nearest
+  // point is on that side.
   Surface edge;
   edge.strength = 10.0;
   edge.value = {0.0, Vec3::UnitZ(), Vec3(1.0, 0.0, 0.0).asDiagonal().toDenseMatrix() / 1e-3};
   edge.normal = edge.value;
   const Vec3 probe(1e-5, 0, -3e-3);
   const Reading top = readAt(Vec3(2e-6, 0, 0), probe, {edge});
-  // The hand is beyond the centre of curvature, so the balance and the probe are on opposite sides
-  // of the ridge.
+  // The hand is beyond the centre of curvature, yet the step must go in the residual's direction.
   CHECK(top.step.x() * top.residual.x() > 0.0);
   CHECK(std::abs(top.step.x()) < 30.0 * std::abs(top.residual.x()));
   const std::vector<Primitive> drag{{PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), 0.2}};

@@ -33,8 +33,8 @@ constexpr double kStiffness = 500.0;
 constexpr double kDt = 1e-3;
 const ForceLimits kOpen{100.0, 1e9};
 
-/// Returns the force of one primitive on a proxy at x by the paper's eqs (8) to (13); x is not on a
-/// kink.
+/// Returns the force of one primitive on a proxy at x by eqs (8) to (13) of the paper. Requires
+/// that x is not on a kink.
 Vec3 printedForce(const Primitive& p, const Vec3& x) {
   const Vec3 q = p.direction;
   switch (p.kind) {
@@ -61,7 +61,7 @@ ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength) {
   return spec;
 }
 
-/// Returns the smallest |f_res| at x and on a very small circle about x.
+/// Returns the smallest |f_res| at x and on a circle of radius 0.1 um about x.
 double smallestResidualNear(const Vec3& x, const Vec3& probe,
                             const std::vector<Primitive>& planes) {
   double least = residualForce(x - probe, probe, kStiffness, planes).norm();
@@ -79,7 +79,7 @@ TEST_CASE(
     "fig. 1: a tick reads properties along the proxy's path, moves the proxy, then computes the "
     "pull",
     "[paper][fig1][eq3]") {
-  // The ground's mode is a surface with a drag. Its field records where it is read.
+  // The ground is a surface with a drag. Its field records the positions at which it is read.
   std::vector<Vec3> read;
   const FieldPtr ground = makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&read](const Vec3& p) {
@@ -101,19 +101,18 @@ TEST_CASE(
     read.clear();
     const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
     CAPTURE(tick);
-    // Step 1, local properties. The paper reads them at the old proxy. The engine reads them where
-    // the constraints of the last tick lead the proxy, because they must hold there. Each tick
-    // reads the ground once.
+    // Step 1: local properties. The paper reads them at the old proxy. The engine reads them where
+    // the last tick's constraints lead the proxy, because the constraints must hold there. Each
+    // tick reads the ground once.
     REQUIRE(r.samples == (tick == 0 ? 2 : 1));
     if (tick > 0) {
       for (Primitive& p : known) p.position = before;
       const test::Reference foreseen = solveReference(hand, kStiffness, known);
-      // The field is read first at that place, then at points around it, to find how the ground's
-      // normal changes.
+      // The first call reads that position. Further calls read around it, to find how the normal
+      // changes.
       REQUIRE((read.front() - hand - foreseen.offset).norm() < 1e-9);
     }
-    // Step 2, constraints at the old proxy. The proxy moves to where the constraints balance the
-    // spring.
+    // Step 2: constraints at the old proxy. The proxy moves to where they balance the spring.
     const auto items = state.primitives().items();
     known.assign(items.begin(), items.end());
     REQUIRE(known.size() == 2);
@@ -130,7 +129,7 @@ TEST_CASE(
     REQUIRE((r.force - couplingForce(coupling, offset, rate)).norm() < 1e-9);
     farthest = std::max(farthest, (before - hand).norm());
   }
-  CHECK(farthest > 1e-3);  // otherwise it would not matter where the field is read
+  CHECK(farthest > 1e-3);  // otherwise the position of the reading would not matter
 }
 
 TEST_CASE("eqs 1 and 2: a constraint moves the proxy as a plane does, and only along its direction",
@@ -149,8 +148,7 @@ TEST_CASE("eqs 1 and 2: a constraint moves the proxy as a plane does, and only a
     yielded += static_cast<int>(yields);
     const std::vector<Constraint> constraint{{q, s}};
     REQUIRE((constraintProxy(probe, proxy, kStiffness, constraint) - proxy - moved).norm() < 1e-15);
-    // q of eq. (2) points from the proxy towards the hand, q of eq. (13) points in the opposite
-    // direction.
+    // In eq. (2), q points from the proxy towards the hand; in eq. (13), in the opposite direction.
     const std::vector<Primitive> plane{{PrimitiveKind::kPlane, proxy, -q, s}};
     const SolveResult solved = solveProxy(probe, kStiffness, plane, proxy);
     REQUIRE(std::abs(q.dot(solved.proxy - proxy - moved)) < 1e-15);
@@ -161,9 +159,9 @@ TEST_CASE("eqs 1 and 2: a constraint moves the proxy as a plane does, and only a
 
 TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
           "[paper][eq4][eq5][eq6][eq7]") {
-  // Eq. (5) adds (sum q q^T - 1) eta to eta. The matrix in brackets has the same largest singular
-  // value as Q^T Q - 1. The off-diagonal elements of Q^T Q - 1 are the cosines between the
-  // directions. No element exceeds the largest singular value.
+  // Eq. (5) adds (sum q q^T - 1) eta to eta. This matrix has the same largest singular value as Q^T
+  // Q - 1, whose off-diagonal elements are the cosines between the directions. No element exceeds
+  // the largest singular value.
   Random random(32);
   for (int i = 0; i < 300; ++i) {
     Mat3 Q = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
@@ -172,7 +170,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
     std::vector<Constraint> constraints;
     for (int j = 0; j < 3; ++j) constraints.push_back({Q.col(j), 0.0});
     const Eigen::SelfAdjointEigenSolver<Mat3> added(Q * Q.transpose() - Mat3::Identity());
-    double worst = 0.0;  // over the three directions of eta that are only scaled
+    double worst = 0.0;  // largest gain over the eigenvectors of the added matrix
     for (int j = 0; j < 3; ++j) {
       const Vec3 proxy = random.inCube(1e-2);
       const Vec3 probe = proxy + 5e-3 * added.eigenvectors().col(j);
@@ -183,7 +181,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
     CAPTURE(i, cosine);
     CHECK(worst >= cosine * (1 - 1e-9) - 1e-12);
     if (orthogonal) CHECK(worst < 1e-12);
-    // Planes with no strength give no force, whatever their directions.
+    // Planes without strength give no force, whatever their directions.
     std::vector<Primitive> planes;
     for (int j = 0; j < 3; ++j) {
       planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), Q.col(j), 0.0});
@@ -233,7 +231,8 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
     }
     std::cout << strength << " | " << constraint_force << " | " << primitive_force << " | "
               << 3.0 * strength << " | " << reference_force << '\n';
-    // The constraint approach fails: its force exceeds 1 N and 100 times the sum of the strengths.
+    // The constraint approach fails: its force is above 1 N and above 100 times the summed
+    // strength.
     CHECK(constraint_force > 1.0);
     CHECK(constraint_force > 100.0 * 3.0 * strength);
   }
@@ -275,7 +274,7 @@ TEST_CASE("fig. 2 a: with orthogonal weak constraints both methods give the corr
       planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), -R.col(j), 1e-9});
     }
     CHECK((constraintProxy(probe, Vec3::Zero(), kStiffness, constraints) - probe).norm() < 1e-16);
-    // Along each direction, the force is at most its strength of 1e-9 N.
+    // Along each direction the force is at most the strength of 1e-9 N.
     const SolveResult solved = solveProxy(probe, kStiffness, planes, probe);
     CHECK(kStiffness * solved.offset.norm() <= std::sqrt(3.0) * 1e-9 * (1 + 1e-5));
   }
@@ -299,7 +298,7 @@ TEST_CASE("section 3.1: n parallel constraints multiply the error by 1 - n each 
 
 TEST_CASE("section 3.2: two objects, a stream and its curl balance together in each tick",
           "[paper]") {
-  // A ball that is half inside the ground, in a stream that winds about its own axis.
+  // A ball half inside the ground, in a stream that twists about its own axis.
   GraphSpec spec;
   spec.fields = {{"spin", {Derivation::kCurl, "flow"}}};
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0),
@@ -325,7 +324,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl balance together in e
     before = r.proxy;
     if (tick % 10 != 0 || r.status != StepStatus::kConverged || set.size() < 4) continue;
     ++several;
-    // Because the stream is curved, part of the pull waits for the next tick.
+    // The stream is curved, so part of the pull waits for the next tick.
     const Vec3 probe = hand + r.waiting;
     const test::Reference reference = solveReference(probe, kStiffness, set);
     CAPTURE(describe(probe, kStiffness, set));
@@ -335,7 +334,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl balance together in e
     old_error = std::max(old_error, kStiffness * (old_way - reference.offset).norm());
   }
   CHECK(several > 20);
-  CHECK(old_error > 0.5);  // [N]: the error if the constraints are applied one after the other
+  CHECK(old_error > 0.5);  // [N]; error if the constraints are applied one after the other
 }
 
 TEST_CASE("fig. 3: at the proxy the paper's force of a primitive balances the spring",
@@ -347,8 +346,8 @@ TEST_CASE("fig. 3: at the proxy the paper's force of a primitive balances the sp
     const Vec3 f = printedForce(p, x);
     CAPTURE(describe(x, kStiffness, {p}), f);
     CHECK((f - methods::forceOf(p, x - p.position)).norm() < 1e-12);
-    // The figure shows a force of full strength, directed to the nearest point at which the
-    // primitive's force is zero.
+    // In the figure, the force has full strength and points to the nearest point at which the
+    // primitive has no force.
     const Vec3 d = x - p.position;
     if (p.kind == PrimitiveKind::kPoint) {
       CHECK((x + d.norm() / p.strength * f - p.position).norm() < 1e-12);
@@ -360,7 +359,7 @@ TEST_CASE("fig. 3: at the proxy the paper's force of a primitive balances the sp
     } else {
       CHECK(f.norm() == Approx(p.strength));
     }
-    // The spring must then act on the proxy with -f, and the hand feels f.
+    // In balance, the spring acts on the proxy with -f, and the hand feels f.
     const std::vector<Primitive> set{p};
     const SolveResult solved = solveProxy(x - f / kStiffness, kStiffness, set, Vec3::Zero());
     CHECK((kStiffness * solved.offset - f).norm() < 1e-12);
@@ -395,11 +394,11 @@ TEST_CASE("eq. 8: a directed force acts with its full strength, alone and among 
     const Vec3 probe = random.inCube(5e-3);
     Primitive push = random.primitive();
     push.kind = PrimitiveKind::kForce;
-    // A directed force alone acts on the hand with its full strength.
+    // A directed force alone gives the hand its full strength.
     std::vector<Primitive> set{push};
     const Vec3 alone = solveProxy(probe, kStiffness, set, probe).offset;
     CHECK((alone - methods::forceFunction(probe, kStiffness, set, probe).offset).norm() < 1e-15);
-    // Together with other primitives, it acts like a hand that is s/k farther along the force.
+    // With other primitives, it acts like a hand that is s/k farther along the force.
     std::vector<Primitive> others{random.primitive(), random.primitive(), random.primitive()};
     const Vec3 moved_probe = probe + push.strength / kStiffness * push.direction;
     const SolveResult moved = solveProxy(moved_probe, kStiffness, others, probe);
@@ -428,9 +427,9 @@ TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force"
     REQUIRE((solved.offset - reference.offset).norm() <=
             solved.error_bound + reference.error_bound);
     if ((solved.proxy - point.position).norm() < 1e-5) continue;  // the point holds the proxy too
-    // The plane gives the difference between the point's force and the spring's, along the plane's
-    // normal. This difference is the full strength behind the plane, zero in front of the plane,
-    // and any value in between on the plane.
+    // The plane's force is the difference between the spring's and the point's force, along the
+    // plane's normal. It is the full strength behind the plane, zero in front of it, and anything
+    // in between on the plane.
     const Vec3 left = kStiffness * solved.offset - printedForce(point, solved.proxy);
     const double along = left.dot(q);
     const double height = solved.proxy.dot(q);
@@ -454,8 +453,8 @@ TEST_CASE(
     const Vec3 probe(0, 0, -pull / kStiffness);
     const SolveResult solved = solveProxy(probe, kStiffness, set, probe);
     CHECK(solved.error_bound < 1e-15);
-    // On the plane and above it, the residual is the spring's force; below it, the rest of the
-    // strength. So the residual is at least the smaller of the two.
+    // On and above the plane, the residual is the spring's force. Below the plane it is the
+    // strength minus that force. So it is at least the smaller of the two.
     const double left = std::min(pull, 1.0 - pull);
     CHECK(residualForce(solved.offset, probe, kStiffness, set).norm() >= left * (1 - 1e-9));
     CHECK(smallestResidualNear(solved.proxy, probe, set) >= left * (1 - 1e-3));
@@ -524,9 +523,9 @@ TEST_CASE("section 4.2: the smallest |f_res| is not always at the balance", "[pa
 
 TEST_CASE("section 4.3: the work of a balance grows at most linearly with the number of primitives",
           "[paper]") {
-  // An iteration of palpate, like one of Euler's method, visits each primitive a fixed number of
-  // times. So the test counts N times the iterations. Strengths are up to 6 N divided by N, so that
-  // with any N the proxy partly sticks and partly slides.
+  // An iteration of palpate or of Euler's method visits each primitive a fixed number of times. So
+  // the test counts N times the iterations. Strengths are at most 6 N / N, so that for any N the
+  // proxy sometimes sticks and sometimes slides.
   constexpr int kFew = 8;
   constexpr int kMany = static_cast<int>(kMaxPrimitives);
   const auto work = [](bool ours, bench::Family family, int count) {

@@ -1,5 +1,5 @@
-/// Tests scenes of many parts. Distant parts are not read, and near parts give the same force as
-/// alone.
+/// Tests scenes of many parts: distant parts are not read, and near parts give the same forces as a
+/// scene without parts.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -39,7 +39,7 @@ FieldPtr fieldOf(const Ball& ball) {
   return makeSphere(ball.centre, ball.radius);
 }
 
-/// Returns the field of a ball whose data end 3 mm outside of its surface.
+/// Returns the field of a ball whose data end 3 mm outside its surface.
 FieldPtr tightFieldOf(const Ball& ball) {
   FieldFrame frame;
   const Vec3 size = Vec3::Constant(ball.radius + 3e-3);
@@ -51,7 +51,7 @@ FieldPtr tightFieldOf(const Ball& ball) {
   });
 }
 
-/// Returns a field that is 1 along x, with voxels so large that no path needs a second reading.
+/// Returns a vector field of 1 along x. Its voxels are so large that a path needs one reading.
 FieldPtr makeWind() {
   FieldFrame frame;
   frame.voxel = 0.1;
@@ -85,7 +85,7 @@ std::unique_ptr<const Scene> asParts(const std::vector<Ball>& balls,
   return makeScene({}, {}, coupling, {}, std::move(parts));
 }
 
-/// Builds a scene in which the balls are volumes of one graph, which every tick evaluates.
+/// Builds a scene in which all balls are volumes of one graph, so each tick evaluates all of them.
 std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
                                    const CouplingParams& coupling = {}) {
   GraphSpec spec;
@@ -98,8 +98,8 @@ std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
   return makeScene(spec, fields, coupling);
 }
 
-/// Builds a graph and a wall that blocks the proxy. The wall is a separate part, or one of the
-/// graph's own volumes.
+/// Builds a scene with this graph and a wall that blocks the proxy. The wall is a part, or one of
+/// the graph's volumes.
 std::unique_ptr<const Scene> besideWall(GraphSpec spec, std::map<std::string, FieldPtr> fields,
                                         const Ball& wall, bool as_part,
                                         const CouplingParams& coupling = {}) {
@@ -151,7 +151,7 @@ TEST_CASE("parts give the same forces as volumes that are read in every tick", "
 }
 
 TEST_CASE("a fast hand follows a stream of a part as it follows one of a volume", "[scale]") {
-  // A hand at 2 m/s needs several moves in a tick.
+  // At 2 m/s a tick takes several moves.
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kFollow;
@@ -182,7 +182,7 @@ TEST_CASE("a fast hand follows a stream of a part as it follows one of a volume"
 TEST_CASE("only the parts near the hand are read among ten thousand parts", "[scale]") {
   Random random(3);
   std::vector<Ball> balls = someBalls(test::cases(10000), 1.0, random);
-  // Two balls overlap, far from all other balls.
+  // Two balls overlap, far from all others.
   const Vec3 at(0.0, 0.0, 1.5);
   balls[17] = {at, 0.02, 3.0, 0.2};
   balls[balls.size() - 5] = {at + Vec3(0.015, 0, 0), 0.02, 2.0, 0.0};
@@ -214,7 +214,6 @@ TEST_CASE("only the parts near the hand are read among ten thousand parts", "[sc
   }
   CHECK(felt > 1.0);
   CHECK(allocations == 0);
-  // Far from all balls no volume is read.
   for (int i = 0; i < 500; ++i) (void)many.step({0, 0, 1.5 + 2e-3 * i});
   const StepReport away = many.step({0, 0, 2.5});
   CHECK(away.wanted == Vec3::Zero());
@@ -231,7 +230,7 @@ TEST_CASE("a fast hand feels every part on its path", "[scale]") {
   for (int run = 0; run < 30; ++run) {
     Hand parts(asParts(balls));
     Hand one(asOne(balls));
-    // The hand moves at 2 m/s through the space, past a ball's middle.
+    // The hand moves at 2 m/s through a ball's centre.
     const Vec3 from = random.inCube(0.3);
     const Vec3 through = balls[static_cast<std::size_t>(run)].centre;
     const Vec3 way = 2.0 * kDt * (through - from).normalized();
@@ -255,7 +254,7 @@ TEST_CASE("a fast hand feels every part on its path", "[scale]") {
 }
 
 TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]") {
-  // A wind of 3 N or 12 N would push the proxy 6 or 24 mm beyond the hand, but a wall blocks the
+  // A wind of 3 N or 12 N pushes the proxy up to 6 or 24 mm beyond the hand, but a wall blocks the
   // proxy.
   for (const double wind : {3.0, 12.0}) {
     for (const double gap : {1e-3, 4e-3, 5.5e-3, 0.011, 0.02}) {
@@ -274,13 +273,12 @@ TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]")
       StepReport a;
       StepReport b;
       for (int i = 0; i < 20; ++i) {
-        // The hand rests in front of the ball, and only the wind moves the proxy.
+        // The hand rests in front of the ball. Only the wind moves the proxy.
         a = apart.step({0.06 - gap, 0, 0});
         b = together.step({0.06 - gap, 0, 0});
         REQUIRE(a.proxy.x() < 0.0601);
       }
-      // The wall bears the part of the wind's force that the spring, stretched over the gap, does
-      // not bear.
+      // The wall bears the wind's force minus that of the spring, which is stretched over the gap.
       CHECK((a.wanted - b.wanted).norm() < 1e-6);
       if (wind / 500.0 > gap) CHECK(a.parts == 1);
     }
@@ -288,7 +286,7 @@ TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]")
 }
 
 TEST_CASE("a moving body pushes the proxy against a part but not through it", "[scale]") {
-  // A plane that moves at 1 m/s carries the proxy against a ball that stands still.
+  // A plane that moves at 1 m/s pushes the proxy against a ball at rest.
   const Ball wall{Vec3(0.1, 0, 0), 0.04, 30.0, 0.0};
   const auto scene_of = [&](bool parts) {
     GraphSpec spec = specOf({Vec3::Zero(), 0.0, 8.0, 0.0}, "pusher");
@@ -320,8 +318,7 @@ TEST_CASE("a moving body pushes the proxy against a part but not through it", "[
 
 TEST_CASE("if more parts than the limit are near the hand, the strongest parts are evaluated",
           "[scale]") {
-  // Seventy balls are near one place. One graph contains thirty of them, and forty parts the
-  // others.
+  // Seventy balls overlap. A graph has thirty of them; the other forty are parts.
   Random random(5);
   std::vector<Ball> balls(70);
   for (std::size_t i = 0; i < balls.size(); ++i) {

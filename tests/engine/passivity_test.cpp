@@ -1,5 +1,5 @@
-/// Tests the energy tank. With the tank, no hand, arm or scene can extract energy. Other methods
-/// fail these tests.
+/// Tests the energy tank: with it, no hand, arm or scene can extract energy. Other methods fail
+/// these tests.
 #include "palpate/engine/safety/passivity.h"
 
 #include <cmath>
@@ -104,8 +104,8 @@ TEST_CASE("with a lagging amplifier no hand extracts energy from the energy tank
 
 namespace {
 
-/// Runs passive hands and adversaries. If the tank knows the uncertainty, no hand gains energy. If
-/// the tank does not know the uncertainty, some hands gain energy.
+/// Runs passive hands and adversaries. If the tank knows the uncertainty that `doubt` sets, no hand
+/// gains energy. Otherwise some hands gain energy.
 template <class Doubt>
 void onlyWhereTold(long count, Doubt doubt) {
   for (const bool adversary : {false, true}) {
@@ -150,8 +150,8 @@ TEST_CASE("jittered times of position readings give no energy if the energy tank
 
 namespace {
 
-/// One exactly simulated axis of an arm, with a tank. The delays of the forces are shorter or
-/// longer than the middle of the range that the tank assumes.
+/// One axis of an arm, simulated exactly, with a tank. Forces may act earlier or later than at the
+/// middle of the range of delays that the tank assumes.
 class Doubted {
  public:
   static constexpr double kPeriod = 1e-3;
@@ -164,8 +164,8 @@ class Doubted {
     tank.refill(energy_);
     send(0.0, -doubt);
   }
-  /// Sends a force that acts `late` after the middle of that range. Then the hand moves for a
-  /// period at `speed`, plus `greed` times the speed that gains the most energy against the viscous
+  /// Sends a force that acts `late` [s] after the middle of that range. Then the hand moves for a
+  /// period at `speed`, plus `greed` times the speed that gains the most energy against viscous
   /// friction.
   void tick(double force, double late, double speed, double greed, double given = 1.0) {
     ask(force);
@@ -173,13 +173,13 @@ class Doubted {
     send(given * force, late);
     move(speed, greed);
   }
-  /// Asks the tank for that force. Returns the smallest difference between the true energy and the
-  /// tank's [J].
+  /// Requests a force from the tank. Returns the smallest difference so far between the true energy
+  /// and the tank's [J].
   double spare(double force) {
     ask(force);
     return spare_;
   }
-  /// Raises the force slowly to 10 N, until all delayed effects are constant.
+  /// Raises the force slowly to 10 N and holds it, until delayed forces are constant.
   void settle() {
     for (int i = 1; i <= 1000; ++i) tick(0.01 * i, 0.0, 0.0, 0.0);
     for (int i = 0; i < 4; ++i) tick(10.0, 0.0, 0.0, 0.0);
@@ -224,8 +224,8 @@ class Doubted {
 }  // namespace
 
 TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]") {
-  // If one term of the tank's formula is left out, the corresponding hand extracts millijoules more
-  // than the tank has counted.
+  // If any term of the tank's formula is left out, the hand of one section extracts millijoules
+  // more than the tank counts.
   constexpr double kT = Doubted::kPeriod;
   constexpr double kRounding = 1e-12;  // [J]
   SECTION("a path covered within the uncertainty") {
@@ -261,7 +261,7 @@ TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]
     hand.settle();
     const double before = hand.tank.energy();
     hand.tick(10.0, 0.5 * kT, 0.0, 0.0, 0.0);
-    // A jump from 10 N to zero costs exactly this energy.
+    // Switching from 10 N to zero must cost exactly this energy.
     CHECK(hand.tank.energy() ==
           Approx(before - 0.5 * kT * 100.0 / (4.0 * Doubted::kViscous)).epsilon(1e-9));
     hand.tick(0.0, 0.5 * kT, 100.0, 0.0);
@@ -283,8 +283,8 @@ TEST_CASE("the energy tank assumes the worst case of the jitter of position read
   TankParams params = acting(0.5);
   params.arm.delay = 1.25e-3;
   params.arm.doubt = params.arm.jitter = 0.25e-3;
-  // Without a force: the time between two positions may be half a period longer than a period. In
-  // that time, a hand with the same speed moves 1.5 times as far.
+  // Without a force: the time between two readings can be half a period longer than the period. In
+  // this time, a hand at constant speed moves 1.5 times as far.
   Tank tank;
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, kCap);
   const double speed = 0.2;
@@ -292,8 +292,7 @@ TEST_CASE("the energy tank assumes the worst case of the jitter of position read
   (void)tank.pass(Vec3::Zero(), {speed * longest, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() <= 0.5 * speed * speed * longest + 1e-15);
   CHECK(tank.energy() > 0.99 * 0.5 * speed * speed * longest);
-  // With a force: a hand that stood still when its position was read can have moved with the force
-  // since then.
+  // With a force: a hand at rest may have moved with the force since its position was read.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, 100.0);
   other.refill(10.0);
@@ -333,8 +332,8 @@ TEST_CASE(
     CHECK(told.broken == 0);
     CHECK(told.debt == 0.0);
   }
-  // If the tank does not know that motors give less force, it counts too much work when a hand
-  // moves against the force. An adversary moves with the force, so the test uses no adversary here.
+  // If the tank is not told that the motors give less force, it credits too much work to a hand
+  // that moves against the force. An adversary moves with the force, so this test has none.
   const Many untold = playMany(120, Keeper::kTank, [](PassivityRun& run) {
     run.weak = 0.3;
     run.tells_weak = false;
@@ -365,10 +364,10 @@ TEST_CASE("early ticks give the hand no energy, and late ticks put the energy ta
     INFO("late: margin " << debtors.margin << ", debt " << debtors.debt);
     CHECK(debtors.broken == 0);
     CHECK(debtors.debt > 0.0);
-    // Energy comes out in less than a tenth of the runs, and at most 1.5 J.
+    // In less than a tenth of the runs energy comes out, at most 1.5 J.
     CHECK(10 * debtors.active < debtors.runs);
     CHECK(debtors.worst > -1.5);
-    // With a delay and early ticks, the tank has no debt either.
+    // With a delay in addition to early ticks, the tank has no debt either.
     const auto delayed = [&](PassivityRun& run) {
       early(run);
       run.jitter = 0.3;
@@ -388,7 +387,7 @@ TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down b
     double lost = 0.0;
     bool kept = true;
   };
-  // A hand with a damping of 0.01 N s/m keeps most of the energy that it gets from the wall.
+  // A hand with damping of only 0.01 N s/m keeps most of the energy that it gets from the wall.
   const auto feel = [](double of_passive) {
     Felt felt;
     const long count = test::cases(40);
@@ -423,8 +422,8 @@ TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down b
 
 TEST_CASE("without encoder steps and delay the largest force of the tank equals the closed form",
           "[passivity]") {
-  // A hand that moves by dx = 1 mm in a tick T against viscous friction b puts in b dx^2 / T. A
-  // force R that is held for T can extract R^2 T / (4 b).
+  // A hand that moves by dx = 1 mm in a period T against viscous friction b puts in b dx^2 / T. A
+  // force R held for T can extract at most R^2 T / (4 b).
   const double b = 0.5;
   const double period = 1e-3;
   Tank tank;
@@ -436,8 +435,7 @@ TEST_CASE("without encoder steps and delay the largest force of the tank equals 
   const double most = std::sqrt(4.0 * b * paid / period);
   const double share = tank.pass({0, 10.0 * most, 0}, {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(share == Approx(0.1).epsilon(1e-6));
-  // The hand moves at the speed that gains most against b. Then no energy is left, but there is no
-  // debt.
+  // The hand moves at the speed that gains most against b. Then the tank is empty, without debt.
   const Vec3 way(1e-3, share * 10.0 * most * period / (2.0 * b), 0);
   CHECK(tank.pass({0, 1, 0}, way, true, period, params, kCap) == Approx(0.0).margin(1e-3));
   CHECK(tank.energy() == Approx(0.0).margin(1e-11));
@@ -445,8 +443,8 @@ TEST_CASE("without encoder steps and delay the largest force of the tank equals 
 }
 
 TEST_CASE("the energy tank is charged the derived energy for an encoder step", "[passivity]") {
-  // A path is known only to within an encoder step. A force costs half a step times the force when
-  // it starts to act, and again while it acts.
+  // Positions are known to within an encoder step. A force costs half a step times the force when
+  // it begins to act, and again while it acts.
   const double b = 0.5;
   const double period = 1e-3;
   const double step = 1e-5;
@@ -459,10 +457,10 @@ TEST_CASE("the energy tank is charged the derived energy for an encoder step", "
   CHECK(tank.energy() == Approx(paid));
   const double r = 100.0 * tank.pass({100, 0, 0}, {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(r * r * period / (4.0 * b) == Approx(paid).epsilon(1e-6));
-  // The hand stands still, so the tank subtracts only that cost.
+  // The hand rests, so the tank subtracts only that cost.
   (void)tank.pass(Vec3::Zero(), {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() == Approx(std::max(0.0, paid - step * r)).epsilon(1e-6));
-  // A path against Coulomb friction counts with the cosine of 30 degrees.
+  // A path against Coulomb friction counts with the factor cos(30 degrees).
   Tank rubbed;
   const TankParams rubs = acting(b, 0.2, step);
   (void)rubbed.pass(Vec3::Zero(), Vec3::Zero(), true, period, rubs, kCap);
@@ -485,7 +483,7 @@ TEST_CASE(
   CHECK(tank.pass({force, 0, 0}, at, true, period, params, kCap) == 1.0);
   (void)tank.pass(Vec3::Zero(), at, false, period, params, kCap);
   (void)tank.pass(Vec3::Zero(), at, true, period, params, kCap);
-  // The force is on in one tick and off in the next, so half of its square varies about the mean.
+  // The force is on and off in alternate ticks, so half of its square varies about the mean.
   const double varies = 0.5 * force * force * period;
   CHECK(tank.energy() == Approx(paid - varies / (4.0 * b)));
 }
@@ -499,7 +497,7 @@ TEST_CASE("the tank stores a hand's work up to its cap and gives it back", "[pas
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, cap);
   (void)tank.pass(Vec3::Zero(), {1e-2, 0, 0}, true, period, params, cap);  // 50 mJ
   CHECK(tank.energy() == Approx(cap));
-  // The hand extracts as much as it can, half a millijoule per tick.
+  // The hand extracts as much as it can: 0.5 mJ per tick.
   for (int i = 0; i <= 10; ++i) {
     CHECK(tank.pass({1, 0, 0}, {1e-2 + 1e-3 * i, 0, 0}, true, period, params, cap) == 1.0);
   }
@@ -524,7 +522,7 @@ TEST_CASE("encoder steps never make the tank overestimate the hand's work agains
       path += going.norm();
       const Vec3 read = (x / encoder).array().round().matrix() * encoder;
       (void)tank.pass(Vec3::Zero(), read, true, 1e-3, params, 1e9);
-      // A friction b of 1e-12 adds a negligible amount.
+      // The viscous friction of 1e-12 N s/m adds a negligible amount.
       REQUIRE(tank.energy() <= c * path + 1e-13);
     }
     CHECK(tank.energy() > 0.3 * c * path);
@@ -549,13 +547,13 @@ TEST_CASE("an invalid position of the hand empties the energy tank", "[passivity
   CHECK(tank.energy() > 0.0);
   CHECK(tank.pass({1, 0, 0}, {nan, 0, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.energy() == 0.0);
-  // After a reset, the tank starts at the next call, at the hand's position in this call. The path
-  // before does not count.
+  // After a reset, the tank starts at the hand's position in the next call. The path before does
+  // not count.
   CHECK(tank.pass({1, 0, 0}, {1, 1, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass({1, 0, 0}, {1, 1, 1}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass(Vec3::Zero(), {1, 1, 1.001}, true, 1e-3, params, kCap) == 1.0);
   CHECK(tank.energy() == Approx(0.5e-3));
-  // An invalid period leaves the energy as it is.
+  // An invalid period must not change the energy.
   const double before = tank.energy();
   for (const double dt : {0.0, -1.0, nan, 1e-310}) {
     (void)tank.pass(Vec3::Zero(), {1, 1, 1.002}, true, dt, params, kCap);
@@ -601,7 +599,7 @@ TEST_CASE(
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, 1e-3, params, kCap);
   tank.refill(0.06);
   for (int i = 0; i < 5; ++i) (void)tank.pass({4, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap);
-  // The 4 N that were sent before the reset still act for 3 ms.
+  // The 4 N sent before the reset still act for 3 ms.
   tank.forget();
   CHECK(tank.pass({4, 0, 0}, Vec3::Zero(), true, 5e-3, params, kCap) == 0.0);
   Vec3 hand = Vec3::Zero();
@@ -627,8 +625,8 @@ TEST_CASE("refilling the energy tank beyond its cap causes no debt later", "[pas
 }
 
 TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[passivity]") {
-  // The arm gives a position only in every n-th tick, so the hand took n ticks for the path between
-  // two positions.
+  // The arm reports a position only in every n-th tick, so the hand took n ticks for the path
+  // between two positions.
   for (const bool adversary : {false, true}) {
     for (const int every : {1, 2, 4}) {
       const Many tank = playMany(test::cases(100), Keeper::kTank, [&](PassivityRun& run) {
@@ -641,7 +639,7 @@ TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[
       CHECK(tank.debt == 0.0);
     }
   }
-  // A control experiment: if old positions are passed as new ones, the tank fails.
+  // Control experiment: if repeated positions are passed as new, the tank fails.
   const Many told = playMany(test::cases(100), Keeper::kTank, [](PassivityRun& run) {
     run.every = 4;
     run.tells_age = false;
@@ -651,7 +649,7 @@ TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[
 }
 
 TEST_CASE("a restarted energy tank gives no force until a new position arrives", "[passivity]") {
-  // The hand made part of the path since the last position before the reset.
+  // A part of the path since the last position lies before the reset.
   const TankParams params = acting(0.5);
   Tank tank;
   for (int n = 0; n < 3; ++n) {
@@ -662,7 +660,7 @@ TEST_CASE("a restarted energy tank gives no force until a new position arrives",
     CHECK(tank.pass({0, 0, 0}, {9e-3, 0, 0}, true, 1e-3, params, kCap) == 1.0);
     CHECK(tank.energy() == Approx(0.5 * 1e-6 / 1e-3));
   }
-  // The same holds for a tank that was never used.
+  // The same holds for a new tank.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), false, 1e-3, params, kCap);
   (void)other.pass(Vec3::Zero(), {8e-3, 0, 0}, true, 1e-3, params, kCap);
@@ -678,7 +676,7 @@ TEST_CASE("no hand extracts energy from an energy tank that restarts often", "[p
       if (run.seed % 5 == 1) bench::shakeReadings(run);
       if (run.seed % 7 == 1) bench::letLag(run);
       bench::forgetOften(run);
-      // forgetOften takes the lowest five bits of the seed.
+      // forgetOften uses the lowest five bits of the seed.
       run.jitter = run.seed / 32 % 4 == 0 ? 0.5 : 0.0;
     };
     const Many tank = playMany(test::cases(400), Keeper::kTank, forgetful);
@@ -711,7 +709,7 @@ TEST_CASE("invalid numbers and impossible positions add no energy to the tank", 
     CHECK(tank.energy() == 0.0);
     CHECK(tank.refilled() == 0.0);
   }
-  // Neither a huge force nor a NaN lag fills the tank.
+  // Neither a huge force nor a NaN lag may fill the tank.
   tank.refill(0.1);
   CHECK(tank.pass({1e200, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap) < 1e-100);
   CHECK(tank.energy() <= 0.1);
@@ -733,8 +731,7 @@ TEST_CASE("a restarted energy tank gives no force while an older force is under 
   tank.refill(0.5);
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap) == 1.0);
   tank.forget();
-  // For the delay plus one period after the reset, the tank credits no energy, however far the hand
-  // moves.
+  // For the delay plus one period after a reset, the tank credits no energy for the hand's motion.
   Vec3 hand = Vec3::Zero();
   for (int i = 0; i < 4; ++i) {
     hand.x() += 1e-3;

@@ -79,9 +79,10 @@ TEST_CASE("a one-sided plane exerts no force on a proxy in front of it", "[solve
 
 TEST_CASE("every balance of every family converges, and its certificate holds",
           "[solver][balance]") {
-  // The long run of docs/speed_accuracy.md uses PALPATE_CASES=10000000.
+  // docs/speed_accuracy.md reports a run with PALPATE_CASES=10000000.
   const long n = test::cases(100000);
-  const long every = std::max(1L, n / 1000);  // interval of the checks against the reference
+  const long every = std::max(1L, n / 1000);  // every this many cases, one is compared with the
+                                              // reference
   long over_goal = 0;
   std::map<Family, long> judged;
   int most = 0;
@@ -112,7 +113,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
     solves += r.iterations;
     over_goal += static_cast<long>(r.iterations > 25);
     worst_bound = std::max(worst_bound, r.error_bound / allowed);
-    // Compares each family in turn with the reference.
+    // Compares the families in turn with the reference.
     if (i / static_cast<long>(bench::kFamilies.size()) % every != 0) continue;
     ++judged[family];
     const Reference ref = solveReference(p.probe, p.stiffness, p.primitives);
@@ -175,7 +176,7 @@ TEST_CASE("the error bound covers the rounding for a plane and a nearly parallel
     const double tilt = random.logUniform(1e-12, 1e-3);
     const Vec3 other = (q + tilt * random.inCube(1.0)).normalized();
     std::vector<Primitive> set{plane(at, q, 1.0), plane(at, other, 1.0)};
-    // The line is tilted out of the plane by an angle of the order of `tilt`.
+    // The line is tilted against the plane by an angle of about `tilt` [rad].
     if (i % 2 == 0) {
       set[1].kind = PrimitiveKind::kLine;
       set[1].direction = (q.unitOrthogonal() + tilt * random.inCube(1.0)).normalized();
@@ -225,7 +226,7 @@ TEST_CASE("directions whose length differs from 1 by less than 1e-6 count as uni
     const SolveResult b = solveProxy(probe, kStiffness, exact, probe);
     CAPTURE(describe(probe, kStiffness, set));
     CHECK((a.offset - b.offset).norm() <= a.error_bound + b.error_bound);
-    // For directed forces alone, the error bound contains only rounding.
+    // For directed forces alone, the error bound is only rounding.
     const std::vector<Primitive> off{
         {PrimitiveKind::kForce, Vec3::Zero(), {0, 0, 1.0 + 0.99e-6}, 1.0}};
     const SolveResult r = solveProxy(Vec3::Zero(), kStiffness, off, Vec3::Zero());
@@ -276,8 +277,8 @@ TEST_CASE("nearly orthogonal sets of primitives are solved within their error bo
 
 namespace {
 
-/// A hand that wanders about primitives. These are fixed in space, or follow the proxy in each tick
-/// and turn slowly, as modes place them.
+/// A hand that moves randomly about primitives. If `follow` is true, the primitives move with the
+/// proxy and turn slowly in each tick, as those of modes do. Otherwise they are fixed.
 struct Walk {
   Walk(int count, bool follow, std::uint64_t seed) : follows(follow), random(seed) {
     for (int i = 0; i < count; ++i) {
@@ -378,7 +379,7 @@ TEST_CASE("rotating and shifting the problem rotates and shifts the balance", "[
     const SolveResult a = solveProxy(probe, kStiffness, set, probe);
     const SolveResult b = solveProxy(R * probe + t, kStiffness, turned, probe);
     CAPTURE(describe(probe, kStiffness, set));
-    // The positions of the turned problem are rounded at a magnitude of 0.1 m.
+    // The rotated problem has coordinates of 0.1 m, which determine the rounding.
     CHECK((R * a.offset - b.offset).norm() <= a.error_bound + b.error_bound + 1e-16);
   }
 }
@@ -448,7 +449,7 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
     CAPTURE(width, z);
     CHECK(std::abs(r.proxy.z() - std::clamp(z, 0.0, width)) <= r.error_bound);
     CHECK(r.error_bound <= 1e-6 * 4.0 / kStiffness);
-    // The plane on which the proxy presses bears the spring's force.
+    // The plane on which the proxy presses bears the spring's force, the other plane none.
     const double spring = kStiffness * (r.proxy.z() - z);
     const double unknown = kStiffness * r.error_bound + 1e-12;
     CHECK(std::abs(forces[0].z() - std::max(0.0, spring)) <= unknown);
@@ -457,8 +458,8 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
 }
 
 TEST_CASE("planes alone are balanced exactly by pivoting, far below the tolerance", "[solver]") {
-  // Newton's method would stop at an error bound of 1e-6 S/k, with an error of about 5e-7 S/k. The
-  // pivoting method finds the exact result.
+  // Newton's method would stop at an error bound of 1e-6 S/k, with an error of about 5e-7 S/k.
+  // Pivoting gives the exact result.
   for (const std::size_t count : {3, 8, 64, 1024}) {
     CAPTURE(count);
     Random random(21);
@@ -470,7 +471,7 @@ TEST_CASE("planes alone are balanced exactly by pivoting, far below the toleranc
       REQUIRE(r.status == SolveStatus::kConverged);
       REQUIRE(r.error_bound <= 5e-8 * strength / p.stiffness);
       REQUIRE(r.iterations <= 40);
-      // With the same pivoting steps, the error bound is as small as rounding allows.
+      // The same pivoting steps reach an error bound near rounding.
       SolverParams fine;
       fine.tolerance = count == 1024 ? 1e-8 : 1e-10;
       const SolveResult exact = solveProxy(p.probe, p.stiffness, p.primitives, p.start, fine);
@@ -479,8 +480,8 @@ TEST_CASE("planes alone are balanced exactly by pivoting, far below the toleranc
       REQUIRE(exact.iterations == r.iterations);
     }
   }
-  // Three planes that cross in one point, each three times, with slots through that point. All hold
-  // the first load, some yield at the second, all yield at the third.
+  // Three planes that cross in one point, and a slot of two opposite planes along each, all three
+  // times. All hold the first load, some yield at the second, all yield at the third.
   const std::vector<Vec3> normals{{1, 0, 0}, {0.6, 0.8, 0}, {0.2, 0.3, 0.9}};
   for (const double load : {1e-3, 4e-3, 0.1}) {
     std::vector<Primitive> set;
@@ -506,7 +507,7 @@ TEST_CASE(
   Random random(22);
   for (long i = 0; i < test::cases(20000); ++i) {
     // A surface with viscosity places primitives like these: a point at the proxy, and a plane
-    // slightly away from it.
+    // close to it.
     const Vec3 at = random.inCube(5e-2);
     const double apart = random.integer(10) == 0 ? 0.0 : random.logUniform(1e-16, 1e-2);
     Primitive other = random.primitive();
@@ -588,7 +589,6 @@ TEST_CASE("extreme but valid numbers give a finite balance with a valid certific
     REQUIRE(r.status != SolveStatus::kBadInput);
     REQUIRE(r.offset.allFinite());
     REQUIRE(r.status == SolveStatus::kConverged);
-    // In all cases the proxy is at most S/k from the probe.
     REQUIRE(r.offset.norm() <= sum / k * (1 + 1e-9) + r.error_bound);
     if (i % 20 != 0) continue;
     const Reference ref = solveReference(probe, k, set);

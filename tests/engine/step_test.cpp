@@ -29,7 +29,7 @@ ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength) {
   return spec;
 }
 
-/// One field, some modes, and a hand to move.
+/// A scene of one field and some modes, and a hand.
 struct Bench {
   std::unique_ptr<const Scene> scene;
   Reader reader;
@@ -43,7 +43,7 @@ struct Bench {
   StepReport step(const Vec3& hand, double dt = kDt) {
     return hapticStep(*scene, reader, {hand}, state, dt);
   }
-  /// Moves the hand along a straight line, by `step_length` per tick.
+  /// Moves the hand along a line, by at most `step_length` [m] per tick.
   StepReport go(const Vec3& from, const Vec3& to, double step_length = 2e-4) {
     const int n = std::max(1, static_cast<int>(std::ceil((to - from).norm() / step_length)));
     StepReport last;
@@ -93,8 +93,8 @@ TEST_CASE("a surface pushed harder than its strength releases the proxy at s/k",
       }
       REQUIRE(r.force.norm() <= s * (1 + 1e-9));
       if (leaves < 0.0 && height < -1e-9) leaves = depth;
-      // Only the tick in which the proxy passes 0.05 voxel (0.05 mm) behind the surface counts as
-      // the release.
+      // Skips ticks at the limit of 0.05 voxel (0.05 mm) behind the surface, where rounding decides
+      // whether the contact has yielded.
       if (std::abs(height + 0.05e-3) > 0.5e-5) {
         const bool yielded = sideOf(bench.state.memory(0)) == Side::kYielded;
         REQUIRE(yielded == (height < -0.05e-3));
@@ -110,15 +110,15 @@ TEST_CASE(
   Bench bench = sphere(1.0);
   const Vec3 d = Vec3::UnitZ();
   bench.go(1.1 * kRadius * d, kRadius * d);
-  // The proxy's depth is the hand's depth less s/k = 2 mm. Voxels are 1 mm.
+  // The proxy's depth is the hand's depth minus s/k = 2 mm. Voxels are 1 mm.
   StepReport r = bench.go(kRadius * d, (kRadius - 4.9e-3) * d, 1e-5);
   CHECK(r.force.norm() == Approx(1.0).epsilon(1e-6));
-  // While the plane weakens, the proxy moves on, and the plane weakens further.
+  // As the plane weakens, the proxy moves deeper, and the plane weakens further.
   r = bench.go((kRadius - 4.9e-3) * d, (kRadius - 5.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   r = bench.go((kRadius - 5.1e-3) * d, (kRadius - 10e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
-  // Inside the solid, the proxy moves freely and may leave.
+  // Inside the solid, the proxy moves freely and can leave it.
   r = bench.go((kRadius - 10e-3) * d, (kRadius - 0.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   double most = 0.0;
@@ -126,7 +126,7 @@ TEST_CASE(
     most = std::max(most, bench.step(z * d).force.norm());
   }
   CHECK(most < 1e-9);
-  // Once the proxy is outside, the surface holds again.
+  // After the proxy has left, the surface holds again.
   r = bench.go(1.05 * kRadius * d, (kRadius - 1e-3) * d);
   CHECK(r.force.norm() == Approx(0.5).epsilon(1e-6));
 }
@@ -142,7 +142,7 @@ TEST_CASE("the force on a released hand goes to zero", "[step][passivity]") {
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(kind, "it", 1.0)}, {500.0, 0.0}};
   StepReport r = bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1.5e-3});
   REQUIRE(r.force.norm() > 0.4);
-  // A released arm that moves slowly along the force.
+  // A released arm moves slowly with the force.
   Vec3 hand(0, 0, kRadius - 1.5e-3);
   for (int i = 0; i < 4000; ++i) {
     r = bench.step(hand);
@@ -172,7 +172,7 @@ TEST_CASE("anchored modes add no energy because the proxy never moves away from 
     most = std::max(most, r.injected);
     held += r.wanted.norm() > 0.0 ? 1 : 0;
   }
-  CAPTURE(ticks, held, most);  // printed with -s
+  CAPTURE(ticks, held, most);  // Catch prints these with -s
   CHECK(held > ticks / 2);
   CHECK(most < 1e-12);
 }
@@ -229,7 +229,7 @@ TEST_CASE("a fast hand does not tunnel because the proxy moves one voxel at a ti
   for (int i = 0; i < 200; ++i) {
     Bench bench = sphere(50.0);
     const Vec3 d = random.direction();
-    // 2 m/s is two voxels per tick. The ticks start at any phase; the depth is 5 mm.
+    // At 2 m/s the hand moves by two voxels per tick, to a depth of 5 mm. The start is random.
     const double phase = random.uniform(0, 2e-3);
     StepReport r;
     for (double z = kRadius + 0.02 + phase; z > kRadius - 5e-3; z -= 2e-3) r = bench.step(z * d);
@@ -244,7 +244,7 @@ TEST_CASE("at the limit of sub-steps the rest of the path waits and the status r
   const StepReport r = bench.step({0.04, 0, 0});
   CHECK(r.status == StepStatus::kSubstepLimit);
   CHECK(r.substeps == 16);
-  // The proxy moves by one voxel per reading, and by one more after the last.
+  // one voxel per reading, and one after the last reading
   CHECK(r.proxy.x() == Approx(17e-3));
   bench.step({0.04, 0, 0});
   bench.step({0.04, 0, 0});
@@ -254,7 +254,7 @@ TEST_CASE("at the limit of sub-steps the rest of the path waits and the status r
 
 TEST_CASE("a free proxy keeps up with a fast hand", "[step]") {
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 3.0)}};
-  // The hand passes just outside a ball, at 30 m/s in voxels of 1 mm.
+  // The hand passes just outside a ball at 30 m/s. Voxels are 1 mm.
   for (int i = -10; i <= 10; ++i) {
     const StepReport r = bench.step({0, 0.03 * i, kRadius + 5e-4});
     REQUIRE(r.force.norm() == 0.0);
@@ -309,7 +309,7 @@ TEST_CASE("a new scene keeps the proxy and forgets surfaces that have yielded", 
   CHECK((after.proxy - before.proxy).norm() < 1e-9);
   CHECK((after.force - before.force).norm() < 1e-6);
 
-  // A contact that has yielded is forgotten. So the hand leaves the new scene's solid from inside
+  // With a new scene, a contact that has yielded is forgotten. So the hand leaves the new solid
   // without a force.
   Bench weak = sphere(0.5);
   weak.go({0, 0, 1.02 * kRadius}, pressed);
@@ -334,8 +334,8 @@ TEST_CASE("a scene that is replaced while the proxy rests on its surface keeps t
 
 TEST_CASE("in a concave edge both walls hold the hand and on a convex edge the hand slides over",
           "[step]") {
-  // Two half-spaces whose common edge is the y axis. Their union is a groove, their intersection a
-  // roof.
+  // Two half-spaces with the y axis as their common edge. Their union is a groove, their
+  // intersection a roof.
   const auto wedge = [](bool groove, double slope) {
     return makeScalarField(FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}},
                            [=](const Vec3& p) {

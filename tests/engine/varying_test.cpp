@@ -1,5 +1,5 @@
-// Tests primitives whose strength or direction depends on the place of the reading. Checks the
-// values that a tick uses, and the force on the hand.
+// Tests primitives whose strength or direction depends on the position: the values that a tick
+// uses, and the force on the hand.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -36,12 +36,12 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kStiffness, 0.0});
 }
 
-/// The forces on a hand along a path, and the work of its ticks.
+/// Forces and work along a path of the hand.
 struct Feel {
   double change = 0.0;    ///< Largest change of the force between ticks [N].
   double second = 0.0;    ///< Largest second difference of the force [N].
-  double readings = 0.0;  ///< Mean number a tick.
-  int unfinished = 0;     ///< Ticks that did not converge.
+  double readings = 0.0;  ///< Mean number of readings per tick.
+  int unfinished = 0;     ///< Number of ticks that did not converge.
   double most = 0.0;      ///< Largest force [N].
   Vec3 proxy = Vec3::Zero();
 };
@@ -67,7 +67,7 @@ Feel along(const Scene& scene, int ticks, Path path) {
   return felt;
 }
 
-/// Returns the field x [m], in units of `metres_per_unit`.
+/// Returns the field x, in units of `metres_per_unit`.
 FieldPtr height(double metres_per_unit = 1.0) {
   return makeScalarField(frame(metres_per_unit), [metres_per_unit](const Vec3& p) {
     return ScalarSample{p.x() / metres_per_unit, Vec3::UnitX(), true};
@@ -91,7 +91,7 @@ TEST_CASE(
 
 TEST_CASE("a directed force that rises steeply changes smoothly with less than 1.1 readings a tick",
           "[modes][eq8]") {
-  // The force rises by 2 N over `width`, which is two to eight times as steep as the spring.
+  // The force rises by 2 N over `width`: two to eight times as steeply as the spring's.
   const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
   const double metres_per_unit = GENERATE(1.0, 1e-3);
   ModeSpec push;
@@ -99,7 +99,7 @@ TEST_CASE("a directed force that rises steeply changes smoothly with less than 1
   push.of = "height";
   push.strength = TransferFunction::window(0.0, width / metres_per_unit, 2.0);
   const auto scene = sceneOf({push}, {{"height", height(metres_per_unit)}});
-  // The hand moves there and back at 10 mm/s.
+  // The hand moves in and out at 10 mm/s.
   const Feel felt = along(
       *scene, 2000, [](int i) { return Vec3(-5e-3 + 1e-5 * (i < 1000 ? i : 2000 - i), 0, 0); });
   CAPTURE(width, metres_per_unit, felt.second, felt.change, felt.readings);
@@ -123,7 +123,7 @@ TEST_CASE("a force towards an axis changes smoothly while the hand passes the ax
   pull.strength = strength;
   const auto scene = sceneOf({pull}, {{"radial", radial}});
   const double reach = strength / kStiffness;
-  // The hand passes the axis at a hundredth of the reach, at 10 mm/s.
+  // The hand passes the axis at a distance of 0.01 S/k, at 10 mm/s.
   const int ticks = static_cast<int>(2.0 * reach / 1e-5);
   const Feel felt =
       along(*scene, ticks, [&](int i) { return Vec3(-reach + 1e-5 * i, 0.01 * reach, 1e-6 * i); });
@@ -135,7 +135,7 @@ TEST_CASE("a force towards an axis changes smoothly while the hand passes the ax
 
 TEST_CASE("up to one voxel per tick the proxy keeps its radius around a vortex and on a front",
           "[modes]") {
-  const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]: up to a voxel a tick
+  const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]; up to one voxel per tick
   const bool tube = GENERATE(false, true);
   const double strength = GENERATE(0.3, 1.5);
   ModeSpec mode;
@@ -149,8 +149,8 @@ TEST_CASE("up to one voxel per tick the proxy keeps its radius around a vortex a
   });
   const auto scene = sceneOf(
       {mode}, {{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.5)}, {"outwards", outwards}});
-  // The proxy moves to its radius while the hand rests. Then the hand moves around, outside the
-  // radius by half of the distance that the surface holds.
+  // The hand goes around. Within 20 ticks it also moves outwards by half of S/k, while the proxy
+  // must stay at its radius.
   constexpr double kRadius = 0.02;
   const double outside = 0.5 * strength / kStiffness;
   const double turn = speed * kDt / kRadius;
@@ -168,7 +168,7 @@ TEST_CASE("up to one voxel per tick the proxy keeps its radius around a vortex a
 
 TEST_CASE("a converged tick is within a quarter voxel of the balance for any strength curve",
           "[modes]") {
-  // The force grows with depth, so there is only one balance, which bisection finds.
+  // The force grows with depth, so there is one balance, which bisection finds.
   Random random(63);
   const long cases = test::cases(400);
   int told = 0;
@@ -203,8 +203,8 @@ TEST_CASE("a converged tick is within a quarter voxel of the balance for any str
         (kStiffness * (hand - middle) > curve(middle) ? low : high) = middle;
       }
       CAPTURE(c, i, hand, r.proxy.x(), low);
-      // If the last step is below the tolerance, no reading follows. If this step should end at a
-      // knot of the curve, it is too short.
+      // No reading follows a step that is below the tolerance. Such a step is too short if it
+      // should end at a knot of the curve.
       off += std::abs(r.proxy.x() - low) <= 0.01 * kVoxel + 1e-12 ? 0 : 1;
       CHECK(std::abs(r.proxy.x() - low) <= 0.25 * kVoxel);
     }
@@ -215,7 +215,7 @@ TEST_CASE("a converged tick is within a quarter voxel of the balance for any str
 
 TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy", "[newton]") {
   // The strength is s = a x + s0. From a reading at r, the step must lead exactly to the balance
-  // with the strength there.
+  // for the strength at the balance.
   const double slope = GENERATE(-300.0, 800.0);
   const Vec3 read(1e-3, 2e-3, 0);
   const Vec3 from(1.3e-3, 2.1e-3, 1e-4);
@@ -233,7 +233,8 @@ TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy"
 
 TEST_CASE("slopes and Jacobians of properties match finite differences, also in moved volumes",
           "[modes][graph]") {
-  // Values are in units of 3 mm: the magnitude of a vector, its direction, and a product of curves.
+  // Values are in units of 3 mm. The strengths depend on a vector's magnitude, its direction, and a
+  // product of curves.
   const double unit_size = 3e-3;
   const auto hill = makeScalarField(frame(unit_size), [=](const Vec3& p) {
     const Vec3 u = p / unit_size;
@@ -271,7 +272,7 @@ TEST_CASE("slopes and Jacobians of properties match finite differences, also in 
   const BoundGraph graph = reader.bind(*scene);
   Random random(61);
   for (int c = 0; c < 200; ++c) {
-    // Reads properties at p, in the resting frame of the moving volume.
+    // Reads the properties at p, in the moving volume's frame of rest.
     std::vector<Body> bodies(moves ? 1 : 0);
     const auto readAt = [&](const Vec3& p, Properties& out) {
       for (Body& body : bodies) {
@@ -308,7 +309,7 @@ TEST_CASE("slopes and Jacobians of properties match finite differences, also in 
       }
     }
     if (!moves) continue;
-    // A reading that moved with its volume equals a new reading at the new place.
+    // A reading that was moved with its volume must equal a new reading.
     Properties fresh;
     Body& body = bodies[0];
     const Pose before = body.pose;
@@ -330,7 +331,7 @@ TEST_CASE("slopes and Jacobians of properties match finite differences, also in 
 }
 
 TEST_CASE("Newton's step is of second order for varying strengths and directions", "[newton]") {
-  // A smooth force s(x) d(x), and a yielding point whose strength has its own slope.
+  // A smooth force s(x) d(x), and a yielding point whose strength has a slope.
   const auto force = [](const Vec3& x, Vec3& d, Varying& varies) {
     const Vec3 u = x / 1e-3;
     const Vec3 v(1.0 + 0.2 * u.y(), 0.3 * u.x() * u.x(), 0.5 + 0.1 * u.z());
@@ -368,9 +369,8 @@ TEST_CASE("Newton's step is of second order for varying strengths and directions
     Vec3 x = probe;
     std::array<double, 8> residuals{};
     for (double& residual : residuals) x += stepFrom(x, residual);
-    if (residuals[1] > 3e-4) continue;  // too far away for the quadratic rate
+    if (residuals[1] > 3e-4) continue;  // not yet in the range of quadratic convergence
     ++tried;
-    // The residual falls quadratically, until rounding limits it.
     CHECK(residuals[2] <= 4e3 * residuals[1] * residuals[1] + 1e-12);
     CHECK(residuals[4] <= 1e-12);
   }

@@ -1,4 +1,4 @@
-/// libFuzzer for the reader of Haply's messages: docs/haply.md describes how to run it.
+/// libFuzzer target for the parser of Haply's messages; docs/haply.md describes how to run it.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>

@@ -1,5 +1,5 @@
-/// Feeds any bytes to a PID device's driver, as its descriptor and as its reports. The random test
-/// and libFuzzer share this code.
+/// Passes arbitrary bytes to the PID driver, as a descriptor and as reports. Shared by the random
+/// test and libFuzzer.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 
 namespace palpate::test {
 
-/// Returns the fuzzer's bytes as reports, and accepts all writes.
+/// A port whose reads return the fuzzer's bytes. Accepts all writes.
 class SayingPort final : public ReportPort {
  public:
   explicit SayingPort(std::span<const std::byte> says) : says_(says) {}
@@ -39,8 +39,8 @@ class SayingPort final : public ReportPort {
   }
 
  private:
-  /// Reads the next report from the fuzzer's bytes. Their first byte gives its length. In most
-  /// cases the report gets a valid number.
+  /// Takes the next report from the fuzzer's bytes. The first byte gives its length. Most reports
+  /// get a valid number.
   std::size_t take(std::span<std::byte> to) noexcept {
     std::size_t size = std::to_integer<std::size_t>(says_[0]) % 48;
     says_ = says_.subspan(1);
@@ -56,7 +56,7 @@ inline void must(bool good) {
   if (!good) std::abort();
 }
 
-/// Returns true if the descriptor is that of a PID device that could be opened.
+/// Returns true if the descriptor is a PID device that could be opened.
 inline bool fuzzPid(std::span<const std::byte> descriptor, std::span<const std::byte> says) {
   const auto device = parseHidDescriptor(descriptor);
   if (!device) return false;

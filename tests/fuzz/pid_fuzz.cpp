@@ -1,4 +1,4 @@
-/// libFuzzer for tests/fuzz/pid_entry.h: two bytes hold the length of the descriptor.
+/// libFuzzer target for pid_entry.h: the first two bytes are the length of the descriptor.
 ///   cmake -S . -B build/fuzz -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DPALPATE_FUZZ=ON
 ///     -DPALPATE_ENGINE_ONLY=ON -DPALPATE_SANITIZE=address,undefined
 ///   ninja -C build/fuzz palpate_fuzz_pid && build/fuzz/tests/palpate_fuzz_pid -max_total_time=60

@@ -1,5 +1,5 @@
-/// Passes arbitrary data of a plug-in's process to the code that reads them. The random test and
-/// libFuzzer share this code.
+/// Passes arbitrary data of a plug-in's process to the code that reads them. Shared by the random
+/// test and libFuzzer.
 #pragma once
 
 #include <cmath>
@@ -25,7 +25,7 @@ inline std::int64_t fuzzNow() noexcept {
   return fuzzTime();
 }
 
-/// An arm with a plug-in that reports the data of the test.
+/// An arm whose plug-in reports the test's data.
 class PluginFuzz {
  public:
   explicit PluginFuzz(const palpate_plugin_facts& facts) {
@@ -43,7 +43,7 @@ class PluginFuzz {
   /// Returns the number of ticks without a fault.
   [[nodiscard]] long passed() const noexcept { return passed_; }
 
-  /// Runs one tick. Returns "" if the loop gets finite input or a fault; otherwise the error.
+  /// Runs a tick. Returns "" if the loop gets finite input or a fault, else the error.
   [[nodiscard]] std::string tick() {
     fuzzTime() += 1'000'000;
     t_ += 1e-3;
@@ -92,8 +92,8 @@ class PluginFuzz {
   long passed_ = 0;
 };
 
-/// Parses bytes as a message of the socket. Returns "" if they are a valid message or are rejected;
-/// otherwise the error.
+/// Parses bytes as a message of the socket. Returns "" if they are valid or refused, else the
+/// error.
 [[nodiscard]] inline std::string fuzzPluginMessage(std::span<const std::byte> bytes, bool& taken) {
   const auto message = pluginMessageOf(bytes);
   taken = message.has_value();

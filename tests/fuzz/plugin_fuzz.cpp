@@ -1,4 +1,4 @@
-/// libFuzzer for tests/fuzz/plugin_entry.h: a message, facts, and news tick after tick.
+/// libFuzzer target for plugin_entry.h: a message, facts, then news for each tick.
 ///   cmake -S . -B build/fuzz -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DPALPATE_FUZZ=ON
 ///     -DPALPATE_SANITIZE=address,undefined
 ///   ninja -C build/fuzz palpate_fuzz_plugin && build/fuzz/tests/palpate_fuzz_plugin -max_len=30000
@@ -44,7 +44,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (part == 0) break;
     }
   } catch (const palpate::DeviceError&) {
-    // Invalid facts are rejected.
+    // Invalid facts are refused.
   }
   return 0;
 }

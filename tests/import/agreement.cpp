@@ -41,7 +41,7 @@ namespace {
 
 using palpate::Vec3;
 
-/// Reads an 8-byte-aligned, interleaved raw file.
+/// Reads a raw file of interleaved components.
 vtkSmartPointer<vtkDataSet> readRaw(const char* file, int type, const std::array<int, 3>& size,
                                     int components, unsigned long header, bool big_endian,
                                     const palpate::Mat3& axes, const char* name) {
@@ -59,7 +59,7 @@ vtkSmartPointer<vtkDataSet> readRaw(const char* file, int type, const std::array
     reader->SetDataByteOrderToLittleEndian();
   }
   reader->Update();
-  // A curvilinear grid allows any axes.
+  // A curvilinear grid supports any axes.
   vtkNew<vtkPoints> points;
   points->SetDataTypeToDouble();
   for (int k = 0; k < size[2]; ++k) {
@@ -108,8 +108,8 @@ vtkSmartPointer<vtkDataSet> readOriginal(const std::string& kind, const char* fi
     reader->Update();
     vtkImageData* image = reader->GetOutput();
     image->GetPointData()->GetScalars()->SetName("density");
-    // This reader puts the last row first, at 0. In the header's left-handed space the first row is
-    // at 0, and the other rows have negative positions. The two images differ only by a shift.
+    // This reader puts the last row at 0. In the header's left-handed space the first row is at 0,
+    // the others at negative positions. The images differ by a shift.
     image->SetOrigin(0.0, -63 * 3.2, 0.0);
     return image;
   }
@@ -117,12 +117,12 @@ vtkSmartPointer<vtkDataSet> readOriginal(const std::string& kind, const char* fi
     return readRaw(file, VTK_UNSIGNED_CHAR, {128, 128, 84}, 1, 62, false, palpate::Mat3::Identity(),
                    "density");
   }
-  palpate::Mat3 axes;  // the steps of wind.dx's own header
+  palpate::Mat3 axes;  // the steps in wind.dx's header
   axes << 0, 0, 4166.667, 2214.286, 0, 0, 0, 4153.846, 0;
   return readRaw(file, VTK_FLOAT, {8, 14, 25}, 3, 635, true, axes, "wind");
 }
 
-/// Converts arrays to double, because VTK's probe answers in an array's own type and would round.
+/// Converts arrays to double, because VTK's probe rounds to the type of the array.
 void makeDouble(vtkDataSet* data) {
   for (int a = 0; a < data->GetPointData()->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = data->GetPointData()->GetArray(a);
@@ -130,11 +130,11 @@ void makeDouble(vtkDataSet* data) {
     vtkNew<vtkDoubleArray> doubles;
     doubles->DeepCopy(values);
     doubles->SetName(values->GetName());
-    data->GetPointData()->AddArray(doubles);  // replaces the one of this name
+    data->GetPointData()->AddArray(doubles);  // replaces the array of this name
   }
 }
 
-/// Returns VTK's values at points; rows of points without a value are NaN.
+/// Returns VTK's values at points; NaN where VTK has none.
 std::vector<Vec3> probe(vtkDataSet* original, const std::vector<Vec3>& at, const char* name) {
   vtkNew<vtkPoints> points;
   points->SetDataTypeToDouble();
@@ -159,7 +159,7 @@ std::vector<Vec3> probe(vtkDataSet* original, const std::vector<Vec3>& at, const
   return out;
 }
 
-/// Returns the number of the 8 voxels around a place that have data.
+/// Returns how many of the 8 voxels around p have data.
 template <class GridT>
 int dataAbout(const GridT& grid, const Vec3& p) {
   const auto low = openvdb::Coord::floor(grid.worldToIndex(openvdb::Vec3d(p.x(), p.y(), p.z())));
@@ -176,7 +176,7 @@ struct Difference {
   std::size_t points = 0;
 };
 
-/// Returns differences, relative to the range of the values.
+/// Returns differences relative to the range of the values.
 template <class Reads>
 Difference compare(const std::vector<Vec3>& at, const std::vector<Vec3>& truth, double range,
                    Reads read) {
@@ -205,7 +205,7 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   };
   const auto stated = grid.template getMetadata<openvdb::DoubleMetadata>("resampling_rms");
 
-  // Voxel centres that have data. Of an image these are all points, including those left out.
+  // Voxel centres with data. For an image, all points, including inactive ones.
   std::vector<Vec3> centres;
   if (stated == nullptr) {
     for (vtkIdType i = 0; i < original->GetNumberOfPoints(); ++i) {
@@ -221,7 +221,7 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   }
   const Difference exact = compare(centres, probe(original, centres, name.c_str()), range, read);
 
-  // Places anywhere within the bounds.
+  // Random points within the bounds.
   std::mt19937_64 random(7);
   double bounds[6];
   original->GetBounds(bounds);
@@ -243,13 +243,13 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   }
   const Difference between =
       compare(anywhere, probe(original, anywhere, name.c_str()), range, read);
-  // In the outermost voxel, places without data are read as the background.
+  // In the outermost voxel, samples mix data with the background.
   const Difference edge = compare(beside, probe(original, beside, name.c_str()), range, read);
   const auto stated_edge =
       grid.template getMetadata<openvdb::DoubleMetadata>("resampling_edge_rms");
 
   const double allowed = stated == nullptr ? 1e-6 : 1.1 * stated->value() + 1e-6;
-  // Few places are in that voxel, and some of them cause most of the error. So the factor is 2.
+  // Few points are in that voxel, and some of them cause most of the error; hence the factor 2.
   const bool edge_ok = edge.points == 0 ||
                        (stated_edge != nullptr && edge.rms <= 2.0 * stated_edge->value() + 1e-6 &&
                         edge.rms >= 0.5 * stated_edge->value() - 1e-6);

@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
-"""Imports, compares, describes and feels real data: data_test.py BIN_DIR AGREEMENT_PROGRAM.
-
-Needs PALPATE_DATA. Prints the table of agreement with VTK's own probe of the originals."""
+"""Imports, compares, describes and feels real data: data_test.py BIN_DIR AGREEMENT_PROGRAM. Needs PALPATE_DATA. Prints
+a table of the agreement with VTK's probe of the originals."""
 import json
 import os
 import subprocess
@@ -16,7 +15,7 @@ WIND = {"size": [8, 14, 25], "type": "float32", "endian": "big", "components": 3
         "axes": [[0, 2214.286, 0], [0, 0, 4153.846], [4166.667, 0, 0]]}
 MRI = {"size": [128, 128, 84], "type": "uint8", "skip": 62}
 
-# Name, name in the agreement program, original, imported file (if it is not the original), options.
+# Name, kind for the agreement program, original, file to import (if not the original), options.
 FILES = [
     ("headsq", "headsq", "ct_headsq", "ct_headsq/quarter.nhdr", []),
     ("brainsmall", "brainsmall", "mri_brainsmall/brainsmall.den", None, ["--raw", json.dumps(MRI)]),
@@ -43,7 +42,7 @@ def main():
                                     "--scene", scene, "--json", *options))
             grids = {grid["name"]: grid for grid in report["grids"]}
             if name == "disk_out_ref":
-                # The grids are co-registered: they have the same voxels.
+                # The grids of one file have equal voxels.
                 voxels = {json.dumps([grids[g]["voxel"], grids[g]["active_voxels"]])
                           for g in ("V", "Pres", "Temp")}
                 assert len(voxels) == 1, voxels

@@ -1,4 +1,4 @@
-// Tests which images of a series make a volume, with headers made by hand.
+// Tests which images of a series make a volume, with hand-made headers.
 #include "palpate/scenes/apps/import/dicom_stack.h"
 
 #include <cmath>
@@ -18,8 +18,8 @@ namespace {
 
 constexpr int kImages = 5;
 
-/// Returns an axial series: images of 4 x 3 pixels of 0.5 x 0.8 mm, 2 mm apart along z, one per
-/// file, not in order.
+/// Returns an axial series, unordered, one image per file: 4 x 3 pixels of 0.5 x 0.8 mm, slices 2
+/// mm apart along z.
 std::vector<File> axial() {
   std::vector<File> files;
   for (int i = 0; i < kImages; ++i) {
@@ -79,7 +79,7 @@ TEST_CASE("DICOM images in any order are stacked along their normal", "[dicom]")
   for (int k = 0; k < kImages; ++k) {
     CHECK(stack.steps[0][static_cast<std::size_t>(k)].position.z() == 2.0 * k);
   }
-  // DICOM's axes to the left and back become axes to the right and front.
+  // DICOM's axes, to the left and back, become axes to the right and front.
   CHECK(stack.map.origin == Vec3(-10.0, -20.0, 0.0));
   CHECK(stack.map.linear.col(0) == Vec3(-0.5, 0.0, 0.0));
   CHECK(stack.map.linear.col(1) == Vec3(0.0, -0.8, 0.0));
@@ -95,7 +95,7 @@ TEST_CASE("a tilted CT gantry shears the imported volume, and the import reports
   CHECK((stack.map.linear.col(2) - Vec3(0.0, -shift, 2.0)).norm() < 1e-12);
   REQUIRE(stack.notes.size() == 1);
   CHECK_THAT(stack.notes.front(), Contains("15.0 degrees"));
-  // A shift that is too large to be intended.
+  // A shear that is too large to be intended.
   CHECK_THAT(trouble([](std::vector<File>& f) {
                for (int k = 0; k < kImages; ++k) at(f, k).position.y() += 12.0 * k;
              }),
@@ -128,7 +128,7 @@ TEST_CASE("DICOM images that do not form a volume are refused with the reason", 
 
 namespace {
 
-/// Places the images at these heights [mm], and numbers them. Images without a number get NaN.
+/// Returns images at these heights [mm] with these numbers; NaN: no number.
 std::vector<File> placed(const std::vector<double>& heights, const std::vector<double>& numbers) {
   const File model = axial().front();
   std::vector<File> files;
@@ -143,7 +143,7 @@ std::vector<File> placed(const std::vector<double>& heights, const std::vector<d
 }  // namespace
 
 TEST_CASE("DICOM slices at changing distances are resampled to the finer distance", "[dicom]") {
-  // 2.5 mm, then 5 mm, with numbers and without.
+  // 2.5 mm, then 5 mm apart, without and with numbers.
   const std::vector<double> head{0, 2.5, 5, 7.5, 10, 15, 20, 25};
   for (const std::vector<double>& numbers :
        {std::vector<double>{}, std::vector<double>{8, 7, 6, 5, 4, 3, 2, 1}}) {
@@ -153,15 +153,15 @@ TEST_CASE("DICOM slices at changing distances are resampled to the finer distanc
     REQUIRE(stack.notes.size() == 1);
     CHECK_THAT(stack.notes.front(), Contains("2.5 to 5 mm apart") && Contains("every 2.5 mm"));
   }
-  // These distances fit no even spacing. Both ends keep their slices.
+  // No even spacing fits these distances. The first and last slices keep their positions.
   const Stack abdomen = stacked(placed({0, 7.5, 15, 22.5, 35, 47.5}, {}));
   CHECK(abdomen.depths.back() == 6.0);
   CHECK(abdomen.map.linear(2, 2) == Approx(47.5 / 6));
-  // One displaced slice does not reduce the spacing.
+  // One displaced slice must not reduce the spacing.
   const Stack displaced = stacked(placed({0, 2, 4.3, 6, 8}, {}));
   CHECK(displaced.map.linear(2, 2) == Approx(2.0));
   CHECK(displaced.depths[2] == Approx(2.15));
-  // A tilted stack: the distances are along the line of the slices.
+  // In a tilted stack, distances are along the line through the slices.
   std::vector<File> tilted = placed(head, {});
   for (File& file : tilted) {
     Slice& slice = file.slices.front();
@@ -180,11 +180,11 @@ TEST_CASE("a missing DICOM slice is reported only if instance numbers and gaps i
     }
     return std::string("none");
   };
-  // One number and one slice are missing: within a part, and where the distance changes.
+  // One slice is missing: within a part, and where the distance changes.
   CHECK_THAT(says({0, 2, 4, 8, 10}, {1, 2, 3, 5, 6}), Contains("between z = 4 and 8 mm: 1 of 6"));
   CHECK_THAT(says({0, 2, 4, 10, 14, 18}, {1, 2, 3, 5, 6, 7}), Contains("1 of 7"));
   CHECK_THAT(says({0, 2, 6, 8, 12, 14}, {}), Contains("2 of 8 in all"));
-  // The numbers continue across the gap; the numbers jump without a gap.
+  // First the numbers continue across a gap, then they jump without a gap.
   CHECK(says({0, 2, 4, 8, 10}, {1, 2, 3, 4, 5}) == "none");
   CHECK(says({0, 2, 4, 6, 8}, {1, 2, 3, 7, 8}) == "none");
 }
@@ -208,7 +208,7 @@ TEST_CASE("a DICOM localiser and a screen save are skipped with the name of thei
   CHECK_THAT(notes.front(), Contains("2 of 7 files, such as scout: a localiser"));
   CHECK(stackOf(rest, "the series").steps.front().size() == kImages);
 
-  // These images are in another series.
+  // These images belong to another series.
   files[kImages].series = "1.2.4";
   files[kImages + 1].series = "1.2.5";
   notes.clear();
@@ -217,7 +217,6 @@ TEST_CASE("a DICOM localiser and a screen save are skipped with the name of thei
   REQUIRE(notes.size() == 2);
   CHECK_THAT(notes[0], Contains("1 image in scout: a localiser"));
   CHECK_THAT(notes[1], Contains("1 image in screen: a screen save"));
-  // All files are localisers.
   for (File& file : files) {
     file.is_localiser = true;
     file.series = "1.2.3";
@@ -236,26 +235,26 @@ TEST_CASE("DICOM images at the same position are time steps if they carry times"
     }
     return files;
   };
-  // Trigger times are milliseconds, temporal offsets seconds.
+  // Trigger times are in milliseconds, temporal offsets in seconds.
   CHECK(stacked(twice(0, 250.0)).times == std::vector<double>{0.0, 0.25});
   const Stack stack = stacked(twice(2, 1.5));
   CHECK(stack.times == std::vector<double>{0.0, 1.5});
   REQUIRE(stack.steps.size() == 2);
   CHECK(stack.steps[1].size() == kImages);
-  // A number of an image is not a time, unless the file gives the time step.
+  // An image number is not a time unless the file has a time step.
   std::vector<File> numbered = twice(3, 1.0);
   CHECK_THAT(stacked(numbered).notes.front(), Contains("a time step of 1 s is assumed"));
   for (File& file : numbered) file.time_step = 0.04;
   CHECK(stacked(numbered).times == std::vector<double>{0.0, 0.04});
   numbered.back().time_step = 0.05;
   CHECK_THROWS_WITH(stacked(numbered), Contains("0.04 s in image0, 0.05 s in image2"));
-  // An image of another kind is not a further time step.
+  // Images of different kinds are not time steps.
   std::vector<File> kinds = twice(0, 250.0);
   for (std::size_t i = 0; i < kinds.size(); ++i) {
     kinds[i].slices.front().kinds[0] = i < kImages ? "10" : "80";
   }
   CHECK_THROWS_WITH(stacked(kinds), Contains("differ in echo time"));
-  // One image of a step is missing.
+  // A step lacks one image.
   std::vector<File> fewer = twice(0, 250.0);
   const std::vector<File> third(fewer.begin(), fewer.begin() + kImages);
   fewer.insert(fewer.end(), third.begin(), third.end());

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests palpate-import with DICOM series, written here byte by byte: dicom_test.py BIN_DIR."""
+"""Tests palpate-import with DICOM series that this test writes: dicom_test.py BIN_DIR."""
 import csv
 import io
 import json
@@ -35,7 +35,7 @@ SECRET = "Mustermann^Erika"
 
 
 def element(tag, vr, value):
-    """Returns one data element, explicit VR, little endian."""
+    """Returns a data element with explicit VR, little endian."""
     group, number = tag >> 16, tag & 0xFFFF
     if vr == "SQ":
         value = b"".join(struct.pack("<HHI", 0xFFFE, 0xE000, len(item)) + item for item in value)
@@ -54,7 +54,7 @@ def element(tag, vr, value):
 
 
 def packed_bits(data):
-    """Encodes with RLE (PackBits), without using runs."""
+    """Encodes with PackBits RLE, without runs."""
     out = b""
     for i in range(0, len(data), 128):
         part = data[i:i + 128]
@@ -63,13 +63,14 @@ def packed_bits(data):
 
 
 def rle(pixels):
-    """Encodes 16 bits with RLE: all high bytes, then all low bytes."""
+    """Encodes 16-bit pixels with RLE: all high bytes, then all low bytes."""
     high, low = packed_bits(pixels[1::2]), packed_bits(pixels[0::2])
     return struct.pack("<16I", 2, 64, 64 + len(high), *[0] * 13) + high + low
 
 
 def lossless_jpeg(pixels, columns, rows):
-    """Encodes 16 bits, predicted from the left neighbour; categories 0 to 16 have codes of 5 bits."""
+    """Encodes 16-bit pixels as lossless JPEG, predicted from the left neighbour. The 17 categories have codes of 5
+    bits."""
     values = struct.unpack(f"<{columns * rows}H", pixels)
     bits = ""
     for at, value in enumerate(values):
@@ -95,7 +96,7 @@ def encapsulated(item):
 
 
 def bit_rle(frames):
-    """Encodes frames with RLE, each a list of bits: eight pixels per byte, the lowest bit first."""
+    """Encodes frames of bits with RLE: eight pixels per byte, the lowest bit first."""
     items = struct.pack("<HHI", 0xFFFE, 0xE000, 0)
     for bits in frames:
         data = bytes(sum(bit << n for n, bit in enumerate(bits[at:at + 8]))
@@ -106,7 +107,7 @@ def bit_rle(frames):
 
 
 def data_set(file):
-    """Returns the offset of the data set, behind the preamble and the elements of group 0002."""
+    """Returns the offset of the data set, after the preamble and group 0002."""
     return 144 + struct.unpack("<I", file[140:144])[0]
 
 
@@ -117,8 +118,8 @@ def deflated(file):
 
 
 def dicom(elements, pixels=b"", kind=CT, syntax=PLAIN):
-    """Returns a whole file. `elements` maps a tag to (VR, value), or to None for a missing element. Pixels under RLE
-    are encoded already if they begin with an item."""
+    """Returns a whole file. `elements` maps tags to (VR, value), or to None for a missing element. With RLE, pixels
+    that begin with an item are already encoded."""
     meta = element(0x00020002, "UI", kind) + element(0x00020003, "UI", "1.2.3.4")
     meta += element(0x00020010, "UI", syntax)
     body = b"".join(element(tag, *elements[tag]) for tag in sorted(elements) if elements[tag])
@@ -142,7 +143,7 @@ def cross(a, b):
 
 
 class Volume:
-    """A series: voxel (i, j, k) holds stored(i, j, k); its centre is at(i, j, k) in LPS."""
+    """A series in which voxel (i, j, k) has the value stored(i, j, k) and the centre at(i, j, k) in LPS."""
 
     def __init__(self, size=(5, 4, 6), row=(1, 0, 0), column=(0, 1, 0), across=0.5, down=0.75,
                  origin=(-10.25, 20.5, 100.0), step=None, uid="1.2.3", number=1,
@@ -198,7 +199,7 @@ class Volume:
         return dicom(self.elements(k, **more), self.pixels(k), syntax=syntax)
 
     def write(self, folder, prefix="IM", shuffle=True, syntax=PLAIN, slices=None):
-        """Writes the series under names that do not show the order."""
+        """Writes the series with file names in another order than the slices."""
         folder.mkdir(parents=True, exist_ok=True)
         names = list(range(self.size[2]))
         if shuffle:
@@ -209,7 +210,7 @@ class Volume:
 
 
 def turned(a, b, c):
-    """Returns the rows of a rotation: by a about z, b about y, c about x."""
+    """Returns the rows of a rotation by a about z, b about y, c about x."""
     ca, sa, cb, sb, cc, sc = (f(t) for t in (a, b, c) for f in (math.cos, math.sin))
     return [[ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
             [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
@@ -240,7 +241,7 @@ class Case(unittest.TestCase):
         return json.loads(done.stdout)
 
     def refused(self, source, *more, says):
-        """Checks that the import is refused: one clear line on stderr, no output on stdout, no file left."""
+        """Checks that the import is refused: one clear line on stderr, nothing on stdout, no file left."""
         done, line = refusal(self, self.dir, lambda: self.run_import(source, *more))
         self.assertEqual(done.returncode, 2, line)
         for part in [says] if isinstance(says, str) else says:
@@ -248,7 +249,7 @@ class Case(unittest.TestCase):
         self.assertNotIn(SECRET, line)
 
     def sampled(self, points, interpolation):
-        """Returns the value at points (RAS, mm), and whether there is data."""
+        """Returns the values at points (RAS) [mm], and whether there are data."""
         table = "x,y,z\n" + "".join(",".join(repr(c) for c in p) + "\n" for p in points)
         done = process.run([str(BIN / "palpate"), "sample", str(self.out), "--grid", "density",
                                "--points", "-", "--interpolation", interpolation], input=table,
@@ -258,19 +259,19 @@ class Case(unittest.TestCase):
                 for row in csv.DictReader(io.StringIO(done.stdout))]
 
     def same(self, volume, expected=None, hidden=(), places=4):
-        """Checks that every voxel has its value at its place, and that hidden voxels have no value."""
+        """Checks that every voxel has its value at its position, and that hidden voxels have no data."""
         expected = expected or (lambda i, j, k: volume.slope * volume.stored(i, j, k) +
                                 volume.intercept)
         voxels = [(i, j, k) for k in range(volume.size[2]) for j in range(volume.size[1])
                   for i in range(volume.size[0])]
-        # DICOM's axes point to the patient's left and back, palpate's to the right and front.
+        # LPS to RAS.
         ras = [(-p[0], -p[1], p[2]) for p in (volume.at(*v) for v in voxels)]
-        # Between voxels the interpolated value varies, but the nearest voxel's value is exact.
+        # Trilinear values at voxel centres have rounding errors; the nearest voxel's value is exact.
         between = self.sampled(ras, "trilinear")
         nearest = self.sampled(ras, "nearest")
         without = {v for v, (_, inside) in zip(voxels, nearest) if not inside}
         self.assertLessEqual(set(hidden), without)
-        # Values equal to the surroundings are left out as well.
+        # Voxels equal to the surroundings are inactive, too.
         self.assertLessEqual(len({expected(*v) for v in without - set(hidden)}), 1)
         for voxel, (value, _), (own, _) in zip(voxels, between, nearest):
             if voxel not in hidden:
@@ -297,7 +298,7 @@ class Places(Case):
         for modality in "MR", "CT":
             volume = Volume(row=axes[0], column=axes[1], modality=modality)
             self.imported(volume.write(self.dir / modality))
-            # Directions are written with 12 digits.
+            # The file gives directions with 12 digits.
             self.same(volume, places=3)
 
     def test_imports_a_coronal_series_in_reverse_order(self):
@@ -328,7 +329,7 @@ class Places(Case):
     @suite.smoke
     def test_the_frames_of_one_file_become_the_slices_of_a_volume(self):
         volume = Volume()
-        # The frames have another order than the slices.
+        # The frames are not in the order of the slices.
         order = [3, 0, 5, 1, 4, 2]
 
         def frame(k):
@@ -365,11 +366,11 @@ class Places(Case):
             file.write_bytes(whole[:len(whole) - 200])
             self.out.unlink()
             self.refused(folder, says=["IM001", "bytes are missing"])
-            # The only fragment is removed.
+            # Removes the only fragment.
             at = whole.index(b"OB\0\0\xff\xff\xff\xff") + 8
             file.write_bytes(whole[:at + 8] + whole[-8:])
             self.refused(folder, says="fewer pixels")
-        # The picture ends in codes that do not exist.
+        # The pixels end in invalid codes.
         file.write_bytes(whole[:-400] + b"\xfe" * 392 + whole[-8:])
         self.refused(folder, says=["IM001: the pixels are damaged", "JPEG"])
         file.write_bytes(whole.replace(JPEG.encode(), b"1.2.840.10008.1.2.4.99"))
@@ -428,7 +429,7 @@ class Places(Case):
 
 class Distances(Case):
     def check(self, heights, name, largest_error, **more):
-        """Slices at `heights` have linear values, which linear interpolation keeps."""
+        """Checks slices at `heights` with linear values, which linear interpolation must keep."""
         volume = Volume(size=(5, 4, len(heights)), **more)
         folder = self.dir / name
         folder.mkdir()
@@ -454,7 +455,7 @@ class Distances(Case):
         self.assertAlmostEqual(step, 2.5, 9)
         notes = "\n".join(self.report(folder)["notes"])
         self.assertIn("the slices are 2.5 to 5 mm apart: they are resampled every 2.5 mm", notes)
-        # Cubes are made from the resampled slices.
+        # Resampled slices can be resampled again, to cubes.
         cubes = self.report(folder, "--voxel", "0.25")["grids"][0]
         self.assertEqual(cubes["voxel"], [0.25] * 3)
         self.assertLess(cubes["resampling"]["largest"], 1e-6)
@@ -471,7 +472,7 @@ class Distances(Case):
             volume.at = lambda i, j, _, z=z: [0.5 * i, 0.75 * j, z]
             (folder / f"{k}").write_bytes(volume.file(k))
         error = self.report(folder)["grids"][0]["resampling"]
-        # The lattice has a slice at 23.75 mm, a tenth of the distance beyond the peak at 22.5 mm, and so on.
+        # The lattice has a slice at 23.75 mm, a tenth of the spacing beyond the peak at 22.5 mm.
         self.assertGreater(error["largest"], 0.05)
         self.assertLess(error["rms"], error["largest"])
 
@@ -494,7 +495,7 @@ class Distances(Case):
 class Values(Case):
     @suite.smoke
     def test_reads_every_type_with_slope_and_intercept(self):
-        # Integer and fractional, signed and unsigned, beyond 16 bits, different in each slice.
+        # Slopes that are integers or fractions, values beyond 16 bits, signed and unsigned.
         for slope, intercept in (1, 0), (2, -5), (0.25, 3.5), (100, -7), (-1, 0):
             volume = Volume()
             volume.slope, volume.intercept = slope, intercept
@@ -520,7 +521,7 @@ class Values(Case):
         hidden = {(0, 0, 0), (4, 3, 5), (2, 1, 3)}
         plain = Volume().stored
         stored = lambda i, j, k: -2000 if (i, j, k) in hidden else plain(i, j, k)
-        # Written as a signed value, and as an unsigned value as scanners do.
+        # The padding value as signed, and as unsigned, as scanners write it.
         for tag in ("SS", -2000), ("US", 63536):
             volume = Volume(t00280120=tag)
             volume.stored = stored
@@ -600,7 +601,7 @@ class Trouble(Case):
         moved[0] += 1
         (folder / "IM003").write_bytes(volume.file(3, t00200032=("DS", text(moved))))
         self.refused(folder, says="the slices are not on a line: the slice at z = ")
-        # A slice that is less than 5 % of the distance off counts as even.
+        # An offset of less than 5 % of the spacing is ignored.
         moved = volume.at(0, 0, 3)
         moved[2] += 0.1
         (folder / "IM003").write_bytes(volume.file(3, t00200032=("DS", text(moved))))
@@ -619,7 +620,7 @@ class Trouble(Case):
     @suite.smoke
     def test_skips_localisers_and_screen_saves_and_names_their_files(self):
         volume = Volume()
-        for uid, number in ("1.2.3", 1), ("9.9", 2):  # in the same series, and in another series
+        for uid, number in ("1.2.3", 1), ("9.9", 2):  # in the same and in another series
             folder = volume.write(self.dir / uid)
             (folder / "scout").write_bytes(Volume(
                 size=(9, 9, 1), row=(0, 1, 0), column=(0, 0, -1), uid=uid, number=number,
@@ -670,7 +671,7 @@ class Trouble(Case):
         file.write_bytes(whole[:-10])
         for source in folder, file, folder / "IM001":
             self.refused(source, says=["IM002", "10 bytes are missing"])
-        # The file is cut at any length.
+        # Truncates the file at many lengths.
         cuts = cases((len(whole) - 134) // 7, "cuts")
         for length in range(133, len(whole) - 1, max(7, (len(whole) - 134) // cuts)):
             file.write_bytes(whole[:length])
@@ -694,7 +695,7 @@ class Trouble(Case):
 
 class Time(Case):
     def series(self, **tags):
-        """Returns two steps: the earlier has the volume's values, the later one has 5000 more."""
+        """Writes two time steps. The later one has values larger by 5000."""
         volume = Volume()
         folder = self.dir / "4d"
         folder.mkdir(exist_ok=True)

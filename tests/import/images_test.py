@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests images as other programs write them, byte by byte: images_test.py BIN_DIR."""
+"""Tests imports of images in formats of other programs, written by this test: images_test.py BIN_DIR."""
 import bz2
 import csv
 import gzip
@@ -45,7 +45,7 @@ IDENTITY = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def within(p):
-    """Returns false on the faces of the image, because a grid with a single value gives no force."""
+    """Returns false on the faces of the image, so that every grid has at least two values."""
     return all(0 < p[a] < SIZE[a] - 1 for a in range(3))
 
 
@@ -54,7 +54,7 @@ def times(matrix, v):
 
 
 def place(columns, origin, index):
-    """Returns the position of an index. Columns are the steps in space along i, j and k."""
+    """Returns the position of an index. `columns` are the steps along i, j and k."""
     return tuple(origin[d] + sum(columns[a][d] * index[a] for a in range(3)) for d in range(3))
 
 
@@ -83,14 +83,14 @@ class Case(unittest.TestCase):
             [str(BIN / "palpate-import"), str(path), str(out or self.dir / "out.vdb"), *words],
             capture_output=True, text=True, timeout=120))
         self.assertIn(says, line)
-        # The status is 1 if a sanitizer's allocator ends a program that requests too much memory.
+        # The status is 1 if a sanitizer's allocator ended the program because it requested too much memory.
         self.assertIn(done.returncode, (1, 2) if "without a message" in line else (2,))
 
     def bits_are_guarded(self, name, before, packed, count=40):
-        """Flips bits of the packed data after `before`. Each flip gives one line on stderr, or the same volume, for
-        example where gzip keeps the time."""
+        """Flips bits of the packed data after `before`. The result must be one line on stderr or the same volume (gzip
+        has bits without effect, such as its time)."""
         count = min(8 * len(packed), max(2, cases(count, "flipped bits of " + name)))
-        uuid = 57  # bytes before this offset: OpenVDB gives every file a different identity
+        uuid = 57  # bytes to skip: OpenVDB writes a random id before this offset
         whole = self.convert(self.write(name, before, packed)).read_bytes()[uuid:]
         (self.dir / "out.vdb").unlink()
         refused = 0
@@ -129,12 +129,12 @@ class Case(unittest.TestCase):
         return list(csv.DictReader(io.StringIO(done.stdout)))
 
     def says_patient(self, volume, says):
-        """Checks the metadata, in the format in which OpenVDB writes a text."""
+        """Checks for the metadata "space", in OpenVDB's encoding of strings."""
         entry = b"".join(struct.pack("<i", len(w)) + w for w in (b"space", b"string", b"RAS"))
         self.assertEqual(entry in volume.read_bytes(), says)
 
     def holds(self, volume, grid, columns, origin, expected, indices=INNER, places=4):
-        """Checks that the grid has expected(i, j, k), one number or three, at the place of (i, j, k)."""
+        """Checks that the grid has the value expected(i, j, k), a number or a vector, at the position of (i, j, k)."""
         rows = self.sample(volume, grid, [place(columns, origin, p) for p in indices])
         for index, row in zip(indices, rows):
             value = expected(*index)
@@ -193,7 +193,7 @@ class Nrrd(Case):
         out = self.convert(path)
         self.holds(out, "density", COLUMNS, AT, scalar)
         self.says_patient(out, says=False)
-        # A space without axis directions.
+        # A space without directions.
         path = self.write("a.nrrd", nrrd("space: LPS", "spacings: 1 2 3"), "\n", SHORTS)
         self.says_patient(self.convert(path), says=False)
 
@@ -286,7 +286,7 @@ class Nrrd(Case):
                 f"kinds: {word} space space space", kind="float", sizes="3 4 5 6"), "\n", VECTORS)
             self.holds(self.convert(path), "vector", columns, origin,
                        lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
-        # The components are last.
+        # Components as the last axis.
         path = self.write("a.nrrd", nrrd(
             *fields, "space directions: (2,0.5,0) (0,3,0) (0,0.25,4) none",
             "kinds: space space space vector", kind="float", sizes="4 5 6 3"), "\n", PLANES)
@@ -303,7 +303,7 @@ class Nrrd(Case):
 
     @suite.smoke
     def test_a_measurement_frame_is_applied_to_nrrd_vectors_before_the_space(self):
-        # The frame's columns are listed: x of the frame is y of the space, y is -x.
+        # Columns of the frame: its x is the space's y, its y is the space's -x.
         path = self.write("a.nrrd", nrrd(
             "space: LAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
             "kinds: vector space space space", "measurement frame: (0,1,0) (-1,0,0) (0,0,1)",
@@ -317,7 +317,7 @@ class Nrrd(Case):
 
     @suite.smoke
     def test_tensors_become_direction_anisotropy_and_diffusivity(self):
-        # D = n n^T 3 + 1 with n = (0.6, 0.8, 0): eigenvalues 4, 1, 1.
+        # D = 3 n n^T + 1 with n = (0.6, 0.8, 0) has eigenvalues 4, 1, 1.
         n = (0.6, 0.8, 0.0)
         full = [3 * n[a] * n[b] + (a == b) for a in range(3) for b in range(3)]
         six = [full[i] for i in (0, 1, 2, 4, 5, 8)]
@@ -336,12 +336,12 @@ class Nrrd(Case):
             out = self.convert(path)
             at = turned(RAS_FROM_LAS, IDENTITY, (0, 0, 0))
             self.holds(out, "tensor_direction", *at, lambda *_: (0.6, -0.8, 0.0))
-            # lambda 4, 1, 1: FA = 3 / sqrt(18)
+            # eigenvalues 4, 1, 1: FA = 3 / sqrt(18)
             self.holds(out, "tensor_anisotropy", *at, lambda *_: 3 / 18 ** 0.5)
             self.holds(out, "tensor_diffusivity", *at, lambda *_: 2.0)
 
     def test_a_measurement_frame_is_applied_to_the_tensors_of_an_nrrd_file(self):
-        # diag(3, 1, 1) in a frame with x along the space's z.
+        # diag(3, 1, 1) in a frame whose x is the space's z.
         data = struct.pack("<720f", *([3, 0, 0, 1, 0, 1] * 120))
         path = self.write("a.nrrd", nrrd(
             "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
@@ -370,7 +370,7 @@ class Nrrd(Case):
             "space: RAS", "space directions: (1,0,0) (0,1,0) (0,0,1) none",
             "kinds: space space space list", sizes="4 5 6 2"), "\n", more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
-        # The series varies fastest, as in diffusion-weighted files.
+        # As in diffusion-weighted files, the index of the image varies fastest.
         mixed = struct.pack("<240h", *(w for v in SCALARS for w in (v, -v)))
         path = self.write("a.nrrd", nrrd(
             "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
@@ -456,7 +456,7 @@ class Nrrd(Case):
             path = self.write("a.nhdr", nrrd("line skip: 1", f"byte skip: {skip}",
                                              "data file: a.raw.gz", encoding="gzip"))
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
-        # A gzip file of two members, as bgzip writes, and one that is cut within its checksum.
+        # A gzip file of two members, as bgzip writes, then one that is truncated within its checksum.
         self.write("a.raw.gz", gzip.compress(SHORTS[:77]) + gzip.compress(SHORTS[77:]))
         path = self.write("a.nhdr", nrrd("data file: a.raw.gz", encoding="gzip"))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
@@ -490,13 +490,13 @@ def meta(*fields, kind="MET_SHORT", data="LOCAL", **other):
 
 
 class MetaImage(Case):
-    # The first axis runs along y, the second along -x.
+    # The first axis is y, the second is -x.
     PLACED = ("TransformMatrix = 0 1 0 -1 0 0 0 0 1", "Offset = 10 20 30",
               "ElementSpacing = 1 2 3")
     COLUMNS = ((0, 1, 0), (-2, 0, 0), (0, 0, 3))
 
     def holds(self, volume, grid, columns, origin, expected, **more):
-        """Columns, origin and expected vectors are in ITK's space."""
+        """Here columns, origin and expected vectors are in ITK's space, LPS."""
         def in_ras(*index):
             value = expected(*index)
             return times(RAS_FROM_LPS, value) if isinstance(value, tuple) else value
@@ -504,7 +504,7 @@ class MetaImage(Case):
 
     @suite.smoke
     def test_voxels_of_a_metaimage_have_exact_positions(self):
-        # ITK ignores AnatomicalOrientation.
+        # ITK ignores AnatomicalOrientation, and so must palpate.
         for axes in None, "???", "RAI", "LPS", "ASL":
             path = self.write("a.mha", meta(*self.PLACED, "CenterOfRotation = 1 2 3",
                                             AnatomicalOrientation=axes), SHORTS)
@@ -514,7 +514,7 @@ class MetaImage(Case):
             self.says_patient(out, says=named)
             self.assertEqual("as in ITK, x points to the patient's left" in self.notes(path),
                              not named)
-        # The names used in old files, and a sheared matrix.
+        # Names that old files use, and a sheared matrix.
         path = self.write("a.mha", meta("Rotation = 1 0.5 0 0 1 0 0 0 1", "Position = 1 2 3",
                                         "ElementSize = 2 2 2"), SHORTS)
         self.holds(self.convert(path), "density", ((2, 1, 0), (0, 2, 0), (0, 0, 2)), (1, 2, 3),
@@ -563,7 +563,7 @@ class MetaImage(Case):
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
                                         "AnatomicalOrientation = RAI", kind="MET_FLOAT"), VECTORS)
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
-        six = struct.pack("<720f", *([1, 0, 0, 1, 1, 1] * 120))  # y and z are 1 1, 1 1
+        six = struct.pack("<720f", *([1, 0, 0, 1, 1, 1] * 120))  # the yy, yz and zz elements are 1
         path = self.write("a.mha", meta("ElementNumberOfChannels = 6", kind="MET_FLOAT"), six)
         self.holds(self.convert(path, "--as", "tensor"), "tensor_direction", IDENTITY, (0, 0, 0),
                    lambda *_: (0.0, -0.5 ** 0.5, -0.5 ** 0.5))  # the sign has no meaning
@@ -575,7 +575,7 @@ class MetaImage(Case):
         text = meta(BinaryData="False")
         self.refused(self.write("a.mha", text, " ".join(words)),
                      "value 7 is not a number: correct the value")
-        # The file has enough bytes, but too few values.
+        # Enough bytes, but too few values.
         self.refused(self.write("a.mha", text, " ".join(map(str, SCALARS[:100])) + " " * 100),
                      "the values end too early: copy or export the file again")
 
@@ -634,7 +634,7 @@ class MetaImage(Case):
         self.assertTrue(pipe.is_fifo())
         self.refused(path, "pipe or a device", "--scene", str(pipe))
         self.refused(path, "symbolic links", "--scene", str(self.dir / "round" / "a.json"))
-        # In a series, the message names a step's file.
+        # For a series, the message names the file of a step.
         os.mkfifo(self.dir / "out_0001.vdb")
         self.refused(self.write("a.nii", nifti((4, 5, 6, 2), *SHORT), SHORTS * 2),
                      "out_0001.vdb: it is a pipe", "--time", "all")
@@ -698,7 +698,7 @@ def nifti(dims, kind, bits, *, intent=0, sform=None, qfac=None, slope=0.0, inter
     h[123] = units
     if qfac is not None:
         struct.pack_into(order + "h", h, 252, 1)
-        struct.pack_into(order + "6f", h, 256, 0, 0, 0, 5, 6, 7)  # no rotation; an offset
+        struct.pack_into(order + "6f", h, 256, 0, 0, 0, 5, 6, 7)  # identity rotation, and an offset
     if sform is not None:
         struct.pack_into(order + "h", h, 254, 1)
         for row in range(3):
@@ -757,8 +757,8 @@ class Nifti(Case):
     @suite.smoke
     def test_reads_the_rotation_of_a_nifti_file_from_its_quaternion(self):
         half = 0.5 ** 0.5
-        # A quarter turn about z; half a turn about x, with a first number of 0; and a quaternion that rounding has made
-        # slightly longer than 1.
+        # A quarter turn about z; half a turn about x, whose first number is 0; a quaternion that rounding made longer
+        # than 1.
         for quaternion, columns in (((0, 0, half), ((0, 2, 0), (-3, 0, 0), (0, 0, 4))),
                                     ((1, 0, 0), ((2, 0, 0), (0, -3, 0), (0, 0, -4))),
                                     ((0, 1 + 1e-7, 0), ((-2, 0, 0), (0, 3, 0), (0, 0, -4)))):
@@ -800,7 +800,7 @@ class Nifti(Case):
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
     def test_a_time_step_without_contrast_becomes_a_frame_of_the_sequence(self):
-        """A sequence needs all frames: a lost step is empty, a step without data has the background."""
+        """A sequence needs all frames: a lost step becomes empty, a constant step the background."""
         def frame(radius):
             return [100.0 if sum((c - 4) ** 2 for c in (i, j, k)) < radius ** 2 else 7.0
                     for k in range(9) for j in range(9) for i in range(9)]
@@ -819,7 +819,7 @@ class Nifti(Case):
         done = process.run([str(BIN / "palpate"), "check", str(self.write("s.json", json.dumps(scene)))],
                            capture_output=True, text=True, timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        # A single image without contrast is refused.
+        # A single constant image is refused.
         self.refused(path, "all voxels have the same value")
 
     def series(self, path):
@@ -832,7 +832,7 @@ class Nifti(Case):
         path = self.write("zero.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1006), bytes(4 * 360))
         out = self.convert(path)
         self.holds(out, "vector", IDENTITY, (0, 0, 0), lambda *_: (0.0, 0.0, 0.0))
-        # A warp can use this field for its reference phase.
+        # A warp can use a zero field as its reference phase.
         field = [v for c in (0.1, 0.2, 0.3) for v in [c] * 120]
         (self.dir / "u_0001.vdb").write_bytes(out.read_bytes())
         other = self.write("one.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1006), struct.pack("<360f", *field))
@@ -854,14 +854,14 @@ class Nifti(Case):
             path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
                                              sform=self.ROWS), PLANES)
             self.holds(self.convert(path), "vector", COLUMNS, AT, vector)
-        # Slices from the top.
+        # Slices from top to bottom.
         path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007, qfac=-1.0), PLANES)
         self.holds(self.convert(path), "vector", ((1, 0, 0), (0, 1, 0), (0, 0, -1)), (5, 6, 7),
                    vector)
 
     @suite.smoke
     def test_reads_nifti_files_of_symmetric_matrices_as_tensors(self):
-        # xx yx yy zx zy zz: y and z are 1 1, 1 1
+        # xx yx yy zx zy zz; the yy, yz and zz elements are 1.
         planes = [v * within(p) for v in (1, 0, 1, 0, 1, 1) for p in INDICES]
         path = self.write("a.nii", nifti((4, 5, 6, 1, 6), *FLOAT, intent=1005),
                           struct.pack("<720f", *planes))
@@ -870,13 +870,13 @@ class Nifti(Case):
         self.holds(self.dir / "out.vdb", "tensor_diffusivity", IDENTITY, (0, 0, 0), lambda *_: 1.0)
 
     def test_reads_vectors_in_four_dimensions_as_fsl_writes_them(self):
-        # Radiological: the voxels' x points to the left. Components are along the voxels.
+        # Radiological: the voxels' x axis is left. Components are along the voxel axes.
         left = ((-2, 0, 0, 0), (0, 3, 0, 0), (0, 0, 4, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=left), PLANES)
         self.holds(self.convert(path, "--as", "vector"), "vector",
                    ((-2, 0, 0), (0, 3, 0), (0, 0, 4)), (0, 0, 0),
                    lambda i, j, k: (-1.0 - i, 20.0 + j, 300.0 + k))
-        # Neurological: the voxels' x points to the right, and FSL mirrors x.
+        # Neurological: the voxels' x axis is right, and FSL mirrors x.
         right = ((2, 0, 0, 0), (0, 0, 4, 0), (0, -3, 0, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=right), PLANES)
         self.holds(self.convert(path, "--as", "vector"), "vector",
@@ -886,7 +886,7 @@ class Nifti(Case):
 
     @suite.smoke
     def test_reads_tensors_in_four_dimensions_as_fsl_writes_them(self):
-        # xx xy xz yy yz zz along the voxels, x to the left: x and y are 1 1, 1 1
+        # xx xy xz yy yz zz along the voxel axes, whose x is left; the xx, xy and yy elements are 1.
         planes = [v for v in (1, 1, 0, 1, 0, 1) for _ in range(120)]
         left = ((-1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 6), *FLOAT, sform=left),
@@ -910,11 +910,11 @@ class Nifti(Case):
         self.refused(self.write("a.nii", whole[:500]), "truncated")
         packed = gzip.compress(nifti(SIZE, *SHORT) + os.urandom(240))
         self.refused(self.write("a.nii.gz", packed[:-100]), "a.nii.gz")
-        # Flips one bit of the final checksum.
+        # Flips a bit of the final checksum.
         packed = gzip.compress(nifti(SIZE, *SHORT) + SHORTS)
         self.refused(self.write("a.nii.gz", packed[:-8] + bytes([packed[-8] ^ 1]) + packed[-7:]),
                      "damaged")
-        # Cut within the trailer; also for a series, where only the first step is imported.
+        # Truncates within the trailer, for an image and for a series of which one step is imported.
         two = gzip.compress(nifti((4, 5, 6, 2), *SHORT) + SHORTS + SHORTS)
         for whole_packed in (packed, two):
             for cut in (1, 4, 8, 9):
@@ -974,7 +974,7 @@ class Nifti(Case):
 
 
 class FillValues(Case):
-    """Values that stand for missing data, although the header does not state them."""
+    """Fill values that the header does not state."""
 
     def image(self, values, kind="float"):
         letter = {"float": "f", "double": "d", "short": "h", "int": "i"}[kind]
@@ -995,7 +995,7 @@ class FillValues(Case):
             self.assertEqual((grid["lowest"], grid["highest"]), (270, 300))
             self.assertIn("counts as missing data: all other values are between 270 and 300",
                           report["notes"][0])
-            # No cube has a value between the data and the fill value.
+            # No voxel mixes data with the fill value.
             grid = self.report(path, "--voxel", "0.5")["grids"][0]
             self.assertGreaterEqual(grid["lowest"], 270)
             self.assertLessEqual(grid["highest"], 300)
@@ -1010,22 +1010,22 @@ class FillValues(Case):
         ramp = [i % 31 + 270 for i in range(120)]
         for values in ([0, -999] * 60,                        # two labels
                        [0, 1, -32768] + [-20000] * 117,       # nearer than the range of the others
-                       [-1000, -999, 3000] * 40,              # beside other values
+                       [-1000, -999, 3000] * 40,              # next to other values
                        [50000] + ramp[1:],                    # one bright voxel
-                       # steel in tissue, in Pa
+                       # steel in tissue [Pa]
                        [2.1e11] * 10 + [1000 + i for i in range(110)]):
             report = self.report(self.image(values))
             self.assertEqual(report["grids"][0]["holes"], 0, values[:3])
 
 
 class WholeNumbers(Case):
-    """Whole numbers beyond a float keep their differences, by an offset."""
+    """Whole numbers that floats cannot represent are imported with an offset, which keeps their differences."""
 
     TYPES = {"int32": ("i", (8, 32), "int"), "uint32": ("I", (768, 32), "unsigned int"),
              "int64": ("q", (1024, 64), "int64"), "uint64": ("Q", (1280, 64), "uint64")}
 
     def files(self, values, kind):
-        """Writes the values as NIfTI, NRRD and raw. Returns the paths with the words of the command."""
+        """Writes the values as NIfTI, NRRD and raw. Yields each path with the options for its import."""
         letter, nifti_type, nrrd_type = self.TYPES[kind]
         data = struct.pack(f"<120{letter}", *values)
         yield self.write("a.nii", nifti(SIZE, *nifti_type), data), ()
@@ -1034,7 +1034,7 @@ class WholeNumbers(Case):
                ("--raw", json.dumps({"size": list(SIZE), "type": kind, "name": "a"})))
 
     def value_offset(self, volume):
-        """Reads the offset from the metadata, in the format in which OpenVDB writes an int64."""
+        """Returns the offset from the metadata, in OpenVDB's encoding of int64."""
         entry = b"".join(struct.pack("<i", len(w)) + w for w in (b"value_offset", b"int64"))
         data = volume.read_bytes()
         self.assertEqual(data.count(entry), 1)
@@ -1099,7 +1099,7 @@ class WholeNumbers(Case):
         (grid,) = self.report(path, *words, "--scene", str(scene))["grids"]
         (iso,) = [m["value"] for m in json.loads(scene.read_text())["modes"] if m["mode"] == "isosurface"]
         self.assertTrue(0 < iso < 900 and grid["value_offset"] == base + 100, (iso, grid))
-        # --iso is a value of the file.
+        # --iso refers to the file's values.
         report = self.report(path, *words, "--iso", str(base + 550), "--voxel", "1")
         self.assertNotIn("value_offset", report["grids"][0])
         rows = self.sample(self.dir / "out.vdb", report["grids"][0]["name"],

@@ -54,7 +54,7 @@ class Case(unittest.TestCase):
         return path
 
     def imported(self, source, *words):
-        """Imports into out.vdb; returns the report."""
+        """Imports into out.vdb. Returns the report."""
         done = run("import", source, self.dir / "out.vdb", "--json", *words)
         self.assertEqual(done.stderr, "")
         return json.loads(done.stdout)
@@ -67,7 +67,7 @@ class Case(unittest.TestCase):
                 for row in csv.DictReader(io.StringIO(done.stdout))]
 
     def refused(self, *words, says, status=2):
-        """Checks that the import is refused: one clear line on stderr, no output on stdout, no file left."""
+        """Checks that the import is refused: one clear line on stderr, nothing on stdout, no file left."""
         done, line = refusal(self, self.dir, lambda: call("import", *words))
         self.assertEqual(done.returncode, status, line)
         self.assertIn(says, line)
@@ -87,7 +87,7 @@ def words_of(values):
 
 def vti(nx, ny, nz, point_arrays, cell_arrays=(), origin=(0, 0, 0), spacing=(1, 1, 1),
         direction=None, start=0):
-    """Returns an XML image; arrays are (name, components, flat values)."""
+    """Returns an XML image. Arrays are (name, components, flat values)."""
     def section(kind, arrays):
         text = f"<{kind}>"
         for name, components, values in arrays:
@@ -147,7 +147,8 @@ def unstructured(points, cells, types, data):
 
 
 def box_of_tetrahedra(n, skip=lambda i, j, k: False):
-    """Returns n^3 unit cubes of 6 tetrahedra each, some left out: points, cells."""
+    """Returns points and cells of n^3 unit cubes, each of 6 tetrahedra. Leaves out cubes for which skip(i, j, k) is
+    true."""
     def index(i, j, k):
         return (k * (n + 1) + j) * (n + 1) + i
     points = [(float(i), float(j), float(k))
@@ -158,7 +159,7 @@ def box_of_tetrahedra(n, skip=lambda i, j, k: False):
             for i in range(n):
                 if skip(i, j, k):
                     continue
-                # Kuhn's tetrahedra: one for each order of the three axes.
+                # Kuhn's tetrahedra: one for each order of the axes.
                 for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
                     at = [i, j, k]
                     corners = [index(*at)]
@@ -323,7 +324,7 @@ class Meshes(Case):
 
     @suite.smoke
     def test_a_linear_field_survives_resampling_exactly(self):
-        """Trilinear cells, tetrahedra and voxels all reproduce a linear field."""
+        """Trilinear cells, tetrahedra and voxels represent a linear field exactly."""
         twisted = structured(7, 7, 7, lambda i, j, k: (
             i + 0.2 * math.sin(j + k), j + 0.2 * math.sin(i), k + 0.15 * math.cos(i + j)))
         points, cells = box_of_tetrahedra(6)
@@ -338,7 +339,7 @@ class Meshes(Case):
                 self.assertAlmostEqual(row["value"], truth, delta=2e-5)
 
     def test_each_voxel_has_the_value_of_the_cell_that_holds_it(self):
-        """The points have random values, so only the correct cell gives the correct value."""
+        """The points have random values, so only the right cell gives the right value."""
         points, cells = box_of_tetrahedra(4)
         rng = random.Random(8)
         values = [rng.uniform(-1, 1) for _ in points]
@@ -348,7 +349,7 @@ class Meshes(Case):
         value_at = dict(zip(points, values))
         places = [tuple(rng.randrange(17) / 4 for _ in range(3)) for _ in range(300)]
         for row in self.sample("s", places):
-            # Kuhn's tetrahedra: from the low corner along the axes, in falling order of the remainders.
+            # Kuhn's tetrahedra go from the low corner along the axes in descending order of the fractions.
             p = (row["x"], row["y"], row["z"])
             low = [min(int(x), 3) for x in p]
             rest = sorted(((x - c, a) for a, (x, c) in enumerate(zip(p, low))), reverse=True)
@@ -505,7 +506,7 @@ class Meshes(Case):
             self.assertEqual([row["vx"], row["vy"], row["vz"]], [-2, 3, 2])
             modes = json.loads(scene.read_text())["modes"]
             self.assertEqual(modes[0]["mode"], "follow")
-            # Options select one of the fields, or the vector.
+            # Options select one of the fields or the vector.
             report = self.imported(source, "--field", names[1])
             self.assertEqual([grid["name"] for grid in report["grids"]], [names[1]])
             report = self.imported(source, "--field", vector)
@@ -526,7 +527,7 @@ class Meshes(Case):
 class Series(Case):
     @suite.smoke
     def test_each_time_step_becomes_a_file(self):
-        """Exodus: the value is sin(2 pi t) everywhere, 10 steps from 0 to 1."""
+        """The Exodus file has the value sin(2 pi t) everywhere, in 10 steps from 0 to 1."""
         source = self.dir / "series.ex2"
         process.run([MAKE_SERIES, source], check=True)
         report = self.imported(source, "--field", "Point Value")
@@ -546,7 +547,7 @@ class Series(Case):
 
 
     def test_a_series_is_written_completely_or_not_at_all(self):
-        """4-D NIfTI: the third step is cut off, or constant."""
+        """The third step of a 4-D NIfTI file is truncated or constant."""
         def nifti(steps, cut=0):
             header = bytearray(352)
             struct.pack_into("<i", header, 0, 348)
@@ -564,14 +565,14 @@ class Series(Case):
         self.assertEqual(made, [f"out_{n:04d}.vdb" for n in range(4)])
         for name in made:
             (self.dir / name).unlink()
-        # If the last file cannot be written, no file is.
+        # If the last file cannot be written, no file is written.
         (self.dir / "out_0003.vdb").mkdir()
         (self.dir / "out_0003.vdb" / "x").mkdir()
         self.refused(source, self.dir / "out.vdb", "--time", "all", "--scene", self.dir / "s.json",
                      says="out_0003.vdb")
 
     def test_three_volumes_of_a_vector_are_not_a_series(self):
-        """4-D NIfTI of three volumes: unit vectors, by the intent, or steps of time."""
+        """A 4-D NIfTI file of three volumes: unit vectors, by its intent code, or time steps."""
         def nifti(volumes, intent=0):
             header = bytearray(352)
             struct.pack_into("<i", header, 0, 348)
@@ -591,7 +592,7 @@ class Series(Case):
         written = json.loads(scene.read_text())
         self.assertEqual([mode["mode"] for mode in written["modes"]], ["follow"])
         self.assertTrue(written["volumes"]["vector"]["axial"])
-        # The frame is right-handed: FSL mirrors x.
+        # The voxel axes are right-handed, so FSL mirrors x.
         row = self.sample("vector", [(1, 0, 0)])[0]
         self.assertAlmostEqual(row["vx"], -math.cos(0.1), places=6)
         self.assertAlmostEqual(row["vy"], math.sin(0.1), places=6)
@@ -680,7 +681,7 @@ class Raw(Case):
 
 class LevelSets(Case):
     def ball(self, spacing, cavity=0.0, name="a.vti", inside=1000.0, outside=0.0):
-        """Writes a ball of radius 10, with a soft edge of about a voxel."""
+        """Writes a ball of radius 10 with an edge that is blurred over about a voxel."""
         n = [int(30 / s) + 1 for s in spacing]
         def value(i, j, k):
             r = math.dist((i * spacing[0], j * spacing[1], k * spacing[2]), (15, 15, 15))
@@ -775,10 +776,10 @@ class Scenes(Case):
         words = shlex.split(last.removeprefix("next: palpate "))
         self.assertEqual(words, ["feel", str(scene), "--seconds", "10"])
         run(*words)
-        # On request, standard output gets only data.
+        # With --scene - or --json, stdout has data only.
         json.loads(run("import", source, out, "--scene", "-").stdout)
         json.loads(run("import", source, out, "--scene", scene, "--json").stdout)
-        # If a volume has no guessed scene, the output does not suggest `palpate feel`.
+        # If no scene can be guessed, the output does not suggest `palpate feel`.
         flat = self.write("b.vti", vti(8, 8, 8, [("s", 1, image_values(
             8, 8, 8, lambda i, j, k: float(k == 4)))]))
         *_, last = run("import", flat, out, "--scene", self.dir / "none.json").stdout.splitlines()
@@ -941,7 +942,7 @@ class Damage(Case):
                 del broken[rng.randrange(len(broken)):]
             else:
                 for _ in range(rng.choice((1, 1, 5, 50))):
-                    # Most of the damage is in the part with the file's structure.
+                    # Most damage is in the part that has the file's structure.
                     at = rng.randrange(min(len(broken), 4000) if rng.random() < 0.7 else len(broken))
                     broken[at] = rng.randrange(256)
             source = self.write(name, bytes(broken))
@@ -961,7 +962,7 @@ class Damage(Case):
 
 
 class Extremes(Case):
-    """Valid sources with extreme sizes, places and values."""
+    """Valid sources with extreme sizes, positions and values."""
     NUMBERS = (0.0, 1.0, -1.0, 1e-3, 1e-5, 1e-12, 1e-30, 1e-160, 1e-310, 1e5, 1e9, 1e15, 1e25, 1e31,
                1e38, 1e39, 1e100, 1e101, 1e160, 1e300, -1e31, math.nan, math.inf)
     NAMES = ("s", "", "v.x", "a[0]", "density", "\x1b[2J", "\u202e", "n" * 5000, "caf\u00e9" * 60)
@@ -983,7 +984,7 @@ class Extremes(Case):
         return [self.number(1.0) if i == count // 2 else 0.0 for i in range(count)]
 
     def source(self):
-        """Returns a file, its layout, and further words of the command."""
+        """Returns a file, its layout, and more options."""
         rng = self.rng
         words = []
         if rng.random() < 0.3:
@@ -1061,7 +1062,7 @@ class Running(Case):
             {"size": [n, n, n], "type": "uint8"})
 
     def test_an_interrupted_import_leaves_no_files(self):
-        # With this many voxels the import takes minutes.
+        # With this many voxels the import would take minutes.
         source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
         before = sorted(os.listdir(self.dir))
         for pause in (0.05, 0.3, 5.0):
@@ -1071,20 +1072,20 @@ class Running(Case):
             time.sleep(pause)
             importer.send_signal(signal.SIGINT)
             out, err = importer.communicate(timeout=60)
-            # The status is -SIGINT if the signal came before the program had begun.
+            # -SIGINT if the signal came before the program had begun
             self.assertIn(importer.returncode, (130, -signal.SIGINT) if pause < 5 else (130,))
             self.assertEqual((out, err), ("", ""))
             self.assertEqual(sorted(os.listdir(self.dir)), before)
 
     def at_a_terminal(self, shows, *words):
-        """Imports until the terminal shows progress, and ends the import with Ctrl-C."""
+        """Imports until the terminal shows progress, then presses Ctrl-C."""
         before = sorted(os.listdir(self.dir))
         terminal = Terminal([PALPATE, "import", *words], self.dir)
         self.assertTrue(terminal.until(shows), terminal.drawn)
         terminal.press(b"\x03")
         status, took = terminal.ended()
         self.assertEqual(status, 130)
-        self.assertLess(took, 10.0)  # on a loaded machine; usually some 0.1
+        self.assertLess(took, 10.0)  # on a busy machine; usually 0.1
         self.assertTrue(terminal.drawn.endswith("\r\x1b[K"), terminal.drawn)
         self.assertEqual(sorted(os.listdir(self.dir)), before)
 
@@ -1095,7 +1096,7 @@ class Running(Case):
         self.at_a_terminal("smoothing density: ", source, "o.vdb", "--raw", layout, "--smooth", "80")
 
     def test_an_import_interrupted_while_writing_leaves_no_files(self):
-        """The import writes the scene first, and then for a while the volume."""
+        """The import writes the scene first. Writing the volume takes longer."""
         source, layout = self.big(224)
         before = sorted(os.listdir(self.dir))
         for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -12,16 +12,16 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 ! ldd "$light" | grep -i vtk || { echo "it loads VTK"; exit 1; }
-# Not grep -q: it exits early, and then ldd fails under pipefail.
+# Not grep -q: it exits early, so that ldd fails under pipefail.
 ldd "$whole" | grep -i vtk >/dev/null || { echo "the other does not: there is nothing to compare"; exit 1; }
 "$light" $image "$work/light.vdb" --smooth 1 --json >"$work/light.json"
 "$whole" $image "$work/whole.vdb" --smooth 1 --json >"$work/whole.json"
-# Ignores the identity that OpenVDB gives every file, behind a header of 21 bytes.
+# Skips the random id that OpenVDB writes into every file, and the header before it.
 cmp --ignore-initial=57 "$work/light.vdb" "$work/whole.vdb"
 diff <(sed 's/light\.vdb//; /"peak"/d' "$work/light.json") \
     <(sed 's/whole\.vdb//; /"peak"/d' "$work/whole.json")
 
-# The verb runs the program with VTK if it is installed, otherwise the light one.
+# `palpate import` runs the program with VTK if it is installed, otherwise the light one.
 cp "$1/palpate" "$work/"
 cp "$light" "$work/"
 "$work/palpate" import $image "$work/verb.vdb" >/dev/null

@@ -37,7 +37,7 @@ class Case(unittest.TestCase):
                               input=text, timeout=120)
 
     def imported(self, source, *words):
-        """Imports and returns the report, its grids by name."""
+        """Imports a file. Returns the report, with grids by name."""
         done = self.call("import", source, self.out, "--json", *words)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         report = json.loads(done.stdout)
@@ -69,7 +69,7 @@ class Case(unittest.TestCase):
         return json.loads(done.stdout)
 
     def felt_as(self, flow, *drags):
-        """Checks that the scene follows the flow, and that scalars are drags."""
+        """Checks that the scene follows the flow, and that scalars act as drags."""
         modes = [(m["mode"], m["of"]) for m in self.scene()["modes"]]
         self.assertIn(("follow", flow), modes)
         for drag in drags:
@@ -82,7 +82,7 @@ class Case(unittest.TestCase):
         self.assertIn(says, line)
 
     def survives(self, source, whole, count, name):
-        """Checks that a damaged copy gives one line or a volume, and leaves no other file."""
+        """Checks that damaged copies give one line or a volume, and leave no other file."""
         rng = random.Random(7)
         for case in range(cases(count, f"damaged files of {name}")):
             broken = bytearray(whole)
@@ -108,7 +108,7 @@ class Case(unittest.TestCase):
 
 
 def clustered(n, beta):
-    """Returns n numbers from 0 to 1, mostly near 0."""
+    """Returns n numbers from 0 to 1 that are dense near 0."""
     return [(math.exp(beta * i / (n - 1)) - 1) / (math.exp(beta) - 1) for i in range(n)]
 
 
@@ -116,7 +116,7 @@ class Sizes(Case):
     SIZE = (25, 31, 9)
 
     def points(self):
-        """Returns points around a cylinder, as close to it as in a mesh of a boundary layer."""
+        """Returns points around a cylinder, dense at its surface like a boundary layer's mesh."""
         nt, nr, nz = self.SIZE
         rings = [0.5 + 10 * r for r in clustered(nr, 8)]
         return [(r * math.cos(t), r * math.sin(t), 0.25 * k) for k in range(nz) for r in rings
@@ -157,7 +157,7 @@ class Sizes(Case):
                   f"{peak / 1e6:.0f} MB of memory")
 
     def idle(self):
-        """Returns the memory that the program uses for a tiny input."""
+        """Returns the peak memory of an import of a tiny file [bytes]."""
         source = self.dir / "small.raw"
         source.write_bytes(bytes(range(27)))
         done = self.call("import", source, self.dir / "small.vdb", "--json", "--raw",
@@ -169,7 +169,7 @@ class Sizes(Case):
         rng = random.Random(1)
         plane = struct.pack(f"<{n * n}h", *(rng.randrange(-1024, 2000) for _ in range(n * n)))
         source = self.dir / "ct.nrrd"
-        # Noise everywhere: no voxel can be left out, and compression does not help.
+        # Noise, so that no voxel is inactive and compression has no effect.
         with source.open("wb") as file:
             file.write(f"NRRD0004\ntype: short\ndimension: 3\nsizes: {n} {n} {n}\nencoding: raw\n"
                        "endian: little\nspace: right-anterior-superior\nspace directions: "
@@ -217,7 +217,7 @@ def heat(x, y, p):
 
 
 def over(levels, function):
-    """Returns values in the order of the files: longitude varies fastest, latitudes fall."""
+    """Returns values in the order of the files: longitude fastest, latitudes descending."""
     return [function(x, y, p) for p in levels for y in LATITUDES for x in LONGITUDES]
 
 
@@ -227,7 +227,7 @@ def place(longitude, latitude, z):
 
 class Netcdf(Case):
     def weather(self, name="a.nc", form=netcdf.CLASSIC, levels=LEVELS, level=None, more=None):
-        """Writes two times; u is packed, t has a hole."""
+        """Writes two times. u is packed, and t has a missing value."""
         t = over(levels, heat)
         t[0] = -999.0
         field = ("time", "lev", "lat", "lon")
@@ -313,7 +313,7 @@ class Netcdf(Case):
 
     @suite.smoke
     def test_depths_of_an_ocean_become_negative_heights(self):
-        """Longitudes across the date line, a level's number, depth downwards."""
+        """Longitudes cross the date line, levels are numbered, depths point down."""
         size = (6, 5, 4)
         lons, lats, depths = [178, 179, 180, -179, -178, -177], [-2, -1, 0, 1, 2], [0, 10, 20, 30]
         values = [100.0 * k + 10 * j + i for k in range(4) for j in range(5) for i in range(6)]
@@ -333,7 +333,7 @@ class Netcdf(Case):
                    + round(x / DEGREE - 178), 1e-2)
 
     def test_a_netcdf_grid_in_metres_is_imported_without_resampling(self):
-        """Dimensions in the order x, y, z are identified by their axes, not by their order."""
+        """Dimensions are recognised by their axis attributes, not by their order."""
         source = netcdf.write(self.dir / "m.nc", {"x": 4, "y": 5, "z": 6}, {
             **{n: (netcdf.DOUBLE, (n,), {"units": "m", "axis": n.upper()},
                    [0.25 * i + o for i in range(c)])
@@ -376,7 +376,7 @@ class Netcdf(Case):
         self.refused(source, "truncated")
 
     def grid(self, lon=(0, 2, 4, 6), lat=(-2, 0, 2), z=(0, 1, 2), z_is=None, more=None, first="z"):
-        """Writes one field over three axes; the value of "a" is its index."""
+        """Writes a field over three axes. The value of "a" is its index."""
         axes = {first: len(z), "lat": len(lat), "lon": len(lon)}
         count = len(z) * len(lat) * len(lon)
         variables = {
@@ -452,7 +452,7 @@ class Netcdf(Case):
         self.assertEqual((b["value_offset"], b["lowest"], b["highest"]), (2 ** 30, 0, 35))
 
     def test_a_sentinel_without_an_attribute_is_missing_data(self):
-        """No value is interpolated from it: the file's uneven levels are resampled."""
+        """Missing values must not be interpolated when the file's uneven levels are resampled."""
         for sentinel, kind in ((-9999.0, netcdf.FLOAT), (1e20, netcdf.FLOAT), (-1e34, netcdf.DOUBLE)):
             t = over(LEVELS, lambda x, y, p: heat(x, y, p) + 0.1 * x)
             t[0] = t[5] = sentinel
@@ -463,7 +463,7 @@ class Netcdf(Case):
             self.assertGreater(s["holes"], 0)
             self.assertGreater(s["lowest"], 200)
             self.assertLess(s["highest"], 400)
-        # A pressure that is exact on a boundary is a result, although no other value lies near it.
+        # A value exactly at a boundary condition is a result, although no other value is near it.
         hot = [300.0 + 0.2 * i for i in range(36 * 4)]
         hot[:40] = [1000.0] * 40
         report = self.imported(self.grid(lon=tuple(range(12)), lat=(0, 1, 2, 3),
@@ -471,7 +471,7 @@ class Netcdf(Case):
         self.assertEqual(report["grid"]["b"]["holes"], 0)
 
     def wrf(self, name="wrf.nc", places=True, attributes=True, heights=False, coordinates="XLONG XLAT"):
-        """Writes files as the model WRF does: components of the wind lie on the faces of the cells."""
+        """Writes files like those of the model WRF, with wind components on the faces of cells."""
         nx, ny, nz = 9, 7, 5
         full = {"west_east": nx, "south_north": ny, "bottom_top": nz}
         dims = {"Time": 1, **full, **{n + "_stag": c + 1 for n, c in full.items()}}
@@ -583,7 +583,7 @@ class Foam(Case):
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
 
     def test_derivatives_at_the_boundary_are_those_of_the_flow(self):
-        """A line vortex along x in the middle of the box: outside of its core the curl is 0."""
+        """A line vortex along x in the middle of the box. Its curl is 0 outside its core."""
         core = 0.12
 
         def vortex(x, y, z, t):
@@ -605,7 +605,7 @@ class Foam(Case):
         self.imported(self.case(), "--voxel", 0.05)
         faces = [(0, 0.25, 0.2), (0.6, 0.1, 0.3), (0.3, 0, 0.1), (0.3, 0.5, 0.4), (0, 0, 0), (0.6, 0.5, 0.4)]
         self.holds("U", faces, lambda x, y, z: (1.5 + y, 0.5 * x, z), 1e-3)
-        # A scalar has no value beyond those of the cells.
+        # A scalar has no values outside the cells' centres.
         self.holds("p", [(0.3, 0.5, 0.2), (0.3, 0, 0.2)], lambda x, y, z: x + 2 * y + 0.5, 1e-3)
         self.holds("p", [(0.6, 0.5, 0.4)], lambda x, y, z: 0.55 + 2 * 0.45 + 0.5, 1e-3)
 
@@ -673,7 +673,7 @@ class Cgns(Case):
 
 
 def image(path, value, size=(5, 4, 3), at=0.0, name="T"):
-    """Writes an image of VTK's XML format, on a lattice with a spacing of 1."""
+    """Writes an image in VTK's XML format, with a spacing of 1."""
     extent = " ".join(f"0 {n - 1}" for n in size)
     numbers = " ".join(str(float(value(i, j, k))) for k in range(size[2]) for j in range(size[1])
                        for i in range(size[0]))
@@ -685,7 +685,7 @@ def image(path, value, size=(5, 4, 3), at=0.0, name="T"):
 
 
 class Collections(Case):
-    """ParaView's lists of files, each with its time (.pvd)."""
+    """ParaView's lists of files with times (.pvd)."""
 
     def collection(self, rows):
         source = self.dir / "run.pvd"
@@ -698,7 +698,7 @@ class Collections(Case):
         (self.dir / "run").mkdir()
         for n in range(3):
             image(self.dir / f"run/{n}.vti", lambda i, j, k, n=n: 10 * n + i + j * k)
-        # The times determine the order of the steps, and the rows do not.
+        # The times, not the rows, determine the order of the steps.
         source = self.collection(f'timestep="{0.5 * n}" part="0" file="run/{n}.vti"' for n in (2, 0, 1))
         for n in range(3):
             report = self.imported(source, "--time", n)
@@ -730,7 +730,7 @@ class Collections(Case):
 
 
 class VtkHdf(Case):
-    """VTK's own format in HDF5 (.vtkhdf)."""
+    """VTK's format based on HDF5 (.vtkhdf)."""
 
     def image(self, version):
         import h5py  # pylint: disable=import-outside-toplevel
@@ -758,10 +758,10 @@ class VtkHdf(Case):
 
 
 class Sentinels(Case):
-    """Numbers by which solvers mark cells and points without data."""
+    """Numbers with which solvers mark cells and points without data."""
 
     def mesh(self, values, section):
-        """Writes cells that are not cubes, so that they are resampled."""
+        """Writes cells that are not cubes, so that the import resamples them."""
         xs = [0, 1, 2.5, 4, 6, 7, 9, 10, 12]
         lines = "".join(f"{a}_COORDINATES {len(xs)} double\n{' '.join(map(str, xs))}\n" for a in "XYZ")
         path = self.dir / "a.vtk"
@@ -793,7 +793,7 @@ class Sentinels(Case):
 
 
 class Minc(Case):
-    """MINC 1: images in classic netCDF."""
+    """MINC 1 files: images in classic netCDF."""
 
     SIZES = {"xspace": 5, "yspace": 4, "zspace": 3}
     COSINES = {"xspace": (0.8, 0.6, 0.0), "yspace": (-0.6, 0.8, 0.0), "zspace": (0.0, 0.0, 1.0)}
@@ -802,7 +802,7 @@ class Minc(Case):
 
     def write(self, order=("zspace", "yspace", "xspace"), kind=netcdf.SHORT, image=None, scale=1,
               values=None, more=None, sizes=None):
-        """Writes an image. `scale`: number of dimensions of image-min and image-max."""
+        """Writes an image. `scale` is the number of dimensions of image-min and image-max."""
         sizes = sizes or self.SIZES
         variables = {}
         for name in order:
@@ -822,12 +822,12 @@ class Minc(Case):
         return netcdf.write(self.dir / "a.mnc", {d: sizes[d] for d in order}, variables)
 
     def place(self, order, index):
-        """Returns the place of an index along the dimensions of the file."""
+        """Returns the position of an index along the file's dimensions."""
         return tuple(sum(self.COSINES[d][a] * (self.STARTS[d] + self.STEPS[d] * n)
                          for d, n in zip(order, index)) for a in range(3))
 
     def agrees(self, order, value):
-        """The grid has value(n, slice, row) of the n-th number at its place."""
+        """Checks that the grid has value(n, slice, row) at the position of the n-th value."""
         sizes = [self.SIZES[d] for d in order]
         indices = [(k, j, i) for k in range(sizes[0]) for j in range(sizes[1]) for i in range(sizes[2])]
         rows = self.sample("image", [self.place(order, index) for index in indices])
@@ -877,7 +877,7 @@ class Minc(Case):
 
 
 class WholeNumbers(Case):
-    """Whole numbers beyond a float keep their differences on meshes too."""
+    """Whole numbers that floats cannot represent keep their differences on meshes, too."""
 
     def test_points_and_cells_of_a_mesh_have_an_offset(self):
         xs = [0, 1, 2.5, 4, 6, 7, 9, 10, 12]

@@ -1,4 +1,4 @@
-// Tests the time steps of series, whichever axis of the file they use.
+// Tests reading time steps when time is any axis of the file.
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -17,7 +17,7 @@ namespace {
 constexpr int kSteps = 3;
 constexpr int kPoints = 2 * 3 * 4;
 
-/// A temporary folder. The destructor removes it and its content.
+/// A temporary folder, removed by the destructor.
 class Folder {
  public:
   Folder() : path_(std::filesystem::temp_directory_path() / fmt::format("series_{}", getpid())) {
@@ -27,7 +27,7 @@ class Folder {
   Folder& operator=(const Folder&) = delete;
   ~Folder() { std::filesystem::remove_all(path_); }
 
-  /// Writes a file that consists of a header and 16-bit values.
+  /// Writes a header and 16-bit values. Returns a request to import the file.
   Request write(const std::string& name, const std::string& header,
                 const std::vector<std::int16_t>& values) const {
     std::ofstream out(path_ / name, std::ios::binary);
@@ -94,7 +94,7 @@ TEST_CASE("an NRRD's time steps are read with the time axis last, first or betwe
   const Folder folder;
   std::vector<std::int16_t> last;
   std::vector<std::int16_t> first;
-  std::vector<std::int16_t> between;  // component, series, space
+  std::vector<std::int16_t> between;  // axes: component, time, space
   for (int s = 0; s < kSteps; ++s) {
     for (int p = 0; p < kPoints; ++p) last.push_back(valueAt(s, p));
   }

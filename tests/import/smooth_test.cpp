@@ -1,4 +1,4 @@
-// Tests the importer's Gaussian against VTK's.
+// Compares the importer's Gaussian with VTK's.
 #include "palpate/scenes/apps/import/smooth.h"
 
 #include <array>
@@ -31,7 +31,7 @@ Piece noise(int components, const Vec3& spacing) {
   return image;
 }
 
-/// Returns VTK's result.
+/// Smooths with VTK.
 vtkSmartPointer<vtkDataArray> byVtk(const Piece& image, double width) {
   const Values& values = image.arrays[0].values;
   vtkNew<vtkFloatArray> floats;

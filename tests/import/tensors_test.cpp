@@ -1,4 +1,4 @@
-// Tests direction, anisotropy and diffusivity against tensors with known eigenvalues.
+// Tests direction, anisotropy and diffusivity for tensors with known eigenvalues.
 #include "palpate/scenes/apps/import/tensors.h"
 
 #include <array>
@@ -29,7 +29,7 @@ Mat3 tensor(const Mat3& axes, const Vec3& values) {
   return axes * values.asDiagonal() * axes.transpose();
 }
 
-/// Repeats a tuple `count` times.
+/// Returns a tuple repeated `count` times.
 template <class T, std::size_t N>
 Values repeated(Type type, const std::array<double, N>& tuple, std::size_t count) {
   Values values(type, static_cast<int>(N), count);
@@ -37,12 +37,12 @@ Values repeated(Type type, const std::array<double, N>& tuple, std::size_t count
   return values;
 }
 
-/// Returns the elements row by row.
+/// Returns the elements of a matrix row by row.
 std::array<double, 9> nineOf(const Mat3& D) {
   return {D(0, 0), D(0, 1), D(0, 2), D(1, 0), D(1, 1), D(1, 2), D(2, 0), D(2, 1), D(2, 2)};
 }
 
-/// Returns the anisotropy by Basser and Pierpaoli's formula, from the distance to the mean.
+/// Returns the fractional anisotropy of eigenvalues l (Basser and Pierpaoli).
 double anisotropy(const Vec3& l) {
   return std::sqrt(1.5) * (l - Vec3::Constant(l.mean())).norm() / l.norm();
 }

@@ -1,5 +1,5 @@
-/// Tests warm-up ticks, which have no effect on the hand. They are similar to the next tick, and
-/// they change no state.
+/// Tests cache warm-ups: they must resemble the next tick, change no state, and have no effect on
+/// the hand.
 #include "palpate/engine/loop/cache_warmup.h"
 
 #include <cmath>
@@ -26,10 +26,10 @@ using palpate::test::TestDevice;
 namespace {
 
 constexpr double kDt = 1e-3;
-/// [s]; a tick takes less than a quarter of it, unless the machine stops.
+/// [s]; a tick takes less than a quarter of this, unless the machine pauses
 constexpr double kLead = 1.0;
 
-/// A ball with friction and a drag, a ball that moves, and parts.
+/// Returns a scene with a ball with friction and a drag, a moving ball, and parts.
 std::shared_ptr<const Scene> richScene() {
   GraphSpec spec = ballSpec();
   spec.modes[0].friction = 0.5;
@@ -48,8 +48,8 @@ std::shared_ptr<const Scene> richScene() {
                    {}, std::move(parts));
 }
 
-/// A hand that wanders about the ball at the origin, presses into it, and sometimes passes through
-/// it.
+/// Returns the position of a hand that moves about the ball at the origin, presses into it, and
+/// sometimes goes through it.
 Vec3 handAt(double t) {
   const Vec3 out(std::sin(0.7 * t), std::sin(1.3 * t), 1.0);
   return (0.0315 - (0.0045 + 0.003 * std::sin(0.9 * t)) * std::sin(9.0 * t)) * out.normalized();
@@ -138,9 +138,9 @@ TEST_CASE("a cache warm-up predicts the next tick's proxy and contacts", "[loop]
 
 TEST_CASE("after a wrong prediction the cache warm-up starts again at the real proxy",
           "[loop][warmup]") {
-  // A wall holds the real hand's proxy, but the predicted hand has passed through the wall.
+  // A wall holds the hand's proxy, although the predicted hand is through the wall.
   GraphSpec spec = ballSpec(1.0);
-  spec.modes[0].depth_voxels = 0.01;  // a proxy that is through is inside
+  spec.modes[0].depth_voxels = 0.01;  // a proxy at this depth counts as inside
   const auto scene = makeScene(spec, {{"ball", ballField()}});
   Reader reader;
   ProxyState state;
@@ -154,7 +154,7 @@ TEST_CASE("after a wrong prediction the cache warm-up starts again at the real p
   };
   for (int i = 0; i < 5; ++i) tick(0.035);
   for (const double z : {0.0335, 0.0305}) tick(z);
-  // The prediction moves on by 3 mm and is deep in the ball, but the hand has stopped.
+  // The hand has stopped. The prediction still moves on by 3 mm, deep into the ball.
   CHECK_FALSE(tick(0.0288));
   for (int i = 0; i < 3; ++i) tick(0.0288);
   CHECK(tick(0.0288));
@@ -195,10 +195,10 @@ TEST_CASE("no cache warm-up runs without a scene or enough time or after a force
   loop.publish(ballScene(ballField()));
   TickTime time;
   loop.tick(time);
-  CHECK_FALSE(loop.warmUp(kDt, kLead));  // the path of the hand is not known yet
+  CHECK_FALSE(loop.warmUp(kDt, kLead));  // two positions are needed to predict the hand
   loop.tick(time);
   CHECK(loop.warmUp(kDt, kLead));
-  // Every tick takes more than a quarter of this time, so the warm-up is skipped.
+  // A tick takes more than a quarter of this time, so the warm-up is skipped.
   CHECK_FALSE(loop.warmUp(kDt, 1e-12));
   loop.cut();
   loop.tick(time);

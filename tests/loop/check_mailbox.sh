@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Model-checks the mailbox with Spin: check_mailbox.sh. The protocol must hold, and Spin must find three planted
-# mistakes.
+# faults.
 set -euo pipefail
 model=$(cd "$(dirname "$0")" && pwd)/mailbox.pml
 command -v spin >/dev/null || { echo "spin is not installed: apt install spin"; exit 77; }
@@ -8,7 +8,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 
-# verify BREAK: prints Spin's verdict on the model over all interleavings.
+# verify BREAK: prints Spin's verdict on the model with fault BREAK, over all interleavings.
 verify() {
     spin -a -DBREAK="$1" "$model" >spin.txt
     cc -O2 -DSAFETY -DMEMLIM=2048 -w -o pan pan.c

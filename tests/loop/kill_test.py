@@ -31,19 +31,20 @@ SIGNALS = ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGSEGV", "SIGBUS", "SIGAB
            "SIGSTOP", "SIGTSTP", "SIGKILL"]
 OWN = ["exception", "exit", "return", "hang"]
 ACTIONS = {"a_slow_write_is_followed_by_zero": "slow", "a_blocked_device_does_not_delay_another": "blocked",
-           "a_zero_is_retried_while_the_queue_is_full": "fast"}   # of tests
+           "a_zero_is_retried_while_the_queue_is_full": "fast"}   # by test
 SO_TIMESTAMP = 29   # Linux; Python has no name for it
-QUIET = 120.0      # [s] for which the machine must not stall while a hand is pressed
+QUIET = 120.0      # [s]; time in which the machine must not stall while a hand is pressed
 LONGEST = 600.0    # [s]
-AHEAD = 2          # victims that start ahead
-PRESSES = 1.3      # [s]: a victim of this age presses its hand
+AHEAD = 2          # number of victims that start ahead
+PRESSES = 1.3      # [s]; a victim of this age presses its hand
 TABLE = []
 try:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))   # the victim inherits it
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))   # victims inherit this priority
     ABOVE_OTHERS = True
 except PermissionError:
     ABOVE_OTHERS = False
-# The state of the program afterwards: a stop or a hang does not end it; the others end as without a guardian.
+# State of the program afterwards. A stop or a hang does not end it; all others end it as they would without a
+# guardian.
 AFTERWARDS = {name: f"ended with {-getattr(signal, name)}" for name in SIGNALS}
 AFTERWARDS |= dict.fromkeys(["SIGSTOP", "SIGTSTP", "hang"], "lives")
 AFTERWARDS |= {"exception": f"ended with {-signal.SIGABRT}", "exit": "ended with 0",
@@ -55,7 +56,7 @@ def newtons(data):
 
 
 def stamp(ancillary):
-    """Returns when the kernel received a datagram [s]."""
+    """Returns the time at which the kernel received a datagram [s]."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMP:
             seconds, micro = struct.unpack("ll", data)
@@ -64,8 +65,9 @@ def stamp(ancillary):
 
 
 class Witness:
-    """A process that only sleeps, with a higher priority than the victim. If it is late, the machine itself stalled."""
-    STILL = 0.01   # [s], half of a guardian's timeout
+    """A process that only sleeps, with a higher priority than the victim. If it wakes late, the machine has
+    stalled."""
+    STILL = 0.01   # [s]; half of a guardian's timeout
 
     def __init__(self):
         self.page = mmap.mmap(-1, 8)
@@ -84,12 +86,12 @@ class Witness:
         os._exit(0)
 
     def times(self):
-        """Returns how often the witness was late."""
+        """Returns how often the witness woke late."""
         return struct.unpack("q", self.page[:8])[0]
 
 
 class Victim:
-    """A program that presses a hand, and the forces that its device receives."""
+    """A program that presses a hand, and the forces that its device got."""
 
     def __init__(self, action):
         self.folder = tempfile.TemporaryDirectory()
@@ -107,7 +109,7 @@ class Victim:
         self.seen = []   # (time, force)
 
     def listen(self, seconds):
-        """Receives forces for this time."""
+        """Receives forces for this time [s]."""
         end = time.time() + seconds
         while time.time() < end:
             self.device.settimeout(max(1e-3, end - time.time()))
@@ -118,7 +120,7 @@ class Victim:
             self.seen.append((stamp(ancillary), newtons(data)))
 
     def press(self):
-        # If the machine's host takes its cores away, the loop cuts the force. So the test waits for a quiet time.
+        # If the host takes the machine's cores away, the loop cuts the force. So the test waits for a quiet period.
         begin = time.time()
         still = WITNESS.times()
         left = QUIET
@@ -147,22 +149,22 @@ class Victim:
 
 
 class Ahead:
-    """Victims that were started before their tests."""
+    """Victims that are started before their tests."""
 
     def __init__(self):
         self.victims = []   # (action, victim)
 
     def start(self, actions):
-        """Starts victims for the next tests, unless they were started before."""
+        """Starts victims for the next tests, unless they are already started."""
         waiting = [action for action, _ in self.victims]
         for action in actions:
             if action in waiting:
                 waiting.remove(action)
-            elif action != "fast":   # Its hand presses a tenth of a second after its start.
+            elif action != "fast":   # a "fast" victim presses its hand after 0.1 s
                 self.victims.append((action, Victim(action)))
 
     def take(self, action):
-        """Returns a victim that presses its hand, or will soon."""
+        """Returns a victim that presses its hand or will do so soon."""
         for i, (of, victim) in enumerate(self.victims):
             if of == action:
                 del self.victims[i]
@@ -171,7 +173,7 @@ class Ahead:
                 victim.listen(0.05)
                 if victim.seen and victim.seen[-1][1] > 1.0:
                     return victim
-                # The victim's loop was late after it pressed, so its force stays cut.
+                # The victim's loop was late after it pressed, so its force is cut.
                 victim.close()
                 break
         return Victim(action)
@@ -185,13 +187,13 @@ STARTED = Ahead()
 
 
 def action_of(test):
-    """Returns the action of the victim of a test."""
+    """Returns the victim's action for a test."""
     action = test.removeprefix("test_")
     return ACTIONS.get(action, action if action in OWN else "nothing")
 
 
 def late(row):
-    """Returns the milliseconds from the blow to lasting zero force, and the state of the program."""
+    """Returns the time from the blow until the force stays zero [ms], and the state of the program."""
     victim = STARTED.take(row if row in OWN else "nothing")
     try:
         victim.press()
@@ -258,7 +260,7 @@ class KillTable(unittest.TestCase):
         victim.close()
 
     def ends_without_force(self, victim, seconds):
-        """Checks that the last force is zero, and all forces in the last half of the time. Returns how long there
+        """Checks that the last force, and all forces in the second half of the time, are zero. Returns how long there
         was a force [s]."""
         start = time.time()
         victim.listen(seconds)
@@ -299,7 +301,7 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_a_slow_write_is_followed_by_zero(self):
-        # One write takes 40 ms, and the next one does not return.
+        # One write takes 40 ms, and the next one blocks.
         victim = STARTED.take("slow")
         try:
             victim.press()
@@ -333,7 +335,7 @@ class KillTable(unittest.TestCase):
                 victim.close()
 
     def test_a_zero_is_retried_while_the_queue_is_full(self):
-        # The test does not read for a while, so the device's queue is full of forces when the program is killed.
+        # The test does not read, so the device's queue is full when the program is killed.
         victim = Victim("fast")
         try:
             victim.press()
@@ -345,7 +347,7 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_without_a_guardian_a_killed_program_leaves_its_force(self):
-        # A control experiment for the table.
+        # Control experiment for the table.
         victim = STARTED.take("nothing")
         try:
             victim.press()

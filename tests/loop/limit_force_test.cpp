@@ -1,4 +1,4 @@
-/// Tests limitForce, the last limit before the arm.
+/// Tests limitForce(), which limits each force before it is sent to the arm.
 #include "palpate/engine/safety/limit_force.h"
 
 #include <algorithm>
@@ -15,7 +15,7 @@ using palpate::test::Random;
 
 namespace {
 
-/// Limits `wanted` one tick after the force `previous` was sent.
+/// Limits `wanted` in the tick after the force `previous` was sent.
 LimitedForce after(const Vec3& previous, const Vec3& wanted, double dt, const ForceLimits& limits) {
   LimiterState state;
   state.sent = previous;
@@ -51,7 +51,7 @@ TEST_CASE("the growth of the force is slew-limited, and its release is immediate
   CHECK_FALSE(released.limited());
   CHECK(released.force == Vec3(0.5, 0, 0));
 
-  // The wanted force reverses. The old force ends immediately, and the new force grows from zero.
+  // The wanted force reverses: the old force ends at once, and the new force grows from zero.
   const LimitedForce turned = after({5, 0, 0}, {-5, 0, 0}, 1e-3, limits);
   CHECK((turned.force - Vec3(-2, 0, 0)).norm() < 1e-14);
 }
@@ -109,14 +109,14 @@ TEST_CASE("an engagement waits for a small force or for one second, then ramps u
     double ramp = 0.0;
     double last = 0.0;
     for (int i = 0; i < 3000; ++i) {
-      // The hand presses from the start, or touches after 0.2 s.
+      // The hand presses from the start, or begins to press after 0.2 s.
       const double wanted = pressed || i > 200 ? 4.0 : 0.05;
       const LimitedForce out = limitForce({0, wanted, 0}, Vec3::Zero(), kDt, limits, state);
       const double force = out.force.norm();
       CHECK(force <= wanted);
       CHECK(force >= last - (i == 201 ? 1.0 : 1e-12));
-      // In a tick the force grows by at most the ramp's growth. A touch is the exception: its force
-      // starts at the ramp's present height.
+      // The force grows by at most the ramp's growth per tick. At the touch (i = 201) it may jump
+      // to the ramp's present value.
       if (i != 201) CHECK(force - last <= 4.0 * kDt / kEngage + 1e-12);
       last = force;
       if (force == 0.0) silent += kDt;
@@ -139,15 +139,15 @@ TEST_CASE("a force limit keeps the motors' heat at or below that of the continuo
   double first = 0.0;
   for (int i = 0; i < 60000; ++i) {
     const Vec3 force = limitForce({0, 0, 9}, Vec3::Zero(), 1e-3, limits, state).force;
-    // The test computes the motors' heat independently.
+    // Computes the motors' heat independently of the limiter.
     energy += 1e-3 / limits.heating * (force.squaredNorm() - energy);
     if (i == 100) first = force.norm();
     REQUIRE(state.heat <= 4.0 * (1.0 + 1e-12));
     REQUIRE(energy <= 4.0 * (1.0 + 1e-3));
   }
-  CHECK(first == Approx(8.0).margin(1e-9));  // the motors are cold, so the whole peak is allowed
+  CHECK(first == Approx(8.0).margin(1e-9));  // cold motors may give the whole peak
   CHECK(state.sent.norm() == Approx(2.0).margin(1e-3));
-  // The motors are cold again after a rest.
+  // After 20 s of rest the motors are cold again.
   for (int i = 0; i < 20000; ++i)
     CHECK(limitForce({0, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force.norm() == 0.0);
   CHECK(state.heat < 0.05);
@@ -161,15 +161,15 @@ TEST_CASE("the energy tank is applied last and its output is the sent force", "[
   LimiterState state;
   CHECK(limitForce({3, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force == Vec3::Zero());
   CHECK(state.sent == Vec3::Zero());
-  // 1 mm in a tick against 0.5 N s/m gives 0.5 mJ. A force of 1 N that is held for a tick needs the
-  // same energy.
+  // 1 mm per tick against 0.5 N s/m puts in 0.5 mJ. A force of 1 N can extract this energy in one
+  // tick.
   const LimitedForce out = limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state);
   CHECK(out.drained);
   CHECK(out.limited());
   CHECK(out.force.x() == Approx(1.0).epsilon(1e-6));
   CHECK(out.share == Approx(1.0 / 3.0).epsilon(1e-6));
   CHECK(state.sent == out.force);
-  // A tank that only observes reports the same share, but does not reduce the force.
+  // A tank that only observes reports the same share without reducing the force.
   limits.tank.use = TankUse::kObserve;
   LimiterState watched;
   (void)limitForce(Vec3::Zero(), Vec3::Zero(), 1e-3, limits, watched);
@@ -178,12 +178,11 @@ TEST_CASE("the energy tank is applied last and its output is the sent force", "[
   CHECK_FALSE(seen.limited());
   CHECK(seen.force == Vec3(3, 0, 0));
   CHECK(seen.share == Approx(1.0 / 3.0).epsilon(1e-6));
-  // The limiter forgets forces that were not sent.
   limits.tank.use = TankUse::kAct;
   state.forget();
   CHECK(state.tank.energy() == 0.0);
   CHECK(limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
-  // Invalid input gives no force, and the tank's energy stays finite.
+  // Invalid input gives no force and leaves the tank's energy finite.
   const double nan = std::numeric_limits<double>::quiet_NaN();
   CHECK(limitForce({nan, 0, 0}, {nan, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
   CHECK(std::isfinite(state.tank.energy()));

@@ -1,4 +1,4 @@
-/// Tests two hands that are linked through networks of any quality, with the energy at both ends.
+/// Tests two hands that are linked through networks of any quality, and the energy at both ends.
 #include "palpate/engine/loop/link.h"
 
 #include <algorithm>
@@ -24,27 +24,27 @@ using test::Random;
 
 constexpr double kDt = 1e-3;
 
-/// The effects of a network on messages.
+/// How a network delays, loses and repeats messages.
 struct Network {
   double delay = 0.0;    ///< [s]
   double jitter = 0.0;   ///< Added to the delay, at most [s].
-  double lost = 0.0;     ///< Share of messages that are lost.
-  double doubled = 0.0;  ///< Share of messages that arrive a second time, up to a second later.
+  double lost = 0.0;     ///< Largest random addition to the delay [s].
+  double doubled = 0.0;  ///< Share of messages that arrive twice, the second time up to 1 s later.
   double apart = 0.0;    ///< Start of an outage [s].
   double again = 0.0;    ///< End of the outage [s].
 };
 
-/// Messages that are under way to one end, sorted by their time of arrival.
+/// Messages on the way to one end, by their time of arrival [s].
 using Way = std::multimap<double, LinkWord>;
 
-/// A hand that a person moves: a mass on a spring. The person moves the other end of the spring.
+/// A mass on a spring. A person moves the other end of the spring.
 struct Hand {
   Vec3 position = Vec3::Zero();
   Vec3 velocity = Vec3::Zero();
   double mass = 0.2;
   double damping = 2.0;
-  double grip = 0.0;          ///< [N/m]
-  Vec3 swing = Vec3::Zero();  ///< Amplitude [m]
+  double grip = 0.0;          ///< Stiffness of the spring [N/m].
+  Vec3 swing = Vec3::Zero();  ///< Amplitude of the person's motion [m].
   double frequency = 1.0;     ///< [Hz]
   double phase = 0.0;
 
@@ -52,7 +52,7 @@ struct Hand {
   void move(const Vec3& force, double now, double dt) {
     const Vec3 wanted = std::sin(2.0 * M_PI * frequency * now + phase) * swing;
     const Vec3 all = force + grip * (wanted - position) - damping * velocity;
-    // Limits the acceleration to that of real arms and hands.
+    // Real arms and hands do not accelerate faster.
     Vec3 a = all / mass;
     const double most = 0.49 * kLinkNimble;
     if (a.norm() > most) a *= most / a.norm();
@@ -61,7 +61,7 @@ struct Hand {
   }
 };
 
-/// One end of the link, and quantities that the test measures there.
+/// One end of the link, with measurements.
 struct End {
   explicit End(std::uint64_t life, const LinkParams& params) : link(life, params) {}
   Link link;
@@ -80,7 +80,7 @@ struct Session {
   Session(std::uint64_t seed, const LinkParams& p)
       : random(seed), ends{End(1, p), End(1, p)}, params(p) {}
 
-  /// @param next  Time until the next tick [s].
+  /// @param next  Time from this tick to the next [s].
   void tick(double now, double next = kDt) {
     for (std::size_t i = 0; i < 2; ++i) {
       End& end = ends[i];
@@ -98,7 +98,7 @@ struct Session {
       hand.age = now - end.read_at;
       hand.drives = end.drives;
       if (random.uniform() < rests) {
-        // After a fault or without a hand, this end sends no force.
+        // After a fault, or without a hand, an end sends no force.
         end.link.rest(hand.position);
         end.force.setZero();
       } else {
@@ -133,7 +133,7 @@ struct Session {
     if (random.uniform() < network.doubled) ways[to].emplace(arrives() + random.uniform(), word);
   }
 
-  /// Restarts one end. Messages that are under way to it still arrive.
+  /// Restarts one end. Messages on the way to it still arrive.
   void restart(std::size_t i) {
     End& end = ends[i];
     end.link = Link(++end.lives, params);
@@ -145,13 +145,14 @@ struct Session {
   LinkParams params;
   Network network;
   double every = 0.005;  ///< Time between two messages [s].
-  bool tanks = true;     ///< False: each end renders a spring without counting energy.
+  bool tanks = true;     ///< False: each end acts as a spring without an energy account.
   std::array<Vec3, 2> heard{Vec3::Zero(), Vec3::Zero()};
-  double unsent = 0.0;  ///< Share of forces that the gate or the motors reduce.
+  double unsent = 0.0;  ///< Share of forces that are sent only in part, as by the gate or by weak
+                        ///< motors.
   int ticks = 0;
-  int reads = 1;       ///< The hand is read in every tick, or only in every second, third, ...
-  double rests = 0.0;  ///< Share of ticks in which this end has no hand.
-  /// Largest energy that both hands together have received at any time [J].
+  int reads = 1;       ///< The hand is read in every n-th tick.
+  double rests = 0.0;  ///< Share of ticks in which an end has no hand.
+  /// Largest sum of the energies that both hands have received [J].
   double most = 0.0;
   double last = kDt;      ///< Time since the last tick [s].
   double greatest = 0.0;  ///< Largest work in one tick [J].
@@ -203,7 +204,7 @@ TEST_CASE("two linked hands never gain more energy on any network than their tan
     const double forgets = random.integer(4) == 0 ? 0.02 : 0.0;
     for (End& end : session.ends) {
       end.hand = anyHand(random);
-      // The arm has one, two or three motors.
+      // An arm has motors for one, two or three directions.
       const Vec3 axis = random.direction();
       const int motors = random.integer(6);
       if (motors == 0) end.drives = axis * axis.transpose();
@@ -216,7 +217,7 @@ TEST_CASE("two linked hands never gain more energy on any network than their tan
         restarted = true;
         session.restart(static_cast<std::size_t>(random.integer(2)));
       }
-      // The hand's slot is given to another site, and later given back.
+      // Another site gets the hand's slot, and later loses it again.
       if (random.uniform() < forgets) {
         session.ends[static_cast<std::size_t>(random.integer(2))].link.forgetOther();
       }
@@ -225,21 +226,21 @@ TEST_CASE("two linked hands never gain more energy on any network than their tan
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    // The time between two readings is known only after several readings. Until then, the link
-    // gives a fiftieth of the spring's force.
+    // The link knows the time between two readings only after several readings. Until then it gives
+    // a fiftieth of the spring's force.
     const double slack = session.reads > 1 ? 5e-4 : 1e-12;
     for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);
     REQUIRE(session.most <= bound + 2.0 * slack);
     nearest = std::max(nearest, session.most / bound);
   }
-  // The bound is not too loose: with some network, most of this energy comes out.
+  // The bound is not too loose: on some network, more than half of it comes out.
   CHECK(nearest > 0.5);
 }
 
 TEST_CASE("the tanks of a link pay for motion that is smaller than an encoder step",
           "[loop][link]") {
-  // One hand swings, so that the force on the other hand changes sign. That other hand creeps with
-  // the force within a step of its encoders, so that no reading shows the motion.
+  // One hand swings, so the force on the other hand alternates. The other hand creeps with the
+  // force by less than an encoder step, so its readings do not change.
   constexpr double kDelay = 0.005;  // [s]
   constexpr double kSwing = 5.0;    // [Hz]
   for (const double step : {0.0, 5e-6, 30e-6, 100e-6, 200e-6}) {
@@ -323,7 +324,7 @@ TEST_CASE("a late tick does not change the force of a link", "[loop][link]") {
 }
 
 TEST_CASE("without energy tanks a spring over a delayed network generates energy", "[loop][link]") {
-  // A control experiment: without the tanks, this network adds energy.
+  // Control experiment: without tanks, this network adds energy.
   Session session(1, {});
   session.network.delay = 0.05;
   session.tanks = false;
@@ -346,7 +347,7 @@ TEST_CASE("without energy tanks a spring over a delayed network generates energy
 }
 
 TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
-  // One hand swings by 5 cm at 0.5 Hz, the other is only pulled. The table is in docs/sites.md.
+  // One hand swings by 5 cm at 0.5 Hz, the other is only pulled. docs/sites.md has the table.
   std::printf("delay ms, lost %%: rms apart mm\n");
   for (const double delay : {0.0, 0.005, 0.02, 0.05, 0.1}) {
     for (const double lost : {0.0, 0.1, 0.5}) {
@@ -363,15 +364,14 @@ TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
       int count = 0;
       for (int n = 0; n < 10000; ++n) {
         session.tick(n * kDt);
-        if (n < 4000) continue;  // skips the start of the motion
+        if (n < 4000) continue;  // skips the start
         ++count;
         squares += (session.ends[0].hand.position - session.ends[1].hand.position).squaredNorm();
       }
       const double apart = std::sqrt(squares / count);
       std::printf("%5.0f %3.0f: %.1f\n", 1e3 * delay, 1e2 * lost, 1e3 * apart);
       INFO("delay " << delay << " lost " << lost);
-      // The limit is the path during the delay, at 0.16 m/s at most, plus the stretch of the
-      // spring.
+      // Limit: the path during the delay, at 0.16 m/s at most, plus the stretch of the spring.
       CHECK(apart < 2.5e-3 + 0.12 * delay);
     }
   }
@@ -390,7 +390,7 @@ TEST_CASE("a link ignores invalid messages, and a false energy sum has a bounded
   };
   for (int n = 0; n < 1000; ++n) said({7, 5, static_cast<std::uint64_t>(n + 1), {0.1, 0, 0}, 0.0});
   const double before = link.energy();
-  // Messages without a session (0), with invalid numbers, or with the energy sum of another
+  // Messages without a session (0), with invalid numbers, with an old number, or of another
   // session.
   said({0, 5, 2000, {0.1, 0, 0}, 1.0});
   said({7, 5, 2000, {nan, 0, 0}, 1.0});
@@ -402,8 +402,7 @@ TEST_CASE("a link ignores invalid messages, and a false energy sum has a bounded
   CHECK(link.energy() == before);
   CHECK(link.pull(Vec3::Zero(), {}, 1.0, kDt).x() > 1.9);
   link.pulled(1.0);
-  // If a peer sends a false sum of energy, the energy in the tank is at most `start` plus the
-  // energy of the spring.
+  // If a peer sends a false energy sum, the tank holds at most `start` plus the spring's energy.
   said({7, 5, 2002, {0.1, 0, 0}, 1e9});
   CHECK(link.energy() < 0.2);
 }
@@ -419,7 +418,7 @@ TEST_CASE("a loop's energy accounts use the sent force and not the requested one
   LinksHeard heard;
   heard.who[2] = 9;
   std::uint64_t number = 0;
-  std::uint64_t life = 2;  // session of the link, the second one in this slot
+  std::uint64_t life = 2;  // the slot's second session
   const auto tick = [&](const Vec3& hand) -> const Telemetry& {
     heard.words[2] = {3, life, ++number, Vec3(0.2, 0, 0), 0.0};
     links.hear(heard);
@@ -438,23 +437,23 @@ TEST_CASE("a loop's energy accounts use the sent force and not the requested one
   }
   const LinksTold before = links.told();
   CHECK(before.proxy == hand);
-  // The hand moves away by 10 mm against 0.5 N, the sent force. This is 5 mJ; the requested force
-  // of 2 N would give 20 mJ.
+  // The hand moves away by 10 mm against the sent 0.5 N, which is 5 mJ. The requested 2 N would
+  // make it 20 mJ.
   for (int n = 0; n < 100; ++n) (void)tick(hand -= Vec3(1e-4, 0, 0));
   const LinksTold& after = links.told();
   const double put_in =
       after.energy[2] + after.words[2].given - before.energy[2] - before.words[2].given;
   CHECK(put_in == Approx(5e-3).epsilon(0.05));
-  CHECK(after.words[2].from == 2);  // the place belonged to another link before
+  CHECK(after.words[2].from == 2);  // the slot had another link before
   CHECK(after.words[2].to == 3);
-  // A fault cuts the pull, and the link sends no message.
+  // After a fault the link neither pulls nor sends messages.
   loop.cut();
   CHECK(tick(hand).input.pull == Vec3::Zero());
   const std::uint64_t told = links.told().words[2].number;
   (void)tick(hand);
   CHECK(links.told().words[2].number == told);
   loop.clear();
-  // Another hand in this place starts a new link.
+  // Another hand in this slot starts a new link.
   heard.who[2] = 10;
   life = 3;
   (void)tick(hand);
@@ -511,8 +510,8 @@ TEST_CASE("the total pull of several linked hands is limited to the peak and doe
 }
 
 TEST_CASE("the debt of a link's tank does not grow over repeated overdrafts", "[loop][link]") {
-  // The hand moves away fast, back within one late tick, then slowly away. Each reversal takes more
-  // energy than the tank has.
+  // The hand moves away fast, returns within one late tick, then moves away slowly. Each reversal
+  // costs more energy than the tank has.
   Link link(1);
   double debt = 0.0;
   double first = 0.0;

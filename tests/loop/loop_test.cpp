@@ -32,7 +32,7 @@ namespace {
 
 constexpr double kDt = 1e-3;
 
-/// A loop whose time the test controls.
+/// A loop whose clock the test sets.
 struct Rig {
   TestDevice device;
   HapticLoop loop;
@@ -59,7 +59,7 @@ struct Rig {
     for (int i = 1; i < static_cast<int>(std::lround(seconds / kDt)); ++i) tick();
     return tick();
   }
-  /// Moves the hand to a place within its speed limit, then keeps it there.
+  /// Moves the hand to a position at half a metre per second, then keeps it there for `seconds`.
   const Telemetry& go(const Vec3& to, double seconds) {
     const Vec3 from = device.hand.position;
     const int n = std::max(1, static_cast<int>((to - from).norm() / (0.5 * kDt)));
@@ -74,7 +74,7 @@ struct Rig {
 const Vec3 kOut(0, 0, 0.04);
 const Vec3 kPressed(0, 0, 0.027);
 
-/// A ball whose data may be missing, like a volume that is fetched from a server.
+/// A ball whose data can become unavailable, like a volume on a server.
 class Fetched final : public ScalarField {
  public:
   explicit Fetched(std::shared_ptr<const ScalarField> of)
@@ -106,7 +106,8 @@ TEST_CASE(
   CHECK(rig.run(0.2).report.force == Vec3::Zero());
   CHECK(rig.device.writes == 200);
   const FieldPtr ball = ballField();
-  // The ball appears around the hand. The hand moves freely inside, and leaves without a force.
+  // The ball appears around the hand. Inside, the hand moves without force, and it can leave
+  // without force.
   rig.loop.publish(ballScene(ball));
   CHECK(rig.run(2.0).report.force.norm() < 1e-6);
   CHECK(rig.go(kOut, 0.1).report.force == Vec3::Zero());
@@ -136,11 +137,11 @@ TEST_CASE(
       most = std::max(most, force - last);
       last = force;
     }
-    // The hand presses all the time, so the engagement waits for the full kEngageWait.
+    // The hand presses from the start, so the engagement waits for the whole kEngageWait.
     CHECK(kDt * ticks == Approx(kEngageWait + kEngage).margin(0.02));
     CHECK(most < 1.1 * 1.5 * kDt / kEngage + 1e-9);
   }
-  // After an edit the force stays. Additional force grows to its full value within 50 ms, for any
+  // After an edit the force stays on. Additional force reaches its full value within 50 ms, for any
   // number of edits.
   const auto stiff = [&](double k) {
     GraphSpec spec;
@@ -167,11 +168,11 @@ TEST_CASE(
     REQUIRE(force > last - 1e-6);
     REQUIRE(force < last + pace * (1.0 + 1e-9));
     last = force;
-    // A second edit, while the force still grows after the first one.
+    // A second edit, before the first has taken full effect.
     if (i == 48) rig.loop.publish(stiff(1900.0));
   }
   CHECK(rig.run(0.1).report.force.norm() == Approx(5.7).margin(0.05));
-  // A slider changes the scene in every tick, and the force does not oscillate.
+  // A slider changes the scene in every tick. The force must not oscillate.
   double least = 1e9;
   double most = 0.0;
   for (int i = 0; i < 500; ++i) {
@@ -207,7 +208,7 @@ TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.loop.latest().fault == cause);
     CHECK(rig.loop.latest().report.status == StepStatus::kFault);
-    // The fault stays if its cause ends, and if another cause appears.
+    // The fault stays latched when its cause ends, and when other causes follow.
     mend(rig);
     for (int i = 0; i < 500; ++i) {
       rig.loop.beat();
@@ -277,7 +278,7 @@ TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop
   expect(
       Fault::kOverSpeed,
       [](Rig& rig) {
-        // The hand moves sideways: too fast for 50 ms, but without a jump.
+        // The hand is too fast for 50 ms, but its position does not jump.
         for (int i = 0; i < 80; ++i) {
           rig.device.hand.position.x() += 0.0035;
           rig.tick();
@@ -328,17 +329,17 @@ TEST_CASE("a force that was cut for lateness returns by itself at most three tim
     pressed(rig, kAfter);
     late(rig);
     CHECK(rig.run(1.5).fault == Fault::kLate);
-    late(rig);  // a further late tick, so the waiting time starts again
+    late(rig);  // this late tick restarts the waiting time
     CHECK(rig.run(1.9).fault == Fault::kLate);
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.run(0.2).fault == Fault::kNone);
-    // The proxy starts at the hand, as after clear(). The hand feels the ball only when it touches
-    // the ball again.
+    // As after clear(), the proxy starts at the hand. The hand gets no force until it enters the
+    // ball again.
     CHECK(rig.device.sent == Vec3::Zero());
     rig.go(kOut, 0.1);
     CHECK(rig.go(kPressed, 2.0).report.force.norm() > 1.0);
-    // The force returns by itself two more times. The next return must wait until the first return
-    // is a minute old.
+    // The loop allows three automatic returns per minute. These are the second and the third; the
+    // fourth must wait.
     for (int i = 0; i < 2; ++i) {
       late(rig);
       CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
@@ -348,13 +349,13 @@ TEST_CASE("a force that was cut for lateness returns by itself at most three tim
     CHECK(rig.run(Reengagement::kWithin).fault == Fault::kNone);
   }
   {
-    Rig rig;  // by default the force does not return by itself
+    Rig rig;  // by default the force does not return automatically
     pressed(rig, 0.0);
     late(rig);
     CHECK(rig.run(10.0).fault == Fault::kLate);
   }
   {
-    Rig rig;  // the program was stopped for some time
+    Rig rig;  // the whole program was stopped
     pressed(rig, kAfter);
     CHECK(rig.tick(0.6).fault == Fault::kLate);
     CHECK(rig.run(10.0).fault == Fault::kLate);
@@ -393,7 +394,7 @@ TEST_CASE("a force that was cut for lateness returns by itself at most three tim
       CHECK(rig.run(kAfter).fault == Fault::kNone);
     }
   }
-  // A force that a guardian has cut also counts as lateness.
+  // A cut by the guardian counts as lateness, too.
   TestDevice device;
   std::atomic<std::uint32_t> cuts{0};
   HapticLoop loop(device, 1000.0, nullptr, 0.0, {nullptr, nullptr, nullptr, &cuts});
@@ -429,13 +430,13 @@ TEST_CASE("clear() cancels only the cuts and stops that were ordered before it",
     return loop.latest().fault;
   };
   CHECK(tick() == Fault::kNone);
-  // The guardian has set the force to zero, so the loop was late, even if its own clock does not
-  // show this.
+  // If the guardian had to set the force to zero, the loop was late, even if its clock does not
+  // show it.
   ++cuts;
   CHECK(tick() == Fault::kLate);
   loop.clear();
   CHECK(tick() == Fault::kNone);
-  // A cut between clear() and the next tick is not lost.
+  // A stop between clear() and the next tick must not be lost.
   loop.clear();
   ++stops;
   CHECK(tick() == Fault::kStopped);
@@ -444,7 +445,7 @@ TEST_CASE("clear() cancels only the cuts and stops that were ordered before it",
   CHECK(tick() == Fault::kStopped);
   loop.clear();
   CHECK(tick() == Fault::kNone);
-  // If a device fails after another fault, the guardian still has to set its force to zero.
+  // If a device fails after another fault, the guardian must still set its force to zero.
   loop.cut();
   (void)tick();
   device.hand.fault = Fault::kWrite;
@@ -503,13 +504,13 @@ TEST_CASE("a device whose output rate is lower than the loop's adds its wait to 
     CHECK(at(takes, 1000.0).delay == 2e-3);
     CHECK(at(takes, 1000.0).doubt == 0.5e-3);
   }
-  // If forces wait up to 1.25 ms, the delay is 0.25 to 3.75 ms. If they wait up to 5 ms, it is 0 to
-  // 7.5 ms.
+  // With pacing of up to 1.25 ms, the delay is 0.25 to 3.75 ms. With pacing of up to 5 ms, it is 0
+  // to 7.5 ms.
   CHECK(at(800.0, 1000.0).delay == Approx(2e-3));
   CHECK(at(800.0, 1000.0).doubt == Approx(1.75e-3));
   CHECK(at(200.0, 1000.0).delay == Approx(3.75e-3));
   CHECK(at(200.0, 1000.0).doubt == Approx(3.75e-3));
-  // At this rate, more forces may be under way at the same time than the tank can store.
+  // At this rate, more forces can be on their way than the tank can store.
   CHECK_THROWS_AS(at(20.0, 2000.0), DeviceError);
   for (const double bad : {-1.0, std::nan(""), static_cast<double>(INFINITY)}) {
     CHECK_THROWS_AS(at(bad, 1000.0), DeviceError);
@@ -617,8 +618,8 @@ TEST_CASE("a blocked write is a fault, and stops the heartbeat for the guardian"
   device.write_ms = 0;
   tick();
   CHECK(loop.latest().fault == Fault::kWrite);
-  CHECK(heart == 10);  // the heartbeat stands still, so the guardian sends zero
-  // A guardian's order to stop is handled like any other, and a single clear() ends it.
+  CHECK(heart == 10);  // the heartbeat has stopped, so the guardian sends zero
+  // A stop by the guardian is latched like other faults, and one clear() ends it.
   loop.clear();
   tick();
   CHECK(loop.latest().fault == Fault::kNone);
@@ -662,7 +663,8 @@ TEST_CASE("a tick that hangs ends with zero force and a late fault", "[loop][saf
 
 TEST_CASE("a position jump or the homing of an arm puts no energy into the tank",
           "[loop][safety]") {
-  // The arm is homed, or its position jumps, or the arm returns at another place.
+  // The position jumps for one of three reasons: the arm is homed, its position jumps, or it
+  // returns elsewhere.
   for (const int how : {0, 1, 2}) {
     CAPTURE(how);
     Rig rig;
@@ -691,7 +693,7 @@ TEST_CASE("a position jump or the homing of an arm puts no energy into the tank"
     loop.clear();
     run(100);
     CHECK(loop.latest().report.energy == 0.0);
-    // A hand that really moves puts in energy.
+    // Real motion of the hand puts in energy.
     for (int i = 0; i < 100; ++i) {
       rig.device.hand.position.z() += 5e-4;
       run(1);
@@ -702,7 +704,7 @@ TEST_CASE("a position jump or the homing of an arm puts no energy into the tank"
 
 TEST_CASE("a switch that closes between two position readings releases no energy",
           "[loop][safety]") {
-  // An arm with 125 positions per second moves at 2 m/s. Part of the path since its last position
+  // An arm with 125 positions per second moves at 2 m/s. A part of the path since its last position
   // lies before the switch closed.
   constexpr double kViscous = 0.5;
   constexpr int kEvery = 8;
@@ -749,15 +751,15 @@ TEST_CASE("a switch that closes between two position readings releases no energy
 
 namespace {
 
-/// A force of 3 N everywhere, an arm with friction b [N s/m], and an active tank. Measures the
-/// energy that the hand has put in.
+/// A force of 3 N everywhere, an arm with viscous friction, and an active tank. Counts the energy
+/// that the hand puts in.
 struct Windy {
   static constexpr double kViscous = 0.5;
   TestDevice device;
   std::unique_ptr<HapticLoop> loop;
   TickTime time;
   double x = 0.0;       ///< Position of the hand [m].
-  double put_in = 0.0;  ///< [J]
+  double put_in = 0.0;  ///< Energy that the hand has put in [J].
   double least = 0.0;   ///< Smallest `put_in` so far [J].
 
   Windy() {
@@ -777,7 +779,7 @@ struct Windy {
     });
     loop->publish(makeScene(spec, {{"wind", wind}}, {}));
   }
-  /// Runs a tick, then moves the hand at `speed` [m/s]. Without a speed, the hand moves with the
+  /// Runs a tick, then moves the hand at `speed` [m/s]. Without `speed`, the hand moves with the
   /// force at the speed that extracts the most energy.
   void tick(std::optional<double> speed) {
     time.now += kDt;
@@ -793,7 +795,7 @@ struct Windy {
 }  // namespace
 
 TEST_CASE("homing an arm or clearing a fault puts no energy into the tank", "[loop][safety]") {
-  // The last position before the arm is ready is wrong by 10 cm, although the hand did not move.
+  // The positions before the arm is ready are wrong by 10 cm, although the hand rests.
   for (const bool homed : {true, false}) {
     for (const int not_ready : {1, 2, 15}) {
       CAPTURE(homed, not_ready);
@@ -834,7 +836,7 @@ TEST_CASE("while an arm is not ready its speed is watched but position jumps are
     arm.tick(0.0);
   }
   CHECK(arm.loop->latest().fault == Fault::kNone);
-  // The switch closes during a fast motion. The loop brakes this motion from the first tick on.
+  // The switch closes during a fast motion. The loop brakes the motion from the first tick.
   for (int i = 0; i < 30; ++i) {
     arm.device.hand.position.x() += 4.0 * kDt;
     arm.device.hand.ready = i >= 20;
@@ -870,8 +872,7 @@ TEST_CASE("a repeated position that is older in each tick does not count as a ne
 
 TEST_CASE("ticks of 1.19 periods put the tank into no debt, ticks of 1.5 periods do",
           "[loop][safety]") {
-  // The force that drives the hand needs all the energy in the tank, and the hand extracts as much
-  // as it can.
+  // The force may use all energy in the tank, and the hand extracts as much as it can.
   struct Debt final : TickSink {
     double debt = 0.0;
     void take(const Telemetry& /*tick*/, const ProxyState& state) noexcept override {
@@ -894,10 +895,10 @@ TEST_CASE("ticks of 1.19 periods put the tank into no debt, ticks of 1.5 periods
     device.hand.position = {0.05, 0, 0};
     TickTime time;
     for (int i = 0; i < 3000; ++i) {
-      // Some ticks are long, but on average the loop keeps its deadlines.
+      // Some ticks are long, but on average the loop meets its deadlines.
       time.dt = i % 2 == 0 ? longest : 2.0 * kDt - longest;
       time.now += time.dt;
-      // The hand moves to and fro until the force appears, then moves with the force.
+      // The hand moves back and forth until the force has grown, then with the force.
       const Vec3 sweep(0, i / 50 % 2 == 0 ? 0.1 : -0.1, 0);
       device.hand.position += time.dt * (i < 2000 ? sweep : Vec3(device.sent / (2.0 * kViscous)));
       loop.tick(time);
@@ -976,8 +977,8 @@ TEST_CASE("a device that replays a path without a hand gets force without an eng
 
 TEST_CASE("under random events the force is finite, bounded, slew-limited, and no tick allocates",
           "[loop][safety][fault]") {
-  // The test publishes, withdraws and edits scenes of every kind. The hand moves, jumps and is
-  // lost. Ticks are late, and faults are cleared. PALPATE_CASES is the number of ticks.
+  // Random events: scenes are published, withdrawn and edited; the hand moves, jumps and is lost;
+  // ticks are late; faults are cleared. PALPATE_CASES is the number of ticks.
   const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -985,7 +986,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
   const FieldPtr ball = std::shared_ptr<const ScalarField>(fetched);
   const FieldPtr rubbish = FieldPtr(makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-0.05), Vec3::Constant(0.05)}}, [&](const Vec3& p) {
-        // Some places have an invalid value, and ticks may pass through them.
+        // Some positions have invalid values, and the hand can pass through them.
         const double n = std::fmod(std::abs(1e5 * p.x()), 50.0);
         const double bad = n < 0.05 ? nan : n < 0.1 ? 1e308 : p.z();
         return ScalarSample{bad, {0, 0, 1}, true};
@@ -1020,10 +1021,10 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
   std::atomic<std::uint64_t> guard{0};
   HapticLoop loop(device, 1000.0, nullptr, kHeartbeat, {nullptr, nullptr, &guard});
   const ForceLimits limits = device.about.limits;
-  long silent = 0;     // number of ticks left without a heartbeat of the application
-  long unguarded = 0;  // number of ticks left without a signal from the guardian
-  long away = 0;       // number of ticks left without the source of the fetched volume
-  double ramp = 0.0;   // time since the earliest possible start of the last engagement [s]
+  long silent = 0;     // number of further ticks without a heartbeat of the application
+  long unguarded = 0;  // number of further ticks without a signal of the guardian
+  long away = 0;       // number of further ticks without data of the fetched volume
+  double ramp = 0.0;   // time since the last moment at which an engagement could start [s]
   TickTime time;
   Vec3 velocity = Vec3::Zero();
   Vec3 sent = Vec3::Zero();
@@ -1049,7 +1050,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
     } else if (event == 6) {
       device.hand.age = random.uniform(0.0, 0.1);
     } else if (event == 7) {
-      // Faults that devices report. Other events cause the other faults.
+      // Faults that devices report. Other events cause the remaining faults.
       const std::array reported{Fault::kWrite,       Fault::kGone,  Fault::kMiscounted,
                                 Fault::kTemperature, Fault::kPower, Fault::kSwitch};
       device.hand.fault = reported[static_cast<std::size_t>(random.integer(6))];
@@ -1074,7 +1075,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
     if (silent-- <= 0) loop.beat();
     if (unguarded-- <= 0) ++guard;
     fetched->gone = away-- > 0;
-    // The hand moves to and fro through all volumes, and sometimes much too fast.
+    // The hand moves back and forth through all volumes, sometimes much too fast.
     velocity += kDt * (random.integer(3000) == 0 ? 4000.0 : 40.0) * random.inCube(1.0) -
                 kDt * 60.0 * device.hand.position;
     velocity *= 0.999;
@@ -1106,8 +1107,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
     if (told.fault != Fault::kNone && size != 0.0) FAIL("force after a fault, tick " << i);
     if (told.scene == 0 && size != 0.0) FAIL("force without a scene, tick " << i);
     if (!device.hand.ready && size != 0.0) FAIL("force without a dead man's switch, tick " << i);
-    // Counted separately, because after ten hours the rounding of the clock would exceed the
-    // tolerance.
+    // Sums the durations, because after hours the rounding of time.now would exceed the tolerance.
     ramp += time.dt;
     if (told.fault != Fault::kNone || told.scene == 0 || !device.hand.ready) ramp = 0.0;
     if (size > limits.peak * ramp / kEngage * (1.0 + 1e-9)) {

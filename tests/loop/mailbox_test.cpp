@@ -1,5 +1,5 @@
-/// Tests the mailbox between two threads. A model checker proves properties of the protocol
-/// (mailbox.pml). These tests check the properties on the real mailbox, also under ThreadSanitizer.
+/// Tests the mailbox between two threads. A model checker proves its protocol (mailbox.pml). These
+/// tests check the real mailbox, also under ThreadSanitizer.
 #include "palpate/engine/loop/mailbox.h"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace palpate::mailbox_test {
 
 namespace {
 
-/// A value that takes some time to copy.
+/// A value whose copying takes time, so that a torn copy shows.
 struct Words {
   std::array<std::uint64_t, 40> words{};
   void fill(std::uint64_t n) { words.fill(n); }
@@ -125,14 +125,14 @@ TEST_CASE(
     box.draft().fill(static_cast<std::uint64_t>(n));
     box.publish();
   }
-  reader.join();  // the reader ends only after the last value has arrived
+  reader.join();  // ends only after it got the last value
   CHECK(bad == 0);
   CHECK(last == static_cast<std::uint64_t>(count));
 }
 
 namespace {
 
-std::atomic<int> held{0};  // number of threads inside the handler
+std::atomic<int> held{0};  // number of threads in the signal handler
 std::atomic<bool> let_go{false};
 
 extern "C" void hold(int /*signal*/) {
@@ -146,13 +146,13 @@ extern "C" void hold(int /*signal*/) {
 
 TEST_CASE("a thread that is stopped at any point does not block the mailbox's other thread",
           "[mailbox][host]") {
-  // A signal stops one thread at any point, while the other thread continues.
+  // A signal stops one thread at a random point, while the other continues.
   struct sigaction action {};
   action.sa_handler = hold;
   struct sigaction before {};
   REQUIRE(sigaction(SIGUSR1, &action, &before) == 0);
   test::Random random(5);
-  // Each round waits until the machine lets the other thread run.
+  // Few rounds, because each waits for the scheduler.
   const long count = test::share(300);
   for (const bool hold_writer : {true, false}) {
     Mailbox<Words> box;
@@ -178,8 +178,8 @@ TEST_CASE("a thread that is stopped at any point does not block the mailbox's ot
       pthread_kill(other.native_handle(), SIGUSR1);
       while (held.load() == 0) {
       }
-      // The other thread completes 100 operations. If it had to wait for the stopped thread, this
-      // test would hang.
+      // The other thread completes 100 operations. If it waited for the stopped thread, the test
+      // would hang.
       for (int k = 0; k < 100; ++k) hold_writer ? read() : write();
       let_go = true;
       while (held.load() != 0) {

@@ -1,4 +1,4 @@
-/// Tests the control of play: pause, faster, backwards, jump to a time, repeat.
+/// Tests the play clock: pause, speed, reverse, seek, repeat.
 #include "palpate/engine/loop/play_clock.h"
 
 #include <cmath>

@@ -1,4 +1,4 @@
-/// Tests the limits on the motion of a hand, and what the loop does beyond them.
+/// Tests the limits on a hand's motion, and how the loop reacts beyond them.
 #include "palpate/engine/safety/safety.h"
 
 #include <cmath>
@@ -37,7 +37,7 @@ TEST_CASE("every fault has its own description and remedy", "[safety]") {
 }
 
 TEST_CASE("a position that repeats is not stale, an old position is", "[safety]") {
-  // An arm of 1 kHz in a loop of 10 kHz gives every position ten times.
+  // In a loop of 10 kHz, an arm of 1 kHz reports each position ten times.
   HandWatch watch;
   Random random(2);
   Vec3 p = Vec3::Zero();
@@ -55,8 +55,7 @@ TEST_CASE("a position that repeats is not stale, an old position is", "[safety]"
 TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   for (const double rate : {500.0, 1000.0, 20000.0}) {
     for (const double speed : {0.5, 2.9, 4.9}) {
-      // The hand is fast for a short time. The motion may exceed the device's limit, but it is not
-      // a jump.
+      // The hand is fast for a short time: above the device's speed limit, but not a jump.
       HandWatch watch;
       Fault worst = Fault::kNone;
       for (int i = 0; i < 20; ++i) {
@@ -72,7 +71,7 @@ TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
     CHECK(watch.look(hand, 0.0) == Fault::kNone);
     hand = at({0, 0, std::max(1.1e-3, 5.1 / rate)});
     CHECK(watch.look(hand, 1.0 / rate) == Fault::kJump);
-    // After forget(), the next position is not a jump, wherever it is.
+    // After forget(), no position counts as a jump.
     watch.forget();
     hand = at({9, 9, 9});
     CHECK(watch.look(hand, 5.0) == Fault::kNone);
@@ -94,7 +93,7 @@ TEST_CASE("a hand above the speed limit is braked first and then cut off", "[saf
   CHECK(braked > 0.0);
   CHECK(braked < 0.02);
   CHECK(cut == Approx(braked + 0.05).margin(2e-3));
-  // A hand that slows down in time is not cut off.
+  // A hand that slows down in time causes no fault.
   watch.forget();
   for (int i = 0; i < 300; ++i) {
     const double y = i < 40 ? 3.5e-3 * i : 3.5e-3 * 40 + 1e-3 * (i - 40);
@@ -114,7 +113,7 @@ TEST_CASE("the braking force on a fast hand only takes energy from the hand", "[
     } else {
       const double power = braked.dot(velocity);
       REQUIRE(power <= std::min(0.0, force.dot(velocity)) + 1e-12);
-      // Perpendicular to the motion the force does not change.
+      // The force perpendicular to the motion must not change.
       const Vec3 ahead = velocity.normalized();
       REQUIRE((braked - ahead.dot(braked) * ahead - (force - ahead.dot(force) * ahead)).norm() <
               1e-12);
@@ -145,15 +144,14 @@ TEST_CASE("a force that a change of the data removes at once fades to zero withi
   const Vec3 pull(0.0, 3.0, 0.0);
   const Vec3 none = Vec3::Zero();
   constexpr double kTick = 1e-3;  // [s]
-  constexpr double kStep = 2.0;   // [N] a tick
+  constexpr double kStep = 2.0;   // [N] per tick
   constexpr double kStand = std::numeric_limits<double>::infinity();
-  // If the hand itself leaves, or if the change is below the limit, the force changes immediately.
+  // If the hand itself leaves, or the change is below the limit, the force changes at once.
   CHECK(fade.pass(pull, kStand, none, kTick) == pull);
   CHECK(fade.pass(none, kStand, none, kTick) == none);
   CHECK(fade.pass(0.5 * pull, kStep, none, kTick) == 0.5 * pull);
   CHECK(fade.pass(none, kStep, none, kTick) == none);
-  // A surface vanishes. The force falls from its last value to zero, in the same time at any tick
-  // rate.
+  // A surface vanishes: the force falls to zero in the same time at any tick rate.
   for (const double tick : {1e-3, 2.5e-4}) {
     (void)fade.pass(pull, kStand, none, tick);
     double last = 3.0;
@@ -168,8 +166,7 @@ TEST_CASE("a force that a change of the data removes at once fades to zero withi
     for (double t = 0.0; t < 0.05 + tick; t += tick) last = fade.pass(none, kStep, none, tick).y();
     CHECK(last == 0.0);
   }
-  // However the wanted force changes, the output stays between the wanted values and is never
-  // reversed.
+  // For any wanted force, the output stays between the old and the new value and does not reverse.
   Random random(5);
   double wanted = 0.0;
   for (int i = 0; i < 20000; ++i) {
@@ -180,7 +177,7 @@ TEST_CASE("a force that a change of the data removes at once fades to zero withi
     REQUIRE(out >= 0.0);
     REQUIRE(out <= 8.0);
   }
-  // After forget(), and in a tick without duration, the force changes immediately.
+  // After forget(), or in a tick of zero duration, the force changes at once.
   (void)fade.pass(pull, kStand, none, kTick);
   fade.forget();
   CHECK(fade.pass(none, kStep, none, kTick) == none);
@@ -198,7 +195,7 @@ TEST_CASE("a surface that is gone does at most the work that the stretched sprin
   const Vec3 none = Vec3::Zero();
   const Vec3 pull(0.0, 5.0, 0.0);
   const double spring = pull.squaredNorm() / (2.0 * kStiffness);  // 25 mJ
-  // The hand moves with the force, at a given speed or as a mass that the force drives.
+  // The hand moves with the force: at constant speed, or as a mass that the force accelerates.
   for (const double mass : {0.0, 0.02, 0.2, 2.0}) {
     for (double speed : {0.0, 0.1, 0.5, 2.0}) {
       if (mass == 0.0 && speed == 0.0) continue;
@@ -216,11 +213,11 @@ TEST_CASE("a surface that is gone does at most the work that the stretched sprin
         work += out.dot(way);
         step = std::max(step, way.y());
       }
-      // The sampled force is one tick behind the path.
+      // The sampled force lags by one tick.
       CHECK(work <= spring + 0.5 * pull.y() * step);
     }
   }
-  // Motion against the force or perpendicular to it does not reduce the force.
+  // Motion against the force or perpendicular to it must not shorten the fade.
   DataFade with;
   DataFade without;
   for (DataFade* fade : {&with, &without}) (void)fade->pass(pull, 1e9, none, kTick);

@@ -1,5 +1,5 @@
-/// Tests the loop with a real clock and threads. Does not measure times; the benchmarks do this.
-/// The hand moves with the ticks, so that a busy machine may stop any thread for any time.
+/// Tests the loop with a real clock and threads, but measures no times (see bench). The hand moves
+/// with the ticks, so a busy machine may pause any thread.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -27,8 +27,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// A hand that two threads may read. Its limit for late ticks is high, because machines that run
-/// tests are sometimes late.
+/// A device that two threads may read. Its limit for late ticks is high, because test machines are
+/// sometimes late.
 class SharedDevice final : public Device {
  public:
   SharedDevice() {
@@ -62,7 +62,7 @@ LoopParams quiet() {
   return params;
 }
 
-/// Waits for a condition that must become true.
+/// Waits until the condition holds. Fails after 600 s.
 template <class What>
 void await(What what) {
   const auto end = std::chrono::steady_clock::now() + 600s;
@@ -77,9 +77,9 @@ void ticks(const SharedDevice& device, long count) {
   const long last = device.writes + count;
   await([&] { return device.writes >= last; });
 }
-constexpr long kEngagement = 1000;  ///< Number of ticks in which an engagement ends.
+constexpr long kEngagement = 1000;  ///< Ticks until an engagement has ended.
 
-/// Moves the hand to a height, at the speed of a real hand. The ball's surface is at 0.03.
+/// Moves the hand to height `to` [m] at hand speed. The ball's surface is at 0.03.
 void move(SharedDevice& device, double to) {
   const double from = device.z;
   for (int i = 1; i <= 60; ++i) {
@@ -153,7 +153,8 @@ TEST_CASE("two hands act in one scene, each with its own proxy", "[loop][host]")
 
 TEST_CASE("scenes that are replaced rapidly are freed on the thread that made them",
           "[loop][host]") {
-  // For ThreadSanitizer: two threads must never use a scene, a tick or the device at the same time.
+  // For ThreadSanitizer: two threads must not access a scene, a tick or the device at the same
+  // time.
   struct Watched final : public ScalarField {
     std::atomic<int>* alive;
     std::thread::id maker = std::this_thread::get_id();
@@ -186,7 +187,7 @@ TEST_CASE("scenes that are replaced rapidly are freed on the thread that made th
       if (random.integer(3) == 0) std::this_thread::sleep_for(1ms);
     }
     await([&] { return hand.latest().tick > 100; });
-    // The scenes that the reader, the mailbox and the writer hold.
+    // One scene each in the reader, the mailbox and the writer.
     CHECK(most <= 3);
   }
   CHECK(alive == 0);
@@ -242,11 +243,10 @@ TEST_CASE("waking a haptic thread early does not make its ticks early", "[loop][
   }
   CHECK(waits.ticks > kEngagement);
   CHECK(waits.early == 0);
-  // Without real-time priority the thread does not wait actively, so that other threads can use its
-  // core.
+  // Without real-time priority the thread does not spin, so that others can use its core.
   CHECK(HapticThread(device, quiet()).early() == 0.0);
-  // With real-time priority the thread waits actively at 1 kHz. It does not at 10 kHz, because the
-  // wait would be a large part of the period.
+  // With real-time priority the thread spins at 1 kHz. At 10 kHz it does not, because spinning
+  // would take a large part of the period.
   for (const double rate : {1000.0, 10000.0}) {
     LoopParams usual;
     usual.rate = rate;
@@ -269,7 +269,7 @@ TEST_CASE("real-time settings that the system refuses are reported, and the loop
 
 TEST_CASE("without real-time priority a haptic thread is not pinned to a core", "[loop][host]") {
   std::thread unprivileged([] {
-    // Capabilities belong to a thread, limits to its user.
+    // Capabilities belong to a thread, resource limits to a process.
     __user_cap_header_struct head{_LINUX_CAPABILITY_VERSION_3, 0};
     std::array<__user_cap_data_struct, 2> may{};
     (void)syscall(SYS_capget, &head, may.data());
@@ -306,7 +306,7 @@ TEST_CASE("every tick of a loop reaches its sink in order", "[loop][host]") {
   await([&] { return hand.latest().tick > 50; });
   hand.stop();
   CHECK(counts.good);
-  CHECK(counts.last == device.writes - 1);  // the last write is that of the end
+  CHECK(counts.last == device.writes - 1);  // the last write is the zero force at the end
   CHECK_FALSE(hand.running());
 }
 

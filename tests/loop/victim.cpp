@@ -1,9 +1,7 @@
-/// A program with a hand, which tests kill: victim SOCKET ACTION.
-///
-/// Its device is a datagram socket that stores the messages sent: three doubles [N]. The real loop,
-/// in a real thread, presses a hand with about 1.5 N. A line on standard input starts ACTION:
-/// exception, exit, return, hang (a user's mode that does not return), or "nothing". kill_test.py
-/// chooses the time and checks the messages.
+/// A program with a hand, for tests that kill it: victim SOCKET ACTION.
+/// Its device sends each force to a datagram socket: three doubles [N]. The real loop presses the
+/// hand with about 1.5 N. A line on standard input starts ACTION: exception, exit, return, hang (a
+/// tick that does not return), or "nothing". kill_test.py sends that line and checks the forces.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -29,7 +27,7 @@ namespace {
 using namespace palpate;
 
 std::atomic<bool> hang{false};
-std::atomic<bool> slow{false};  // the next write takes 40 ms, and the write after it never ends
+std::atomic<bool> slow{false};  // the next write takes 40 ms, the one after it blocks forever
 
 int connectTo(const std::string& path) {
   const int descriptor = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
@@ -46,16 +44,16 @@ class SocketDevice final : public Device {
  public:
   explicit SocketDevice(int descriptor) : descriptor_(descriptor) {
     about.name = "socket";
-    about.watch.late = 1.0;  // machines that run tests are sometimes late
+    about.watch.late = 1.0;  // test machines are sometimes late
   }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
   [[nodiscard]] HandState read() noexcept override {
-    // Simulates a tick that hangs at any place.
+    // Simulates a tick that hangs.
     while (hang.load()) {
     }
     HandState hand;
     ++ticks_;
-    // The hand stays outside for 1000 ticks, moves 13 mm inwards in 100 ticks, and stays there.
+    // The hand stays outside for 1000 ticks, then moves inwards by 13 mm in 100 ticks.
     const double way = std::clamp(1e-3 * static_cast<double>(ticks_ - 1000) / 0.1, 0.0, 1.0);
     hand.position = {0, 0, 0.04 - 0.013 * way};
     return hand;
@@ -67,7 +65,7 @@ class SocketDevice final : public Device {
     pressed_ = pressed_ || force.norm() > 1.0;
   }
 
-  /// Returns true after a force above 1 N was written.
+  /// Returns true once a force above 1 N was written.
   [[nodiscard]] bool pressed() const { return pressed_; }
 
  private:
@@ -85,7 +83,7 @@ int run(const std::string& path, const std::string& action) {
   LoopParams params;
   if (action == "fast") params.rate = 10000.0;
   if (action == "blocked") {
-    // In this case the device's queue is full, so its writes wait.
+    // A second device whose queue is full: the guardian's write to it blocks.
     std::array<int, 2> ends{};
     if (socketpair(AF_UNIX, SOCK_DGRAM, 0, ends.data()) != 0) return 3;
     while (send(ends[0], none.data(), sizeof(none), MSG_DONTWAIT) > 0) {
@@ -99,7 +97,7 @@ int run(const std::string& path, const std::string& action) {
   hand.publish(test::ballScene(test::ballField()));
   std::printf("ready %d\n", guardian.child());
   std::fflush(stdout);
-  // On a machine that runs tests, the loop may be late and cut before the hand presses.
+  // On a slow machine the loop can be late and cut the force before the hand presses.
   while (!device.pressed()) {
     if (const Fault fault = hand.latest().fault; fault != Fault::kNone) {
       std::fprintf(stderr, "%s\n", wordsFor(fault));

@@ -1,5 +1,5 @@
-/// Tests contact on concave and rough surfaces: how often a tick does not converge, and errors that
-/// must never occur.
+/// Tests contact on concave and rough surfaces: the share of ticks that do not converge, and errors
+/// that must not occur.
 #include <cmath>
 #include <string>
 
@@ -21,17 +21,17 @@ ContactRuns runs(std::uint64_t seed, ModeKind kind = ModeKind::kIsosurface) {
   return out;
 }
 
-/// Checks the properties that hold for surfaces of any shape.
+/// Checks properties that must hold for any surface.
 void checkTheorem(const std::string& row, const ContactResult& r) {
   CAPTURE(row, r.runs, r.held, r.cappedShare(), r.readingsPerTick(), r.deepest, r.off, r.off_most,
           r.offRms(), r.unfinished, r.hardest);
   CHECK(r.held > 100 * r.runs);
-  // If a tick reports that it converged, its proxy is on the surface, to within the tolerance.
+  // If a tick converged, its proxy is on the surface within the tolerance.
   CHECK(r.off == 0);
   CHECK(r.off_most <= 0.01);
-  // Ticks with a hand that stands still converge in the end.
+  // If the hand rests, ticks converge in the end.
   CHECK(r.unfinished == 0);
-  // A surface is not crossed by a load below its strength.
+  // A load below the surface's strength does not cross the surface.
   CHECK(r.leaked == 0);
   CHECK(r.over == 0);
 }
@@ -43,7 +43,7 @@ TEST_CASE(
     "[motion][release]") {
   struct Groove {
     double opening;  // [degrees]
-    double capped;   // share of ticks
+    double capped;   // share of ticks that reach the limit of readings
   };
   for (const auto& [opening, capped] : {Groove{12.0, 0.13},
                                         {20.0, 0.05},
@@ -56,8 +56,7 @@ TEST_CASE(
                                         {120.0, 0.001}}) {
     const ContactResult r = feelGrooves(opening, runs(31));
     checkTheorem("groove of " + std::to_string(opening), r);
-    // If the test runs a tenth of the runs, a single run may have most of the ticks that reach the
-    // limit.
+    // With a tenth of the runs, one run can have most of the ticks that reach the limit.
     CHECK(r.cappedShare() <= (test::share(48) < 48 ? 2.0 : 1.0) * capped);
     CHECK(r.readingsPerTick() <= (opening < 20.0 ? 6.0 : 4.5));
   }
@@ -105,8 +104,8 @@ TEST_CASE("no surface holds more than its strength", "[motion][release]") {
   for (const double grain : {1.0, 2.0, 4.0}) {
     const ContactResult r = pressNoise(grain, runs(36));
     CAPTURE(grain, r.runs, r.hardest, r.over, r.held, r.off_most, r.cappedShare());
-    // If a tick does not converge, the hand is ahead of the proxy along the surface. Nearly always
-    // the load is below 1.002 times the strength.
+    // In ticks that do not converge, the hand is ahead of the proxy along the surface, so the load
+    // can exceed the strength. It is nearly always below 1.002 times the strength.
     CHECK(r.hardest <= 1.05);
     CHECK(r.hardest > 0.9);
     CHECK(r.cappedShare() <= 0.02);

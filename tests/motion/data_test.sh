@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Imports real data, follows streams and slides on surfaces: data_test.sh PALPATE MOTION_TESTS
+# Imports real data and runs the motion tests on them: data_test.sh PALPATE MOTION_TESTS
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,16 +1,13 @@
-/// Golden recordings: fixes the forces of hands of every kind in scenes of every kind.
-///
+/// Golden recordings: fixes the forces of all kinds of hands in all kinds of scenes.
 /// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if the forces of a scene differ
 /// - palpate_golden_ticks FILE --write: writes FILE
 /// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
+/// With the compiler that wrote FILE, inputs, outputs and work of all ticks must be bit-identical.
+/// With another compiler, only the inputs must be. Then proxies may differ by the sum of both error
+/// bounds, and forces by the effect of this difference.
 ///
-/// With the compiler that wrote the file, every bit of the ticks' inputs, outputs and work must be
-/// equal. The inputs come from a recording, without a device. With another compiler the inputs must
-/// be equal. Proxies may differ by the sum of both error bounds, and forces by the effect of this
-/// difference.
-///
-/// A commit that only moves code changes no hash. A commit that changes behaviour states which
-/// hashes change, and why. This file does not use C library functions whose rounding depends on the
+/// A commit that only moves code must not change a hash. A commit that changes behaviour states
+/// which hashes change, and why. Do not use library functions here whose rounding depends on the
 /// processor (sine, exponential).
 #include <algorithm>
 #include <array>
@@ -45,9 +42,10 @@ using palpate::test::Random;
 namespace {
 
 constexpr int kTicks = 2000;
-constexpr int kSide = 48;                                // [voxels], of a grid
-const Vec3 kMiddle = Vec3::Constant(0.5 * (kSide - 1));  // [voxels]
-constexpr double kMetres = 0.05;                         // [m], half the size of a formula's space
+constexpr int kSide = 48;                                // edge of a grid [voxels]
+const Vec3 kMiddle = Vec3::Constant(0.5 * (kSide - 1));  // middle of a grid [voxels]
+constexpr double kMetres = 0.05;                         // half the edge of the space of a formula
+                                                         // [m]
 using Fields = std::map<std::string, FieldPtr>;
 
 ModeSpec mode(ModeKind kind, const std::string& of, double strength, double friction = 0.0,
@@ -62,8 +60,8 @@ ModeSpec mode(ModeKind kind, const std::string& of, double strength, double fric
   return spec;
 }
 
-/// A smooth path through random places of a box about `middle`. The hand takes `ticks_a_leg` ticks
-/// from one place to the next.
+/// A smooth path through random positions in a box about `middle`. The hand takes `ticks_a_leg`
+/// ticks between two of them.
 class Wander {
  public:
   Wander(const Vec3& middle, const Vec3& half, int ticks_a_leg, std::uint64_t seed)
@@ -80,7 +78,7 @@ class Wander {
     const Vec3& a = places_[i];
     const Vec3& b = places_[i + 1];
     const Vec3& c = places_[i + 2];
-    const Vec3& d = places_[i + 3];  // a Catmull-Rom spline
+    const Vec3& d = places_[i + 3];  // Catmull-Rom spline
     return b + 0.5 * t *
                    ((c - a) + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
   }
@@ -90,7 +88,7 @@ class Wander {
   std::vector<Vec3> places_;
 };
 
-/// The state before a tick. An event may change the tick's input and its scene.
+/// The input and scene of the next tick, which an event may change.
 struct Moment {
   int tick;
   TickInput& in;
@@ -98,11 +96,11 @@ struct Moment {
 };
 constexpr std::size_t kNoScene = 99;
 
-/// A sequence of scenes, and the path of a hand in them.
+/// Scenes, and the path of a hand in them.
 struct Take {
   std::string name;
   std::vector<std::unique_ptr<const Scene>> scenes;
-  std::function<Vec3(int)> hand;  ///< Position of the hand in a tick [m].
+  std::function<Vec3(int)> hand;  ///< Returns the hand's position in a tick [m].
   std::function<void(Moment&)> event;
   ForceLimits limits{1e3, 1e12};
 };
@@ -128,7 +126,7 @@ Take take(std::string name, std::function<Vec3(int)> hand, Scenes... scenes) {
   return out;
 }
 
-// Formulas, in metres from the origin.
+// Fields from formulas of positions [m].
 
 FieldPtr dentedBall() {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 1.0};
@@ -154,7 +152,7 @@ Fields formulas() {
   return {{"ball", dentedBall()}, {"flow", slantedFlow()}};
 }
 
-/// Returns every mode, in the variants that place different primitives.
+/// Returns every mode, in variants that place different primitives.
 std::vector<std::pair<const char*, ModeSpec>> allModes() {
   std::vector<std::pair<const char*, ModeSpec>> modes{
       {"force", mode(ModeKind::kForce, "flow", 0.4)},
@@ -182,7 +180,8 @@ std::vector<std::pair<const char*, ModeSpec>> allModes() {
   return modes;
 }
 
-/// Returns a motion to and fro, with rotations by quaternions of rational numbers.
+/// Returns a motion back and forth. Its quaternions have rational coordinates, for portable
+/// rounding.
 MotionPtr tumbling(const Vec3& middle, double size) {
   std::vector<Keyframe> keys(5);
   const std::array<Vec3, 3> turns{Vec3(0.1, 0.05, -0.08), Vec3(0.05, 0.15, 0.05),
@@ -199,7 +198,7 @@ MotionPtr tumbling(const Vec3& middle, double size) {
   return std::make_shared<const Motion>(keys, true);
 }
 
-// Grids, with positions in voxels.
+// Fields from grids, with positions in voxels.
 
 const Mat3& anyFrame() {
   static const Mat3 turn = Eigen::Quaterniond(0.8, 0.3, -0.4, 0.2).normalized().toRotationMatrix();
@@ -220,8 +219,8 @@ FieldPtr torusGrid() {
   });
 }
 
-/// Returns a groove whose walls are inclined to its middle plane by an angle. `half_tangent` is the
-/// tangent of half that angle.
+/// Returns a groove whose walls have an angle to its middle plane. `half_tangent` is the tangent of
+/// half that angle.
 FieldPtr grooveGrid(double half_tangent) {
   const double sine = 2.0 * half_tangent / (1.0 + half_tangent * half_tangent);
   const double cosine = std::sqrt(1.0 - sine * sine);
@@ -421,7 +420,7 @@ std::vector<Take> takes() {
   return all;
 }
 
-/// The 64-bit hash of Fowler, Noll and Vo.
+/// The 64-bit FNV-1a hash of Fowler, Noll and Vo.
 class Hash {
  public:
   void add(std::span<const unsigned char> bytes) {
@@ -433,7 +432,7 @@ class Hash {
   std::uint64_t hash_ = 14695981039346656037ULL;
 };
 
-/// Returns all ticks of a take in the form in which a recording stores them.
+/// Runs a take. Returns its ticks as a recording stores them.
 std::vector<RecordedTick> feel(const Take& take) {
   HandTick hand(take.limits);
   std::vector<RecordedTick> rows;
@@ -459,14 +458,15 @@ std::vector<RecordedTick> feel(const Take& take) {
   return rows;
 }
 
-/// The results of a take that the file stores.
+/// The results of a take, as the file stores them.
 struct Pinned {
-  std::string hashes;  ///< Hashes of inputs, outputs and work; number of ticks with a force.
-  /// In every kEach-th tick: proxy, its error bound, force.
+  std::string hashes;  ///< Hashes of inputs, outputs and work, and the number of ticks with a
+                       ///< force.
+  /// Proxy, its error bound, and force of every kEach-th tick.
   std::vector<std::array<double, 7>> places;
 };
 constexpr std::size_t kEach = 100;
-// Smaller differences are caused by the rounding of numbers in the file.
+// Differences up to these come from the decimal numbers in the file.
 constexpr double kRounded = 1e-9;       // [m]
 constexpr double kRoundedForce = 1e-4;  // [N]
 
@@ -496,11 +496,11 @@ Pinned pinned(const std::vector<RecordedTick>& rows) {
   return out;
 }
 
-/// The difference between two takes, in the ticks whose results the file stores.
+/// Differences between two takes in the stored ticks.
 struct Apart {
-  std::size_t first = 0;  ///< First of these ticks that differs, or 0.
+  std::size_t first = 0;  ///< First of these ticks that differs; 0: none.
   double proxy = 0.0;     ///< Largest distance of the proxies [m].
-  double beyond = 0.0;    ///< Largest distance that exceeds the sum of both error bounds [m].
+  double beyond = 0.0;    ///< Largest excess of a distance over the sum of both error bounds [m].
   double force = 0.0;     ///< Largest difference of the forces [N].
   bool far = false;       ///< A difference exceeds its limit, or is NaN.
 };
@@ -516,7 +516,7 @@ Apart apart(const Pinned& a, const Pinned& b) {
     out.proxy = std::max(out.proxy, proxy);
     out.beyond = std::max(out.beyond, proxy - x[3] - y[3]);
     out.force = std::max(out.force, force);
-    // Couplings in these scenes have 500 N/m and little damping.
+    // The couplings of these scenes have 500 N/m and little damping.
     constexpr double kStiffest = 2000.0;
     const double bounds = x[3] + y[3] + kRounded;
     const bool near = proxy <= bounds && force <= kStiffest * bounds + kRoundedForce;
@@ -525,7 +525,7 @@ Apart apart(const Pinned& a, const Pinned& b) {
   return out;
 }
 
-/// Returns the compiler and the machine, on which the last bits depend.
+/// Returns the compiler and the machine, which determine the last bits.
 std::string builder() {
 #if defined(__FMA__)
   const char* const machine = "x86-64 with fused multiply-adds";

@@ -1,12 +1,12 @@
 #!/bin/sh
-# Tests golden recordings of another compiler, whose results may differ only in their last bits:
-# golden_test.sh PROGRAM FILE
+# Tests that golden recordings of another compiler may differ only in their last bits: golden_test.sh PROGRAM FILE
 set -eu
 program=$1
 dir=$(mktemp -d)
 trap 'rm -rf "$dir"' EXIT
 
-# Pretends that another compiler made the file, with other hashes of results and of work. Applies the edit $2 as well.
+# judge STATUS EDIT FILE: pretends that another compiler wrote FILE, with other hashes of outputs and work, and applies
+# EDIT.
 bits='^\([a-z0-9-]* [0-9a-f]*\) [0-9a-f]* [0-9a-f]* '
 judge() {
     sed -e '1s/.*/# another compiler/' -e "s/$bits/\\1 0 0 /" -e "$2" "$3" >"$dir/pinned.txt"
@@ -16,9 +16,9 @@ judge() {
     echo "$2: $status"
 }
 
-judge 0 '' "$2"                               # within the bounds
-judge 1 '2s/ [0-9a-f]* / 0 /' "$2"            # other input
-judge 1 '/^torus/,/^cube/s/^ [^ ]*/ 1/' "$2"  # a proxy one metre away
-judge 1 '/^torus/,/^cube/s/ [^ ]*$/ nan/' "$2"                   # a force that is not a number
-judge 1 '/^torus/,/^cube/s/ [^ ]*$/ 9/' "$2"    # another force
+judge 0 '' "$2"                               # within the error bounds
+judge 1 '2s/ [0-9a-f]* / 0 /' "$2"            # different input
+judge 1 '/^torus/,/^cube/s/^ [^ ]*/ 1/' "$2"  # a proxy 1 m away
+judge 1 '/^torus/,/^cube/s/ [^ ]*$/ nan/' "$2"                   # a force of NaN
+judge 1 '/^torus/,/^cube/s/ [^ ]*$/ 9/' "$2"    # a different force
 judge 1 '/^torus/d' "$2"                      # a missing recording

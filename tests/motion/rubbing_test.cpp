@@ -25,13 +25,12 @@ TEST_CASE(
                         static_cast<int>(palpate::test::share(7)));
   CAPTURE(r.ticks, r.force, r.engine.buzz, r.held.buzz, r.engine.given, r.held.given, r.injected);
   CHECK(r.force > 0.1);
-  // Measured: 0.005 and 0.11. Voxels of this size make ridges from which the proxy leaps.
+  // Measured: 0.005 and 0.11. Voxels of this size make ridges at which the proxy jumps.
   CHECK(r.unfinished < 0.01);
   CHECK(r.engine.buzz < 0.15 * r.force);
   CHECK(r.engine.buzz < 1.3 * r.held.buzz + 0.005 * r.force);
   CHECK(r.held.given < 1e-12);
-  // The injected energy that the tick reports is at least the energy that the proxy's motion has
-  // added.
+  // The ticks must report at least the energy that the proxy's jumps added.
   CHECK(r.engine.given > 0.0);
   CHECK(r.injected >= r.engine.given);
 }
@@ -47,16 +46,15 @@ TEST_CASE("on a scan the force jumps only where the force of an exact proxy also
     std::cout << level << " | " << r.sites << " | " << r.ticks << " | " << r.leaps << " | "
               << r.alone << " | " << r.largest << '\n';
     CAPTURE(level, r.sites, r.ticks, r.leaps, r.largest);
-    // In one of the 60,000 ticks on the bone, two successive ticks at a fold reach the limit of
-    // readings. The first ends 1 mm farther from the hand than the ticks before and after it.
+    // In 60,000 ticks on the bone, one fold makes two successive ticks reach the limit of readings.
+    // The first of them ends 1 mm too far from the hand.
     CHECK(r.alone <= (level > 1000.0 ? 1 : 0));
   }
 }
 
 TEST_CASE("damping amplifies encoder steps no more in a fast loop than in a slow loop",
           "[motion]") {
-  // At 10 kHz, with the damper's velocity taken over one tick, the result is 15 mN. Without damping
-  // it is 3.2 mN.
+  // Measured: 15 mN at 10 kHz if velocity is measured over one tick, 3.2 mN without damping.
   const double slow = buzzOf({1000.0});
   const double fast = buzzOf({10000.0});
   const double undamped = buzzOf({10000.0, 30e-6, 0.0});
@@ -69,9 +67,9 @@ TEST_CASE("damping amplifies encoder steps no more in a fast loop than in a slow
 
 TEST_CASE("on a CT's skin the proxy's force is less noisy than penalty forces",
           "[.][data][motion]") {
-  // See docs/decisions/0015-stability.md, "Buzz": seven slices, 4 mm apart, are about 1 cm below
-  // the middle. A click is a jump of the proxy out of a groove of the skin. The targets hold for
-  // slices without clicks.
+  // docs/decisions/0015-stability.md, "Buzz". The seven slices are 4 mm apart, about 1 cm below the
+  // middle. In a click, the proxy jumps out of a groove of the skin. The targets are for slices
+  // without clicks.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const auto skin = scanField(std::string(folder) + "/head.vdb", 1e-3);
@@ -84,7 +82,7 @@ TEST_CASE("on a CT's skin the proxy's force is less noisy than penalty forces",
         std::tuple{"held", BuzzHand::kHeld, 30.0}}) {
     for (const double speed : {0.01, 0.02, 0.05, 0.1, 0.2}) {
 #ifdef __SANITIZE_ADDRESS__
-      // These runs take minutes and test the same code.
+      // These runs take minutes, and other cases run the same code.
       if (hand != BuzzHand::kHeld || speed > 0.01) continue;
 #endif
       Buzzes quiet;
@@ -109,10 +107,9 @@ TEST_CASE("on a CT's skin the proxy's force is less noisy than penalty forces",
       CHECK(7 * without >= 3 * slices);
       CHECK(quiet.engine.force / without > 0.3);
       CHECK(gain >= least);
-      // The requirement is 6 dB for all cases. On an arm at 20 mm/s, one slice has a groove that is
-      // too shallow for a click. Both methods have so little power there that the groove
-      // dominates: 13 dB more, or 1.2 dB without the groove. If the proxy were released
-      // farther behind the groove's edge (kAbove, engine/modes/mode.cpp), the groove would cause a
+      // The requirement is 6 dB for all cases. On an arm at 20 mm/s, one slice has a groove too
+      // shallow for a click, which dominates the little power of both methods: 13 dB more, 1.2 dB
+      // without the groove. A larger kAbove (engine/modes/mode.cpp) would turn the groove into a
       // click.
       CHECK(beside >= (hand == BuzzHand::kHeld ? -14.0 : -6.0));
     }

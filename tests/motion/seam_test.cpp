@@ -1,5 +1,4 @@
-/// Tests seams where the surfaces of two volumes meet, and the groove between two walls of one
-/// volume.
+/// Tests seams between the surfaces of two volumes, and grooves between two walls of one volume.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -25,10 +24,9 @@ constexpr double kPi = std::numbers::pi;
 constexpr int kSide = 49;
 const Vec3 kMiddle = Vec3::Constant(24.0);  // middle of the grids [voxels]
 
-/// Half of a slab with a flat top through `origin`. Its x and z axes are the first and the last
-/// column of `turn`.
+/// Half of a slab with a flat top through `origin`. Columns 0 and 2 of `turn` are its x and z axes.
 struct Block {
-  double side = 1.0;     ///< The half lies where side * x is below half the overlap.
+  double side = 1.0;     ///< The half is where side * x < overlap / 2.
   double overlap = 0.0;  ///< Overlap of both halves [voxels].
   Mat3 turn = Mat3::Identity();
   Vec3 origin = kMiddle;
@@ -58,8 +56,8 @@ std::unique_ptr<const Scene> solids(const std::vector<FieldPtr>& of, double fric
     mode.of = "solid " + std::to_string(i);
     mode.solid = Solid::kBelow;
     mode.strength = 20.0;
-    // A surface mode holds the proxy wherever the mode has strength, so its strength is 0 above
-    // the top.
+    // A surface mode holds at any value at which it has strength, so the strength is 0 above the
+    // top.
     if (kind == ModeKind::kSurface) {
       mode.strength = TransferFunction::piecewise({{0.0, 20.0}, {0.1, 0.0}});
     }
@@ -71,12 +69,12 @@ std::unique_ptr<const Scene> solids(const std::vector<FieldPtr>& of, double fric
   return makeScene(spec, fields, {kMotionStiffness, 0.0});
 }
 
-/// Results of a hand that slides over a seam and back.
+/// Results of a hand that slides across a seam and back.
 struct Slide {
   double back = 0.0;  ///< Largest distance by which the seam holds the proxy back [voxels].
   double off = 0.0;   ///< Largest distance of the proxy from the top [voxels].
   double step = 0.0;  ///< Largest change of the force in a tick [N].
-  long capped = 0;    ///< Ticks that did not converge.
+  long capped = 0;    ///< Number of ticks that did not converge.
   std::vector<Vec3> proxies;
 };
 
@@ -147,10 +145,9 @@ TEST_CASE("a hand slides over a turned seam where the volumes overlap", "[motion
 
 TEST_CASE("at a seam of spline volumes the overshoot holds the hand back by at most its depth",
           "[motion][seam]") {
-  // Between the voxels a spline overshoots at an edge of the data. So each block has a bump, up to
-  // 0.11 voxel high, on its top. The far slope of the bump meets the top of the other block at 45
-  // degrees, and holds back the hand by its depth, at any overlap. The bump is in the interpolated
-  // surface; a different normal cannot remove it.
+  // Between voxels, a spline overshoots at the edge of the data. So each block has a bump of up to
+  // 0.11 voxel on its top. The bump meets the other block's top at 45 degrees and holds back the
+  // hand, at any overlap. The bump is in the interpolated surface, so other normals would not help.
   constexpr double kDepth = 2.0;
   for (const char* interpolation : {"quadratic", "cubic"}) {
     for (const double overlap : {2.0, 6.0}) {
@@ -178,8 +175,8 @@ TEST_CASE("at a seam of spline volumes the overshoot holds the hand back by at m
 
 TEST_CASE("at a seam of surface modes the hand is held back by less than its depth",
           "[motion][seam]") {
-  // Each surface mode holds its own level, the value at the place where it began to hold. So two
-  // surface modes do not define a common top, and do not fill in each other's samples.
+  // A surface mode holds the value at which its contact began. So two surface modes share no top,
+  // and do not complete each other's data.
   for (const double overlap : {3.0, 6.0}) {
     const auto scene = solids({Block{1.0, overlap}.field(), Block{-1.0, overlap}.field()}, 0.0, {},
                               ModeKind::kSurface);
@@ -202,7 +199,7 @@ TEST_CASE("a seam of two volumes that move together gives the same forces as a s
   const Vec3 shift(0.01, -0.02, 0.005);
   const Keyframe placed{0.0, {q.w(), q.x(), q.y(), q.z()}, shift};
   const std::vector<Keyframe> keys{placed};
-  // Two equal motions, so each volume is read in its own frame of rest.
+  // Two equal motions, so that each volume is read in its own frame of rest.
   const std::map<std::string, MotionPtr> motions{{"solid 0", std::make_shared<const Motion>(keys)},
                                                  {"solid 1", std::make_shared<const Motion>(keys)}};
   const Slide rest = slide(*solids(halves), 3.0, Mat3::Identity(), kMiddle);
@@ -220,7 +217,7 @@ TEST_CASE("a seam of two volumes that move together gives the same forces as a s
 TEST_CASE("a solid that is 3.2 voxels away from the proxy does not change its path, bit for bit",
           "[motion][seam]") {
   const Block ground{1.0, 100.0};
-  // A wall is 3.2 voxels above the proxy's path, and has no effect.
+  // A wall 3.2 voxels above the proxy's path must have no effect.
   const FieldPtr above =
       scalarGrid(kSide, [](const Vec3& p) { return std::clamp(27.2 - p.z(), -3.0, 3.0); });
   const Slide alone = slide(*solids({ground.field()}), 3.0, Mat3::Identity(), kMiddle);
@@ -233,8 +230,8 @@ TEST_CASE("a solid that is 3.2 voxels away from the proxy does not change its pa
 }
 
 TEST_CASE("friction in a groove of one volume equals that of its two walls", "[motion][seam]") {
-  // Two walls with half angle phi, with the hand at depth d, bear k d / sin phi. The friction from
-  // this load holds the hand along the walls.
+  // With the hand at depth d, two walls of half angle phi bear a load of k d / sin phi. The
+  // friction of this load acts along the walls.
   const double friction = 0.4;
   const double depth = 2.0;
   for (const double degrees : {75.0, 60.0, 45.0, 30.0}) {
@@ -264,8 +261,8 @@ TEST_CASE("friction in a groove of one volume equals that of its two walls", "[m
 }
 
 TEST_CASE("a thin sheet and a narrow slit have the same friction as one wall", "[motion][seam]") {
-  // Near the edge the smoothed slope is shorter, because the smoothing includes the other face,
-  // which bears no load.
+  // Near the edge, the smoothed gradient is shorter, because the smoothing includes the opposite
+  // face.
   const double friction = 0.3;
   const double depth = 2.0;
   const Vec3 origin = kMiddle + Vec3(0.3, 0.2, 0.4);
@@ -273,7 +270,7 @@ TEST_CASE("a thin sheet and a narrow slit have the same friction as one wall", "
   const Mat3 turned =
       Eigen::AngleAxisd(random.uniform(0.0, kPi), random.direction()).toRotationMatrix();
   for (const Mat3& turn : {Mat3(Mat3::Identity()), turned}) {
-    // Thickness of a sheet; negative: width of a slit.
+    // Thickness of a sheet, or minus the width of a slit [voxels].
     for (const double thick : {1.2, 1.5, -1.25, -1.5}) {
       const auto distance = [&](const Vec3& p) {
         const double z = turn.col(2).dot(p - origin);
@@ -291,7 +288,7 @@ TEST_CASE("a thin sheet and a narrow slit have the same friction as one wall", "
       const double from = thick > 0.0 ? 3.0 : -thick / 2.0;
       for (int i = 0; i < 300; ++i) press(0.0, std::max(from - 0.025 * i, -depth));
       double y = 0.0;
-      double sum = 0.0;  // the interpolated surface of a turned sheet is rough
+      double sum = 0.0;  // a mean, because the interpolated surface of a turned sheet is rough
       constexpr int kTicks = 1000;
       for (int i = -200; i < kTicks; ++i) {
         press(y += 0.01, -depth);
@@ -306,7 +303,7 @@ TEST_CASE("a thin sheet and a narrow slit have the same friction as one wall", "
 }
 
 TEST_CASE("the proxy rests while the hand rests on rough bone", "[motion][seam]") {
-  // The noise has a wavelength of three voxels.
+  // The noise has wavelengths of 5 to 16 voxels.
   Random random(9);
   std::vector<Vec3> waves;
   std::vector<double> phases;

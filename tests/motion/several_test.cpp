@@ -1,4 +1,4 @@
-/// Tests several primitives and moving volumes at the same time, on grids.
+/// Tests several primitives and several moving volumes at once, on grids.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -57,8 +57,8 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kMotionStiffness, 0.0}, step);
 }
 
-/// Returns a rotating flow about the axis through the spheres' centre. The flow is linear, so its
-/// grid is exact.
+/// Returns a rotation about the axis through the spheres' centre. It is linear, so trilinear
+/// interpolation is exact.
 FieldPtr whirl() {
   return vectorGrid(Vec3::Constant(106.0),
                     [](const Vec3& p) { return Vec3(0.02 * axisOf().cross(p - kCentre)); });
@@ -85,8 +85,8 @@ TEST_CASE(
       const auto scene = sceneOf(modes, fields);
       Reader reader;
       ProxyState state({1e3, 1e12});
-      // At 30 degrees of latitude and 2.56 voxels of depth, the load exceeds the line's strength,
-      // and the ball bears the rest.
+      // At a latitude of 30 degrees and a depth of 2.56 voxels, the load exceeds the line's
+      // strength, and the ball bears the rest.
       const double latitude = kPi / 6.0;
       const auto at = [&](double angle, double radius, double aside) {
         const Vec3 out = std::cos(angle) * u + std::sin(angle) * w;
@@ -94,7 +94,8 @@ TEST_CASE(
         return Vec3(kCentre + radius * (std::cos(latitude) * out + std::sin(latitude) * n) +
                     aside * up);
       };
-      // The hand starts on the ball, because the line would otherwise hold the hand above the ball.
+      // The hand starts on the ball. If it came from outside, the line would hold it above the
+      // ball.
       for (int i = 0; i <= 200; ++i) {
         (void)provenStep(*scene, reader, {kVoxel * at(0, kRadius - 0.0128 * i, 0)}, state,
                          kMotionTick);
@@ -122,27 +123,25 @@ TEST_CASE(
       }
       CAPTURE(friction, drag, off, off_late, aside, reads / ticks, late);
       // Line and plane share the load along the normal, and their shares determine the friction. In
-      // some ticks the proxy sticks according to one reading and slips according to the next.
+      // some ticks, one reading says that the proxy sticks, the next that it slips.
       CHECK(late <= (friction > 0.0 ? ticks / 4 : 1 + ticks / 500));
       CHECK(off <= 0.002);
-      // Each late tick reports that it did not converge. Its error depends on rounding: 0.0093 to
-      // 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without friction of a wall.
+      // Late ticks report that they did not converge. Their error depends on rounding: 0.0093 to
+      // 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without wall friction.
       CHECK(off_late <= 0.015);
-      // The circle is on the exact sphere, and the interpolated sphere is up to 6.3e-3 voxel away.
-      // If this difference pushes the proxy off its line, the line yields and does not hold a
-      // sideways pull meanwhile. With friction the hand is ahead on a chord and pulls sideways: 0.6
-      // voxel over 2,176.
+      // The circle is on the exact sphere, the interpolated sphere up to 6.3e-3 voxel away. If this
+      // pushes the proxy off its line, the line yields and cannot resist a sideways pull. With
+      // friction, the hand is ahead on a chord and pulls sideways: 0.6 voxel in 2,176.
       CHECK(aside <= (friction > 0.0 ? 1.0 : 0.05));
-      // With friction the measured value is 26.6, because each reading is followed by a new search
-      // of the place on the curve.
+      // With friction the measured value is 26.6: after each reading, the nearest position on the
+      // curve is searched again.
       CHECK(reads / ticks <= (friction > 0.0 ? 27.0 : 25.0));
     }
   }
 }
 
 TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
-  // A ball and a plane through it, oblique to the grid. The hand moves along their line of
-  // intersection.
+  // A ball and an oblique plane through it. The hand moves along their intersection.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const Vec3 n = axisOf();
   const FieldPtr floor = scalarGrid(
@@ -188,8 +187,8 @@ TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
 
 TEST_CASE("slip begins at mu times the normal load of the same tick for 1,000 directions",
           "[motion]") {
-  // The requirement is 1e-9 relative to the engine's own normal, for one plane. The test also
-  // prints the error relative to the exact normal.
+  // The requirement is a relative error of 1e-9 against the engine's own normal, for one plane. The
+  // test also prints the error against the exact normal.
   for (const char* kind : {"level set", "fog 6"}) {
     const SurfaceMotion motion = sphereMotion(kind, kRadius, 2.56);
     GraphSpec spec;
@@ -250,7 +249,7 @@ TEST_CASE("a moving ball from a grid keeps the proxy on its surface: sliding, sp
   const Vec3 still = kVoxel * Vec3(10, -20, 30);
   const double speed = 0.2;
   const auto key = [](double time, const Vec3& centre, const Eigen::Quaterniond& turn) {
-    // A motion turns about W's origin, so the ball's centre also moves.
+    // A motion turns about W's origin, so it moves the ball's centre, too.
     return Keyframe{
         time, {turn.w(), turn.x(), turn.y(), turn.z()}, centre - turn * (kVoxel * kCentre)};
   };
@@ -311,8 +310,7 @@ TEST_CASE("a moving ball from a grid keeps the proxy on its surface: sliding, sp
 
 namespace {
 
-/// A groove between two walls that meet in an edge, open along `out`: a frame and the planes'
-/// normals.
+/// A groove between two walls that meet in an edge, open towards `out`.
 struct Groove {
   Vec3 out, across, along, bottom{32.0, 32.0, 32.0};
   double sine, cosine;
@@ -322,7 +320,7 @@ struct Groove {
         along(out.cross(across)),
         sine(std::sin(0.5 * degrees * kPi / 180.0)),
         cosine(std::cos(0.5 * degrees * kPi / 180.0)) {}
-  /// Returns the height above the nearer wall; positive inside the groove.
+  /// Returns the height above the nearer wall [voxels]; positive inside the groove.
   [[nodiscard]] double height(const Vec3& p) const {
     const Vec3 q = p - bottom;
     return std::min((sine * out + cosine * across).dot(q), (sine * out - cosine * across).dot(q));
@@ -335,8 +333,8 @@ struct Groove {
 }  // namespace
 
 TEST_CASE("a groove that moves with the hand holds the proxy as it does at rest", "[motion]") {
-  // The plane of each wall leads behind the other wall, so the proxy cannot move relative to the
-  // groove. It must move with the groove and not stay at its place in the world.
+  // A move along one wall's plane would lead behind the other wall, so the proxy cannot move
+  // relative to the groove. It must move with the groove instead of staying at rest in W.
   const long runs = test::share(3);
   for (const double degrees : {30.0, 60.0, 90.0}) {
     for (const double speed : {0.0, 0.35, 1.5, 3.5}) {  // voxels per tick
@@ -438,8 +436,8 @@ TEST_CASE(
     const Vec3 hand = motion.outside + i / 200.0 * (motion.hand(0.0) - motion.outside);
     (void)provenStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
   }
-  // The hand moves by 4 voxels per tick. The proxy follows by two: one before the reading and one
-  // after.
+  // The hand moves by 4 voxels per tick. With one reading, the proxy can follow by two: one before
+  // the reading, one after.
   Vec3 before = state.proxy();
   long late = 0;
   for (int i = 1; i <= 5; ++i) {

@@ -20,7 +20,7 @@ using namespace palpate::bench;
 
 namespace {
 
-/// Returns a frame that is rotated relative to the grid.
+/// Returns a random frame.
 Mat3 anyFrame(int seed) {
   test::Random random(static_cast<std::uint64_t>(seed));
   const double angle = random.uniform(0.0, 6.28);
@@ -40,11 +40,11 @@ std::function<double(const Vec3&)> roughness(int side, double grain, double bias
 
 TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions",
           "[motion][release]") {
-  // The requirement is a load of 0.6 of the strength. The goal is 0.9.
+  // The requirement is for loads of 0.6 times the strength, the goal for 0.9.
   const long count = test::cases(1000);
   long strokes = 0;
   long crossed = 0;
-  // A fog with a thickness of one voxel is 1.5 voxels thick at the level of a quarter.
+  // At level 0.25, a fog of one voxel is 1.5 voxels thick.
   for (const Shell& shell :
        {makeShell("level set", 1.5), makeShell("level set", 2.0), makeShell("level set", 3.0),
         makeShell("fog", 2.0), makeShell("fog", 1.0, 0.25)}) {
@@ -52,8 +52,8 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
       for (const double degrees : {0.0, 45.0, 72.0}) {
         const ShellResult r = pressShell(shell, degrees, load, count, {});
         CAPTURE(shell.name, load, degrees, r.samples, r.most_samples, r.cells, r.most_cells);
-        // With the goal's load, the thinnest fog yields to 1 to 7 of 1,000 oblique strokes, because
-        // bumps of its surface bear more than its strength.
+        // At load 0.9, bumps of the thinnest fog bear more than the strength: 1 to 7 of 1,000
+        // oblique strokes yield.
         const bool bumpy = shell.level < 0.5 && load > 0.6 && degrees > 0.0;
         CHECK(r.yielded <= (bumpy ? std::max(count / 100, 1L) : 0));
         CHECK(r.crossed <= (bumpy ? std::max(count / 500, 1L) : 0));
@@ -68,14 +68,14 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
 
 TEST_CASE("solids of one voxel are crossed at most as often as the stated limits",
           "[motion][release]") {
-  // Voxels that are full or empty have a surface of steps, and oblique strokes press on the steps'
-  // sides. So 320 of 1,000 strokes cross at load 0.9 and 72 degrees. A slope over a voxel on each
-  // side smooths the steps: 93 cross.
+  // The surface of voxels that are only full or empty has steps, and oblique strokes press on their
+  // sides. So 320 of 1,000 strokes cross at load 0.9 and 72 degrees. With values that fall linearly
+  // over a voxel on each side, 93 cross.
   const long count = test::cases(1000);
   const auto of = [&](long in_1000) { return std::max(in_1000 * count / 1000, 2L); };
   struct Case {
     Shell shell;
-    long crossed;  // limit for 1,000 strokes at load 0.9; at load 0.6 the limit is five
+    long crossed;  // limit for 1,000 strokes at load 0.9; at load 0.6 it is five
     long yielded;
   };
   for (const auto& [shell, crossed, yielded] : {Case{makeShell("level set", 1.0), 25, 30},
@@ -94,7 +94,7 @@ TEST_CASE("solids of one voxel are crossed at most as often as the stated limits
 
 TEST_CASE("the proxy does not enter the walls of an acute groove under a deeply pressing hand",
           "[motion]") {
-  // The plane of each of two walls that meet leads behind the other wall. Openings are in degrees.
+  // A move along one wall's plane would lead behind the other wall. Angles are in degrees.
   for (const double opening : {30.0, 60.0, 88.0, 120.0}) {
     for (const double deep : {3.0, 16.0}) {
       for (int turned = 0; turned < test::share(6); ++turned) {
@@ -109,8 +109,7 @@ TEST_CASE("the proxy does not enter the walls of an acute groove under a deeply 
         const Stepper tick = engineOn(groove, ModeKind::kIsosurface, {}, 60.0);
         double deepest = 0.0;
         for (int t = 0; t < 3000; ++t) {
-          // The hand moves in, then back and forth along the edge, and over a shorter distance to
-          // the sides.
+          // The hand moves in, then back and forth along the edge, and a little to the sides.
           const double along = t < 300 ? 0.0 : 6.0 * std::asin(std::sin(0.06 * (t - 300)));
           const double aside = t < 300 ? 0.0 : 1.5 * std::sin(0.013 * (t - 300));
           const Vec3 hand =
@@ -118,7 +117,7 @@ TEST_CASE("the proxy does not enter the walls of an acute groove under a deeply 
           deepest = std::min(deepest, free(tick(kVoxel * hand).proxy / kVoxel));
         }
         CAPTURE(opening, deep, turned);
-        // Trilinear interpolation cuts off most of a voxel at the edge itself.
+        // Trilinear interpolation rounds the edge by up to a voxel.
         CHECK(deepest > -1.0);
       }
     }
@@ -156,7 +155,7 @@ TEST_CASE("a hand beyond the walls of a hollow box does not pull the proxy out o
 
 TEST_CASE("no rough and thin solid holds a pressing hand with more than its strength",
           "[motion][release]") {
-  // The proxy must not stop for good, and the surface must not hold more than its strength.
+  // The proxy must not stop for ever, and the surface must not hold more than its strength.
   constexpr double kStrength = 1.0;  // [N]
   constexpr int kSide = 24;
   const long count = test::cases(6);
@@ -168,7 +167,7 @@ TEST_CASE("no rough and thin solid holds a pressing hand with more than its stre
         ++setting;
         std::vector<std::uint64_t> seeds(static_cast<std::size_t>(count));
         std::iota(seeds.begin(), seeds.end(), 1000 * setting);
-        // The most difficult seeds that are known.
+        // The hardest known seeds.
         if (setting == 2) seeds.push_back(2337);
         if (setting == 3) seeds.insert(seeds.end(), {3116, 3148});
         for (const std::uint64_t seed : seeds) {
@@ -189,7 +188,7 @@ TEST_CASE("no rough and thin solid holds a pressing hand with more than its stre
           }
         }
         CAPTURE(grain, bias, step, hardest);
-        // The margin is a hundredth of a voxel, relative to the spring's 2.56 voxels.
+        // The margin is a hundredth of a voxel, when the spring is 2.56 voxels long.
         CHECK(hardest <= 1.01 * kStrength);
         CHECK(hardest > (count < 6 ? 0.2 : 0.9) * kStrength);
       }

@@ -23,9 +23,9 @@ using palpate::test::Random;
 
 TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 voxel",
           "[motion][release]") {
-  // The requirement: the sum of the departures of all ticks is at most 0.02 voxel (goal 0.01), with
-  // at most 20 samples per tick. A Taylor-Green stream takes 25.9 samples. It closes a loop in 12
-  // ticks, and the nearest place to the hand is searched on each of its bends.
+  // The requirement: the departures of all ticks sum up to at most 0.02 voxel (goal 0.01), with at
+  // most 20 samples per tick. A Taylor-Green stream takes 25.9: it closes a loop in 12 ticks, and
+  // each bend is searched for the nearest point.
   const auto count = static_cast<std::size_t>(palpate::test::share(3));
   for (const int wavelength : {16, 32}) {
     for (const bool abc : {true, false}) {
@@ -36,7 +36,7 @@ TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 vo
         CHECK(r.departures <= 0.01);
         CHECK(r.samples <= (abc ? 20.0 : 26.0));
         CHECK(r.capped == 0.0);
-        // A Taylor-Green stream closes a loop in 12 ticks, so the hand is at first beyond its
+        // A Taylor-Green stream closes a loop in 12 ticks, so at the start the hand is beyond its
         // centre.
         if (abc) CHECK(r.hairpins == 0.0);
       }
@@ -62,7 +62,7 @@ TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[moti
         }
       }
       CAPTURE(tolerance, speed, off, departures);
-      // Between two ticks a fast hand leaves the curve to the side, which reduces the precision.
+      // Between two ticks a fast hand leaves the curve, which costs precision.
       CHECK(off <= (speed < 2.0 ? 0.1 * tolerance + 1e-3 : 5e-3));
       CHECK(departures <= 0.01);
     }
@@ -72,8 +72,8 @@ TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[moti
 TEST_CASE(
     "a stream beside another mode waits if the readings are used up, and the status reports it",
     "[motion]") {
-  // A tick has one reading. A reading of a stream beside another mode is valid for only one voxel,
-  // but the hand moves by 1.28 voxels. A stream without other modes is traced along the path.
+  // A tick has one reading. With another mode, a reading of a stream is valid for one voxel, and
+  // the hand moves by 1.28. A stream alone is traced along the whole path.
   StepParams step;
   step.max_substeps = 1;
   for (const Stream& stream : streamsOfFlow(abcFlow(16), 16, 128.0, 3, 1.0)) {
@@ -104,13 +104,13 @@ TEST_CASE(
     CAPTURE(r.off_max, r.departures, r.capped, r.most_samples);
     CHECK(r.capped > 0.1);
     CHECK(r.most_samples <= 60.0);
-    // The proxy stays on its stream, although it is behind the hand.
+    // The proxy stays on its stream, although it lags behind the hand.
     CHECK(r.departures <= 0.1);
   }
 }
 
 TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][motion]") {
-  // tests/motion/data_test.sh imports the flows. Paths end where the data end: 10 to 40 voxels.
+  // tests/motion/data_test.sh imports the flows. Their streams are 10 to 40 voxels long.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const long count = std::max(palpate::test::share(24), 6L);
@@ -132,7 +132,7 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
       samples += r.samples * stream.length();
       length += stream.length();
       CHECK(r.capped == 0.0);
-      CHECK(r.hairpins <= 0.05);  // hairpins occur at a kink of the kitchen's flow
+      CHECK(r.hairpins <= 0.05);  // from a kink of the kitchen's flow
     }
     departures /= length;
     samples /= length;
@@ -142,8 +142,8 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
     CHECK(followed >= (name == std::string("storm") ? 1 : 5 * count / 24));
     CHECK(off <= 0.01);
     CHECK(worst <= 0.02);  // goal: 0.01
-    // Most of the 50 voxels of path in the storm turn at the edges of its grid of 25 x 14 x 8
-    // voxels, which takes 22 samples.
+    // Most of the storm's 50 voxels of path turn at the edges of its grid of 25 x 14 x 8 voxels,
+    // which takes 22 samples per tick.
     CHECK(samples <= (name == std::string("storm") ? 24.0 : 20.0));
   }
 }
@@ -151,7 +151,8 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
 TEST_CASE("the proxy follows a streamline of a spline flow within the budget of readings",
           "[motion]") {
   for (const char* interpolation : {"quadratic", "cubic"}) {
-    // The exact course is that of the trilinear field. So this test checks only cost and force.
+    // The exact path is known only for the trilinear field, so this test checks cost and force
+    // only.
     for (const Stream& stream : streamsOfFlow(abcFlow(32), 32, 128.0, 2, 1.0, interpolation)) {
       const StreamResult r = feelStream(stream, 0.5, 1.0, {});
       CAPTURE(interpolation, r.samples, r.off_max);
@@ -166,9 +167,9 @@ TEST_CASE(
     "the status reports a hairpin of a stream, and force steps are at most strength plus hand "
     "motion",
     "[motion][release]") {
-  // If the hand is beyond the stream's centre of curvature, the stream has no unique place nearest
-  // to the hand. With a strength of 1 N the stream sometimes releases a hand that is 2.2 voxels to
-  // the side. With 3 N it never releases a hand that is one voxel to the side.
+  // If the hand is beyond the centre of curvature, the stream has no unique nearest point. With a
+  // strength of 1 N the stream sometimes releases a hand 2.2 voxels to the side. With 3 N it always
+  // holds a hand one voxel to the side.
   const long count = palpate::test::share(6);
   for (const auto& [pull, strength] : {std::pair{2.2, 1.0}, {1.0, 3.0}}) {
     Random random(9);
@@ -180,9 +181,9 @@ TEST_CASE(
       stream.field = fieldAbout(stream);
       const StreamResult r = feelStream(stream, engineOn(stream, {}, strength), 0.5, pull, false);
       CAPTURE(pull, r.force_step, r.force_most, r.off_max, r.capped, r.hairpins);
-      // The pull that waits along the stream comes in addition to the strength.
+      // The waiting pull along the stream adds to the strength.
       CHECK(r.force_most <= strength + 0.4 * voxelsPerTick(0.5));
-      // The spring that the hand's own motion stretches comes in addition to the strength.
+      // The hand's own motion stretches the spring in addition to the strength.
       CHECK(r.force_step <= strength + 0.4 * voxelsPerTick(0.5));
       if (strength == 3.0) CHECK(r.hairpins > 0.0);
     }
@@ -192,19 +193,19 @@ TEST_CASE(
 
 namespace {
 
-/// Results of ticks on a lone stream.
+/// Results of ticks on one stream without other modes.
 struct Streamed {
   long converged = 0;
-  /// Number of converged ticks whose line holds, but whose proxy is farther along the stream than
-  /// the tolerance allows.
+  /// Number of converged ticks in which the line holds, but the proxy is off along the stream by
+  /// more than the tolerance.
   long off = 0;
   long hairpins = 0;
-  double along = 0.0;  ///< Largest force along the stream where its line holds [N].
+  double along = 0.0;  ///< Largest force along the stream while the line holds [N].
   double rise = 0.0;   ///< Largest rise of the spring's energy while the hand rests [J].
 };
 
-/// Moves a hand along positions [voxels] beside a stream without other modes. The direction of the
-/// stream is known.
+/// Moves a hand through positions [voxels] beside a stream. `direction` returns the exact direction
+/// of the stream.
 Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>& hands,
                    const std::function<Vec3(const Vec3&)>& direction) {
   const double tolerance = StepParams{}.tolerance_voxels * kVoxel;
@@ -221,7 +222,8 @@ Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>
     before = r.proxy;
     if (r.capped || r.hairpin) continue;
     ++out.converged;
-    // A line that yields holds the proxy perpendicular to the mean of two directions.
+    // Skips ticks in which the line yields: it then holds perpendicular to the mean of two
+    // directions.
     if (kMotionStiffness * left.norm() > 0.999 * strength) continue;
     const double along = std::abs(direction(r.proxy / kVoxel).dot(left));
     out.along = std::max(out.along, kMotionStiffness * along);
@@ -230,8 +232,8 @@ Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>
   return out;
 }
 
-/// Returns a flow in circles about an axis through `centre`, as a grid whose trilinear values are
-/// exact.
+/// Returns a flow in circles about an axis through `centre`. It is linear, so trilinear
+/// interpolation is exact.
 FieldPtr circlesAbout(const Vec3& centre, const Vec3& axis) {
   return vectorGrid(Vec3::Constant(41.0),
                     [=](const Vec3& p) { return Vec3(axis.cross(p - centre)); });
@@ -287,7 +289,7 @@ TEST_CASE(
         CAPTURE(abc, speed, r.along, r.rise, r.converged);
         CHECK(r.off == 0);
         CHECK(r.converged > static_cast<long>(hands.size() / 2));
-        if (speed < 1.0) CHECK(r.rise <= 1e-12);  // a fast hand is moved in several parts per tick
+        if (speed < 1.0) CHECK(r.rise <= 1e-12);  // fast hands need several moves
       }
     }
   }
@@ -296,8 +298,8 @@ TEST_CASE(
 TEST_CASE(
     "a hand beyond a stream's centre of curvature makes the proxy move to the next nearest place",
     "[motion]") {
-  // The hand crosses random bends, with a curvature kappa times distance d of up to 3. Where a
-  // local minimum of the distance vanishes, the proxy moves on to the next minimum.
+  // The hand crosses random bends, where curvature times distance is up to 3. Where a local minimum
+  // of the distance vanishes, the proxy must move on to the next.
   Random random(5);
   Stream stream = traceStream("", abcFlow(16), Vec3::Constant(24.0), 1.0);
   stream.field = vectorGrid(Vec3::Constant(49.0), [&](const Vec3& p) {
@@ -327,8 +329,8 @@ TEST_CASE(
     "the force of a bent stream stays constant while a hand rests outside the bend, at any "
     "distance",
     "[motion]") {
-  // The streams are circles of curvature kappa, and the hand is at the distance d. A step along the
-  // tangent overshoots the nearest place by kappa d times the step's length.
+  // Circles of curvature kappa, with the hand at distance d. A step along the tangent overshoots
+  // the nearest point by kappa d times its length.
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
   const FieldPtr field = circlesAbout(centre, axis);
@@ -361,7 +363,7 @@ TEST_CASE(
 
 TEST_CASE("a stream through random axes pulls a hand with at most 1.3 times its strength",
           "[motion]") {
-  // Random directions whose sign has no meaning, as in the background of a diffusion image.
+  // Random directions whose signs have no meaning, as in the background of a diffusion image.
   Random random(11);
   std::vector<Vec3> noise(41 * 41 * 41);
   for (Vec3& v : noise) v = random.direction();
@@ -372,7 +374,7 @@ TEST_CASE("a stream through random axes pulls a hand with at most 1.3 times its 
     Stream stream;
     stream.field = vectorGrid(Vec3::Constant(41.0), at, "trilinear", axes);
     constexpr double kStrength = 0.5;
-    const double pace = 0.06;  // voxels a tick
+    const double pace = 0.06;  // voxels per tick
     for (int path = 0; path < 30; ++path) {
       const Stepper tick = engineOn(stream, {}, kStrength);
       Vec3 hand = Vec3::Constant(20.0) + random.inCube(12.0);
@@ -393,8 +395,7 @@ TEST_CASE("a stream through random axes pulls a hand with at most 1.3 times its 
 
 namespace {
 
-/// Returns a scene of streams with the given strengths [N]. If `wall` is not null, the scene also
-/// has this wall.
+/// Returns a scene of streams with these strengths [N], and with `wall` if it is not null.
 std::unique_ptr<const Scene> streamsScene(const std::vector<std::pair<FieldPtr, double>>& streams,
                                           const FieldPtr* wall = nullptr) {
   GraphSpec spec;
@@ -419,7 +420,7 @@ std::unique_ptr<const Scene> streamsScene(const std::vector<std::pair<FieldPtr, 
   return makeScene(spec, fields, {kMotionStiffness, 0.0});
 }
 
-/// Results of ticks at positions of the hand.
+/// Results of ticks at given positions of the hand.
 struct Walked {
   std::vector<Vec3> proxies;  ///< [voxels]
   double rise = 0.0;          ///< Largest rise of the spring's energy while the hand rests [J].
@@ -474,7 +475,7 @@ TEST_CASE("two streams act the same in any order, and two streams of one field a
       CHECK(apart(strong_first, weak_first) <= 1e-9);
       CHECK(strong_first.capped == 0);
       CHECK(strong_first.rise <= 1e-12);
-      // A hand one voxel to the side pulls with 0.39 N: 0.4 N holds it, and 0.2 N does not.
+      // A hand one voxel to the side pulls with 0.39 N: 0.5 N holds it, 0.2 N does not.
       for (const double strength : {0.5, 0.2}) {
         const double part = 0.3 * strength;
         const Walked one = walk(*streamsScene({{stream.field, strength}}), hands);
@@ -489,7 +490,7 @@ TEST_CASE("two streams act the same in any order, and two streams of one field a
 }
 
 TEST_CASE("a proxy on a stream stops at a wall that the stream crosses", "[motion]") {
-  // The wall's force must not count as constant along the curve, because the stream turns.
+  // The stream turns, so the wall's force must not count as constant along the curve.
   const Vec3 middle = Vec3::Constant(24.0);
   const FieldPtr flow = vectorGrid(Vec3::Constant(49.0), [turns = taylorGreen(16)](const Vec3& p) {
     return turns(static_cast<int>(p.x()), static_cast<int>(p.y()), static_cast<int>(p.z()));
@@ -523,7 +524,7 @@ TEST_CASE("a proxy on a stream stops at a wall that the stream crosses", "[motio
 
 namespace {
 
-/// A constant shear that moves x to X = x + S x.
+/// A constant shear, x -> x + S x.
 class Shear final : public Warp {
  public:
   explicit Shear(const Mat3& slope) : slope_(slope) {}
@@ -546,7 +547,7 @@ class Shear final : public Warp {
 TEST_CASE(
     "a proxy on a stream in a sheared volume is at the place nearest to the hand in world space",
     "[motion][warp]") {
-  // The place that is nearest in the resting frame is not nearest in W.
+  // The point nearest in the frame of rest is not the nearest in W.
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
   const Vec3 u = axis.cross(Vec3::UnitX()).normalized();
@@ -593,7 +594,7 @@ TEST_CASE(
         CHECK(r.off == 0);
         CHECK(r.converged + r.hairpins == static_cast<long>(hands.size()));
         CHECK(r.rise <= 1e-12);
-        double off = 0.0;  // distance from the circle, in the resting frame
+        double off = 0.0;  // distance from the circle in the frame of rest [voxels]
         const Vec3 d = to_rest * (state.proxy() / kVoxel) - centre;
         off = std::hypot(axis.dot(d), (d - axis.dot(d) * axis).norm() - 10.0);
         CHECK(off <= 0.01);

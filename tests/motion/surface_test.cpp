@@ -1,5 +1,5 @@
 /// Tests a proxy on a surface: its distance from the interpolated surface, and its cost.
-/// docs/motion_accuracy.md has a table of the requirements and the results.
+/// docs/motion_accuracy.md has the requirements and results.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -18,7 +18,7 @@ using namespace palpate::bench;
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kStrong = 8.0;  // [N]: larger than any load in these tests
+constexpr double kStrong = 8.0;  // [N]; more than any load in these tests
 
 StepParams within(double tolerance) {
   StepParams step;
@@ -26,7 +26,7 @@ StepParams within(double tolerance) {
   return step;
 }
 
-/// Returns a line of text with the results of a run.
+/// Returns a run's results as one line of text.
 std::string words(const SurfaceMotion& motion, const MotionResult& r) {
   return motion.name + ": off " + std::to_string(r.off_max) + ", true " +
          std::to_string(r.true_max) + ", drift " + std::to_string(r.drift) + ", samples " +
@@ -58,7 +58,7 @@ TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]
     CHECK(r.capped == 0.0);
     CHECK(r.lost == 0.0);
     if (c.motion.floor > 0.0) {
-      // The distance from the true sphere is that of the interpolated surface.
+      // The interpolated surface itself differs from the true sphere by up to `floor`.
       CHECK(r.true_max <= 1.05 * c.motion.floor + r.off_max);
     }
   }
@@ -66,7 +66,7 @@ TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]
 
 TEST_CASE("a surface mode holds the proxy at the value at which its contact began",
           "[motion][release]") {
-  // The reference is the value in the first tick that held. The test keeps it, not the engine.
+  // The reference is the value in the first tick with a force. The test stores it itself.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
         sphereMotion("level set", 40, 7.0), sphereMotion("fog 6", 40, 7.0),
@@ -104,7 +104,7 @@ TEST_CASE("the proxy stays within 1.25 times the scene's tolerance at any speed"
             feelSurface(motion, ModeKind::kIsosurface, speed, speed < 0.1 ? 2 : 5, step, kStrong);
         CAPTURE(tolerance, speed, words(motion, r));
         CHECK(r.capped == 0.0);
-        // The engine's estimate of its error is wrong by at most this factor.
+        // The true error is at most 1.25 times the engine's estimate.
         CHECK(r.off_max <= 1.25 * tolerance);
         if (speed == 0.5) {
           CHECK(r.samples >= cheapest);
@@ -127,8 +127,8 @@ TEST_CASE("B-splines have a smaller surface error than trilinear interpolation",
 }
 
 TEST_CASE("the proxy stays on a cube while it crosses edges and enters corners", "[motion]") {
-  // The interpolation rounds an edge within one cell. The proxy leaves convex edges without an
-  // error. In concave edges several walls hold in turn, and some ticks reach the limit of readings.
+  // Interpolation rounds an edge within one cell. The proxy leaves convex edges without error. At
+  // concave edges several walls hold in turn, and some ticks reach the limit of readings.
   for (const bool turned : {false, true}) {
     const MotionResult over =
         feelSurface(cubeMotion(2.56, turned), ModeKind::kIsosurface, 0.5, 10, {}, kStrong);
@@ -143,13 +143,13 @@ TEST_CASE("the proxy stays on a cube while it crosses edges and enters corners",
     CHECK(into.lost == 0.0);
     CHECK(into.off_max <= 0.6);
     CHECK(into.off_rms <= 0.03);
-    CHECK(into.true_max <= 0.6);  // the interpolation fills an edge by up to 0.4 voxel
+    CHECK(into.true_max <= 0.6);  // interpolation fills an edge by up to 0.4 voxel
     CHECK(into.capped <= 0.2);
   }
 }
 
 TEST_CASE("once the proxy has passed a convex edge the earlier wall does not hold it", "[motion]") {
-  // Near an edge, normals change over two voxels. Planes with such normals must not stay in effect.
+  // Near an edge, normals change over two voxels. Planes with such normals must not hold beyond it.
   for (const double degrees : {60.0, 90.0, 120.0}) {
     test::Random random(5);
     double off = 0.0;
@@ -191,7 +191,7 @@ TEST_CASE("once the proxy has passed a convex edge the earlier wall does not hol
       }
     }
     CAPTURE(degrees, off, beside, held, late);
-    // Measured: 2 of 11,281 ticks, while the hand comes out.
+    // Measured: 2 of 11,281 ticks, while the hand leaves the solid.
     CHECK(beside <= 2);
     CHECK(off <= 0.2);
     CHECK(held > 3000);
@@ -201,7 +201,7 @@ TEST_CASE("once the proxy has passed a convex edge the earlier wall does not hol
 
 TEST_CASE("a fast hand does not leave a hollow cube through a corner", "[motion][release]") {
   // At the limit of readings, the proxy may be behind a wall that was just placed. This must not
-  // count as a yield.
+  // count as yielding.
   for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
     for (const int cap : {2, 8, 16}) {
       StepParams step = within(tolerance);
@@ -216,7 +216,7 @@ TEST_CASE("a fast hand does not leave a hollow cube through a corner", "[motion]
 }
 
 TEST_CASE("the work on the hand is at most the counted energy at any speed", "[motion]") {
-  // Above 0.78 m/s a tick has several moves. The last lap ends where the first began.
+  // Above 0.78 m/s a tick takes several moves. The path is closed.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40.0, 2.56), torusMotion(30.0, 12.0, 2.6)}) {
     for (const double speed : {0.5, 1.0, 2.0, 5.0}) {
@@ -224,8 +224,8 @@ TEST_CASE("the work on the hand is at most the counted energy at any speed", "[m
       double way = 0.0;
       Vec3 hand = kVoxel * motion.outside;
       (void)tick(hand);
-      // Largest value, over ticks, of the work on the hand plus the growth of the spring's energy,
-      // less the energy that the tick reported.
+      // Largest value, over ticks, of the work on the hand plus the growth of the spring's energy
+      // minus the reported energy [J].
       double worst = -1.0;
       double stored = 0.0;
       double work = 0.0;

@@ -1,4 +1,4 @@
-/// Tests volumes that deform: displacement fields on coarse grids around level sets of balls.
+/// Tests volumes that deform: displacement fields on coarse grids around balls.
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -33,11 +33,11 @@ constexpr double kPi = std::numbers::pi;
 const Vec3 kCentre(52.3, 51.7, 52.45);  // centre of the ball [voxels]
 constexpr double kRadius = 40.0;
 
-/// The displacement u(x, t), in metres and seconds.
+/// A displacement u(x, t) [m] of x [m] and t [s].
 using Displaces = std::function<Vec3(const Vec3& x, double time)>;
 
-/// Returns displacement grids around the ball, with one grid point per `step` voxels and one frame
-/// for each of `times`.
+/// Returns displacement grids around the ball: a grid point every `step` voxels, and a frame at
+/// each of `times`.
 DisplacementFrames framesOf(const Displaces& u, double step, const std::vector<double>& times) {
   DisplacementFrames out;
   const int size = 2 + static_cast<int>(150.0 / step);
@@ -69,14 +69,14 @@ WarpPtr warpOf(const Displaces& u, double step, double period, int frames, bool 
   return makeWarp(framesOf(u, step, times), {times, repeat}, "/warp");
 }
 
-/// Returns the displacement of a ball that swells by the factor `size(t)` about its centre.
+/// Returns the displacement of a ball that swells about its centre by the factor `size(t)`.
 Displaces swelling(const std::function<double(double)>& size) {
   return [size](const Vec3& x, double time) {
     return Vec3((1.0 / size(time) - 1.0) * (x - kVoxel * kCentre));
   };
 }
 
-/// Returns a wave that shears space, with its length and height in voxels.
+/// Returns a shear wave with length and height in voxels and `rate` in periods per second.
 Displaces wave(double length, double height, double rate) {
   const Vec3 along = Vec3(0.6, 0.64, 0.48).normalized();
   const Vec3 aside = along.cross(Vec3::UnitZ()).normalized();
@@ -104,7 +104,6 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes, const F
   return makeScene(spec, {{"ball", ball}}, {kMotionStiffness, 0.0});
 }
 
-/// A warp that is computed from a formula.
 class FormulaWarp final : public Warp {
  public:
   using Formula = std::function<Displacement(const Vec3&, double)>;
@@ -123,15 +122,15 @@ MotionPtr deforming(const WarpPtr& warp) {
   return std::make_shared<const Motion>(warp);
 }
 
-/// The result of a hand that rests in a moving body.
+/// Results of a hand that rests in a moving body.
 struct Carried {
   double off = 0.0;  ///< Largest distance from the interpolated surface [voxels].
-  /// Largest distance from the surface that follows from u's formula [voxels].
+  /// Largest distance from the surface that the exact u gives [voxels].
   double off_true = 0.0;
-  double readings = 0.0;  ///< Readings per tick.
+  double readings = 0.0;  ///< Mean readings per tick.
   double capped = 0.0;    ///< Share of ticks that did not converge.
   int held = 0;           ///< Number of ticks with a force.
-  double speed = 0.0;     ///< Largest speed of the surface's matter at the proxy [m/s].
+  double speed = 0.0;     ///< Largest speed of the body's material at the proxy [m/s].
 };
 
 Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
@@ -143,7 +142,7 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
   Carried out;
   const int ticks = static_cast<int>(seconds / kMotionTick);
   for (int i = 0; i < ticks; ++i) {
-    // At first the hand comes from outside.
+    // At first the hand moves in from outside.
     const double away = std::max(0.0, 0.02 - 0.2 * kMotionTick * i);
     const Vec3 to = hand(kMotionTick * i);
     const Vec3 h = to + away * (to - kVoxel * kCentre).normalized();
@@ -154,7 +153,7 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
     ++out.held;
     const Deformation about = motion.deformationAt(r.proxy, state.time());
     const auto off = [&](const Vec3& rest) {
-      // If the body is not stretched, heights in its voxels equal heights in world space.
+      // Exact only if the body is not stretched: heights in its voxels are then heights in W.
       return std::abs(probed.off(rest / kVoxel, 0.0));
     };
     out.off = std::max(out.off, off(about.slope * r.proxy + about.origin));
@@ -215,8 +214,8 @@ TEST_CASE("a breathing and a growing body carry the proxy along on their surface
       CHECK(r.held > 50);
       CHECK(r.speed >= 0.19);
       CHECK(r.off <= 0.05);
-      // A reading consists of one of the volume and one of the displacement. A hand that slides
-      // fast takes two readings.
+      // A reading reads the volume once and the displacement once. A hand that slides fast takes
+      // two readings per tick.
       CHECK(r.readings <= (c.slides ? 4.0 : 2.4));
     }
   }
@@ -297,7 +296,7 @@ TEST_CASE("a sticking proxy stays on its material point while the body bends or 
 }
 
 TEST_CASE("a thin shell that deforms is never crossed at 2 m/s", "[motion][warp][release]") {
-  constexpr double kStrength = 2.34375;  // [N]: stretches the spring by 6 voxels
+  constexpr double kStrength = 2.34375;  // [N]; the spring is 6 voxels long
   constexpr double kSpring = 6.0;
   const Shell shell = makeShell("level set", 2.0);
   const auto about = [&](const Displaces& u) {
@@ -336,7 +335,7 @@ TEST_CASE("a thin shell that deforms is never crossed at 2 m/s", "[motion][warp]
     hand.restart();
     const int later = static_cast<int>(random.uniform(0.0, 125.0));
     for (int k = -later; k <= 33; ++k) {
-      // In the shell's frame of rest, the hand's path is straight.
+      // In the shell's frame of rest the hand moves along a line.
       const double before = std::max(8 - std::max(k, 0) - phase, 0.0) * pace;
       const Vec3 rest = kVoxel * (end - before * in);
       const double time = state.time() + kMotionTick;
@@ -379,7 +378,7 @@ class SweptBall final : public ScalarField {
 
 TEST_CASE("every path of the proxy in the rest frame begins where the last path ended",
           "[motion][warp]") {
-  // If these paths have no gaps, the proxy cannot pass a surface unnoticed between two readings of
+  // If the paths have no gaps, the proxy cannot pass a surface unnoticed between two readings of
   // the warp, or between two ticks.
   std::vector<SweptBall::Path> paths;
   const Box about{Vec3::Constant(-0.1), Vec3::Constant(0.1)};
@@ -404,7 +403,7 @@ TEST_CASE("every path of the proxy in the rest frame begins where the last path 
   double bent = 0.0;
   long joined = 0;
   for (int i = 0; i < 2000; ++i) {
-    // The hand moves around the ball and never touches it.
+    // The hand moves around the ball without touching it.
     const double a = 0.02 * i;
     const Vec3 hand(0.04 * std::cos(a), 0.04 * std::sin(a), 0.01 * std::sin(0.3 * a));
     (void)provenStep(*scene, reader, {hand}, state, kMotionTick);
@@ -420,7 +419,7 @@ TEST_CASE("every path of the proxy in the rest frame begins where the last path 
   }
   CAPTURE(gap, bent, joined);
   CHECK(joined > 2000);
-  CHECK(bent > 1e-5);   // error of a rigid pose that is fitted at one place, a voxel away
+  CHECK(bent > 1e-5);   // error, a voxel away, of a rigid pose fitted at one point [m]
   CHECK(gap <= 1e-12);  // [m]
 }
 
@@ -460,14 +459,15 @@ TEST_CASE(
     const Mat3 F = Mat3::Identity() + at.slope;
     CHECK((F.inverse() * at.rate).norm() <= 1.05 * warp->topSpeed());
   }
-  // The bend is not continuous at a face between two pieces of the warp.
+  // The second derivative jumps between two pieces of the warp, so a percentile is checked.
   const double most_bend = percentile(of_bend, 0.95);
   CAPTURE(of_value, of_slope, of_rate, most_bend);
   CHECK(of_value <= 0.02);
   CHECK(of_slope <= 1e-4);
   CHECK(of_rate <= 1e-4);
   CHECK(most_bend <= 1e-4);
-  // Beyond its grid, the warp has the value at the grid's face. An invalid place causes no error.
+  // Outside its grid, the warp has the value at the nearest face. An invalid position causes no
+  // error.
   const Vec3 far = kVoxel * (kCentre + Vec3(400.0, 3.0, -2.0));
   const Vec3 face(kVoxel * (kCentre.x() - 75.0 + 8.0 * 19), far.y(), far.z());
   CHECK((warp->at(far, 0.1).shift - warp->at(face, 0.1).shift).norm() < 1e-12);
@@ -515,7 +515,7 @@ TEST_CASE("invalid displacement frames are refused with their JSON path", "[moti
                f.size = {100000, 10000, 10000};
              }),
              Contains("resample them to a coarser lattice"));
-  // With the sign or the unit of another convention, the displacement would fold space.
+  // A displacement with the sign or the unit of another convention would fold space.
   CHECK_THAT(message([](DisplacementFrames& f, auto&) {
                for (auto& frame : f.frames) {
                  for (float& value : frame) value *= 200.0F;
@@ -558,7 +558,7 @@ TEST_CASE("a warp that folds space or is not finite leaves the force finite and 
       CAPTURE(kind, i);
       REQUIRE(r.force.allFinite());
       REQUIRE(r.force.norm() <= 4.0);
-      // The part of the last force that is kept, and the growth beyond this part (limit_force.cpp).
+      // `kept` is the part of the last force that stays; the rest is growth (limit_force.cpp).
       const double length = last.norm();
       Vec3 kept = Vec3::Zero();
       if (length > 0.0) {
@@ -572,7 +572,7 @@ TEST_CASE("a warp that folds space or is not finite leaves the force finite and 
 
 TEST_CASE("a still hand keeps its surface of a deforming body during a long tick",
           "[motion][warp][release]") {
-  // At a turning point of its motion, the body stands still in the prediction.
+  // At a turning point of its motion, the body seems to be at rest.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const auto breath = [](double t) { return 1.0 + 0.2 * std::sin(2.0 * kPi * 5.0 * t); };
   const auto scene =
@@ -594,7 +594,7 @@ TEST_CASE("a still hand keeps its surface of a deforming body during a long tick
 
 namespace {
 
-/// Builds a scene with one mode of a flow that deforms.
+/// Builds a scene with one mode on a flow that deforms.
 std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const MotionPtr& motion) {
   GraphSpec spec;
   spec.modes.resize(1);
@@ -608,8 +608,8 @@ std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const 
 }  // namespace
 
 TEST_CASE("the proxy follows a stream in a bent volume", "[motion][warp]") {
-  // At rest the lines are straight. A bent line consists of the places whose rest positions are on
-  // one straight line.
+  // At rest the streamlines are straight. A bent streamline is the set of points whose rest
+  // positions are on one line.
   const FieldPtr flow =
       vectorGrid(Vec3::Constant(105.0), [](const Vec3&) { return Vec3(1.0, 0.0, 0.0); });
   const Displaces bends = wave(50.0, 4.0, 1.0);
@@ -628,7 +628,7 @@ TEST_CASE("the proxy follows a stream in a bent volume", "[motion][warp]") {
     for (int i = 0; i < 120; ++i) {
       const double time = state.time() + kMotionTick;
       const Vec3 rest = start + Vec3(0.5e-3 * i, 0.0, 0.0);
-      // The hand is half a voxel beside the line that moves with the material.
+      // The hand is half a voxel beside the bent streamline.
       const Vec3 hand = motion->poseOf(rest, time)(rest) + Vec3(0.0, 0.0, i > 5 ? 0.4e-3 : 0.0);
       const StepReport r = provenStep(*scene, reader, {hand}, state, kMotionTick);
       const Vec3 at = motion->poseAbout(r.proxy, state.time()).toRest(r.proxy);
@@ -674,7 +674,7 @@ TEST_CASE("the Jacobian of a warped vector field matches finite differences",
     largest = std::max(largest, by.norm());
   }
   CAPTURE(off, largest);
-  // For trilinear data, the Jacobian comes from differences over a voxel.
+  // The Jacobian of trilinear data is a difference over a voxel, so its error is large.
   CHECK(off <= 0.1 * largest);
 }
 

@@ -17,7 +17,7 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-/// The values are 0.25 + i + 100 j + 10000 k, with k fastest in memory.
+/// The test values are 0.25 + i + 100 j + 10000 k, with k fastest in memory.
 constexpr std::array<std::int64_t, 3> kSize{9, 10, 17};
 
 template <class Real>
@@ -84,7 +84,7 @@ TEST_CASE("the values of an array lie at the places that its axes define", "[vol
 TEST_CASE("an array is read in any memory order, backwards and with gaps", "[volume]") {
   const auto values = ramp<float>();
   const auto straight = makeVolume(viewOf(values));
-  // In memory i runs fastest and k backwards, with a gap after each value, from an odd address.
+  // In memory, i is fastest and k is reversed, with gaps between values, from an odd address.
   constexpr std::ptrdiff_t kGap = 7;
   std::vector<std::byte> bytes(values.size() * kGap + 1);
   VoxelArray array = viewOf(values);
@@ -108,7 +108,7 @@ TEST_CASE("an array is read in any memory order, backwards and with gaps", "[vol
 }
 
 TEST_CASE("array voxels that equal the background are inactive", "[volume]") {
-  // A block of edge 5 in air of value -1000. All six faces of the array are air.
+  // A cube of 6 voxels of value 5 in air of -1000. The outer faces of the array are air.
   constexpr std::int64_t kEdge = 20;
   std::vector<float> values(kEdge * kEdge * kEdge, -1000.0F);
   for (std::int64_t i = 6; i < 12; ++i) {
@@ -142,7 +142,7 @@ TEST_CASE("an array of vectors gives one vector grid", "[volume]") {
   array.component_stride = 8;
   const auto volume = makeVolume(array);
   CHECK(volume->info().vector);
-  CHECK(volume->info().active_voxels == 63);  // the first value is zero, as the background
+  CHECK(volume->info().active_voxels == 63);  // the first value is zero, the background value
   const FieldPtr field = makeVdbField(volume, Placement{});
   FieldCache cache;
   std::get<1>(field)->reset(cache);

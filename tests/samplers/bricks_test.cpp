@@ -49,7 +49,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using Bytes = std::vector<std::byte>;
 
-/// Returns a transform that is rotated, stretched, mirrored and far from the origin.
+/// Returns a transform with rotation, unequal scales, a reflection, and a large translation.
 Transform::Ptr skewed() {
   auto transform = Transform::createLinearTransform(1.0);
   transform->preRotate(0.4, openvdb::math::X_AXIS);
@@ -91,8 +91,8 @@ typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueTyp
   return grid;
 }
 
-/// Returns a level set of balls with half-width 3, computed from a formula. Each ball has a place
-/// and a radius.
+/// Returns a level set of balls with a half-width of 3 voxels, from a formula. `balls` has centres
+/// and radii.
 BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const VoxelAt& lower,
                    const VoxelAt& upper) {
   BrickInput input;
@@ -131,7 +131,7 @@ BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const V
   return input;
 }
 
-/// Returns a fog in which every brick is stored.
+/// Returns a fog in which every brick must be stored.
 BrickInput fogOf(int bricks, const std::string& identity = "fog") {
   BrickInput input;
   input.name = identity;
@@ -159,7 +159,7 @@ const GridT& gridIn(const Volume& volume) {
   return *std::get<typename GridT::ConstPtr>(volume.grid().parts.front().data);
 }
 
-/// Counts the voxels whose values or states differ, in the box of both grids and around it.
+/// Counts the voxels whose values or states differ, in both grids' bounding box and around it.
 template <class GridT>
 int differences(const GridT& a, const GridT& b) {
   CoordBBox box = a.evalActiveVoxelBoundingBox();
@@ -193,7 +193,7 @@ void put(const fs::path& file, const Bytes& bytes) {
                static_cast<std::streamsize>(bytes.size()));
 }
 
-/// Returns every file of a folder, by its path in the folder.
+/// Returns the bytes of every file of a folder, by path.
 std::map<std::string, Bytes> allIn(const fs::path& folder) {
   std::map<std::string, Bytes> files;
   for (const auto& one : fs::recursive_directory_iterator(folder)) {
@@ -213,7 +213,7 @@ std::string errorOf(Body body) {
   return "no error";
 }
 
-/// Returns the ids of all bricks that are stored as objects.
+/// Returns the ids of the bricks that are stored as objects.
 std::vector<BrickId> storedIn(const BrickManifest& manifest) {
   std::vector<BrickId> ids;
   for (std::int32_t l = 0; l < static_cast<std::int32_t>(manifest.levels().size()); ++l) {
@@ -224,7 +224,7 @@ std::vector<BrickId> storedIn(const BrickManifest& manifest) {
   return ids;
 }
 
-/// Returns a manifest with changed facts and a matching checksum.
+/// Returns a manifest with changed facts and a valid checksum.
 Bytes forged(const Bytes& manifest, const std::function<void(Json&)>& change,
              const std::function<void(Bytes&)>& change_table = nullptr) {
   std::uint32_t size = 0;
@@ -271,7 +271,7 @@ TEST_CASE("16-bit floating-point numbers are read and rounded as by OpenVDB", "[
   for (int n = 0; n < 200000; ++n) {
     auto value = static_cast<float>(
         std::ldexp(random.uniform(-1.0, 1.0), static_cast<int>(random.uniform(-28.0, 18.0))));
-    // Includes values half-way between two 16-bit values.
+    // Every second value is halfway between two 16-bit values.
     if (n % 2 == 0) {
       const auto low = static_cast<std::uint16_t>(random.uniform(0.0, 31743.0));
       value = 0.5F * (floatOfHalf(low) + floatOfHalf(static_cast<std::uint16_t>(low + 1)));
@@ -289,7 +289,7 @@ TEST_CASE("a volume is read back from its bricks unchanged to the last bit", "[b
     const auto grid = scattered<openvdb::FloatGrid>(halved ? 1 : 2, -0.25F);
     grid->setGridClass(halved ? openvdb::GRID_UNKNOWN : openvdb::GRID_FOG_VOLUME);
     if (halved) {
-      // Values that 16 bits can represent exactly are unchanged.
+      // 16 bits represent these values exactly.
       for (auto v = grid->beginValueAll(); v; ++v) v.setValue(floatOfHalf(halfOfFloat(*v)));
     }
     const auto volume = makeVolume(*grid);
@@ -374,7 +374,7 @@ TEST_CASE("each level of a brick volume is the mean of the finer level, with vox
     const auto& coarser = gridIn<openvdb::FloatGrid>(*coarse);
     const auto of_fine = finer.getConstAccessor();
     const auto of_coarse = coarser.getConstAccessor();
-    // A coarse voxel is in the middle of eight fine voxels.
+    // A coarse voxel is in the centre of eight fine voxels.
     const auto& map = coarse->grid().parts.front();
     const auto& before = fine->grid().parts.front();
     CHECK(map.toFile(Vec3(3, -4, 5)).isApprox(before.toFile(Vec3(6.5, -7.5, 10.5)), 1e-12));
@@ -403,8 +403,8 @@ TEST_CASE("each level of a brick volume is the mean of the finer level, with vox
       auto mean = static_cast<float>(sum / 8.0);
       if (halved) mean = floatOfHalf(halfOfFloat(mean));
       if (of_coarse.getValue(*c) != mean) ++wrong_values;
-      // Near the surface, where values of both signs are within three voxels, all values are
-      // checked; elsewhere only some.
+      // Near the surface, where both signs occur within three voxels, checks all values; elsewhere
+      // only some.
       if (level_set && !any && of_coarse.isValueOn(*c)) {
         const CoordBBox about((*c).offsetBy(-3), (*c).offsetBy(3));
         bool negative = false;
@@ -445,8 +445,8 @@ TEST_CASE(
           Coord::floor(grid.worldToIndex(Vec3d(centre.x(), centre.y(), centre.z()))) -
               Coord(static_cast<int>(radius / voxel) + 4),
           2 * static_cast<int>(radius / voxel) + 9);
-      // Every place has the correct sign, except within a voxel of the surface. So the surface is
-      // closed and at the correct place.
+      // Each position has the correct sign, except within a voxel of the surface. So the surface is
+      // closed and in the right position.
       int astray = 0;
       for (auto c = about.begin(); c; ++c) {
         const Vec3d p = grid.indexToWorld(*c);
@@ -455,8 +455,7 @@ TEST_CASE(
         if ((beyond > 1.0 && negative) || (beyond < -1.0 && !negative)) ++astray;
       }
       CHECK(astray == 0);
-      // Each cell with both signs has data at all corners, and so have all cells up to two cells
-      // away.
+      // Cells with both signs, and all cells within two cells of them, have data at all corners.
       int crossed = 0;
       int lacking = 0;
       for (auto c = about.begin(); c; ++c) {
@@ -494,8 +493,8 @@ TEST_CASE("a brick whose voxels are all equal has a manifest entry but no stored
   }
   const auto volume = makeVolume(*grid);
   const BrickManifest manifest = writeBricks(folder / "b", brickInput(volume)).manifest;
-  // The 4 x 2 x 2 bricks of ones each differ from a neighbour. Of the other bricks in the 6 x 6 x
-  // 6, the inner ones equal all their neighbours.
+  // Each of the 4 x 2 x 2 bricks of ones differs from a neighbour. Of the other 6 x 6 x 6 bricks,
+  // the inner ones equal all their neighbours.
   std::size_t active = 0;
   std::size_t inactive = 0;
   std::size_t stored = 0;
@@ -512,7 +511,7 @@ TEST_CASE("a brick whose voxels are all equal has a manifest entry but no stored
     if (one.path().filename() != ".zarray") ++files;
   }
   CHECK(files == stored);
-  // A brick that has no object still fills a slot. Places outside of the named bricks have no
+  // A brick without an object still fills a slot. Positions outside the listed bricks have no
   // brick.
   PosixBricks source(folder / "b");
   Bytes slot(manifest.format().bytes());
@@ -602,7 +601,7 @@ TEST_CASE("a folder of bricks is a Zarr group, and each object is a chunk of its
       }
       bytes *= chunks[a];
     }
-    // Every object is a chunk of the correct size, within the array.
+    // Every object is a chunk of the array, with the right size.
     for (const auto& one : fs::directory_iterator(folder / "b" / std::to_string(l))) {
       const std::string name = one.path().filename().string();
       if (name == ".zarray") continue;
@@ -628,7 +627,7 @@ TEST_CASE("the bytes of bricks do not depend on threads or on a run that ended e
     (void)writeBricks(folder / "one", input);
     CHECK(allIn(folder / "one") == whole);
   }
-  // The run ends at its n-th progress report, and is repeated until it is complete.
+  // Each run is stopped at its n-th progress report. Runs continue until the export is complete.
   std::uint64_t kept = 0;
   int runs = 0;
   for (int patience = 1; patience < 1000; patience += 9) {
@@ -653,7 +652,7 @@ TEST_CASE("the bytes of bricks do not depend on threads or on a run that ended e
   CHECK(runs > 3);
   CHECK(kept > 10);
   CHECK(allIn(folder / "again") == whole);
-  // A finished folder stays as it is.
+  // A complete folder is left unchanged.
   const BrickReport report = writeBricks(folder / "again", input);
   CHECK(report.written == 0);
   CHECK(report.manifest.identity() != 0);
@@ -671,7 +670,8 @@ TEST_CASE("bricks of an interrupted run are checked before the next run keeps th
   const auto place = [&](std::size_t n) {
     return folder / "b" / brickObject(ids[n], manifest.format());
   };
-  // The object is missing, cut, has a flipped bit, is from another volume, or is half written.
+  // Objects that are missing, truncated, corrupted by one bit, from another volume, or half
+  // written.
   fs::remove(place(0));
   fs::resize_file(place(1), 100);
   Bytes bytes = bytesIn(place(2));
@@ -717,7 +717,7 @@ TEST_CASE("writing bricks leaves a folder with other contents unchanged", "[bric
   fs::create_directory(folder / "empty");
   CHECK(trying(folder / "empty", fogOf(1)) == "no error");
 
-  // Two writers at the same time.
+  // A second writer runs during the first.
   const BrickInput input = fogOf(1);
   options = {};
   std::string second;
@@ -837,7 +837,7 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
     put(place, flipped);
     read(BrickStatus::kDamaged, "its checksum is wrong");
   }
-  // Both bricks have the same size, so their size does not distinguish them.
+  // All bricks have the same size, so their size does not reveal a wrong brick.
   put(place, bytesIn(folder / "b" / brickObject({0, {1, 0, 0}}, manifest.format())));
   read(BrickStatus::kOthers, "it is the brick of another level or position");
   put(place, bytesIn(folder / "other" / name));
@@ -859,7 +859,7 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
   CHECK(source.read({0, {0, -1, 0}}, slot).status == BrickStatus::kUnknown);
   CHECK(source.read({-1, {0, 0, 0}}, slot).status == BrickStatus::kUnknown);
   CHECK(source.read({1 << 30, {0, 0, 0}}, slot).status == BrickStatus::kUnknown);
-  // A folder that was moved is still the same folder. A removed folder is reported as gone.
+  // The source keeps the folder open: it finds a moved folder, and reports a removed one as gone.
   fs::rename(folder / "b", folder / "moved");
   CHECK(source.read(id, slot).status == BrickStatus::kArrived);
   fs::remove_all(folder / "moved");
@@ -871,7 +871,7 @@ TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(1)).manifest;
   const BrickId id{0, {0, 0, 0}};
   const fs::path place = folder / "b" / brickObject(id, manifest.format());
-  // Another program has written this brick with correct checksums.
+  // The chunk has invalid values, but correct checksums.
   const Bytes object = bytesIn(place);
   Bytes chunk(manifest.format().bytes());
   REQUIRE(ZSTD_decompress(chunk.data(), chunk.size(), object.data(), object.size()) ==
@@ -898,7 +898,6 @@ TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
 }
 
 TEST_CASE("all attempts to receive a manifest share one deadline", "[bricks]") {
-  // Each attempt fails after 30 ms.
   struct Slow final : ObjectStore {
     int& tries;
     explicit Slow(int& counts) : tries(counts) {}
@@ -966,7 +965,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
   CHECK_THAT(errorOf([&] { (void)writeBricks(folder / "wordy", wordy); }),
              Contains("more than 60 kB: shorten them"));
 
-  // The checksum matches, but the facts are wrong.
+  // Wrong facts with a valid checksum.
   const std::vector<std::pair<const char*, Json>> wrong{
       {"bricks", 2},
       {"bricks", "1"},
@@ -1009,7 +1008,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
     CHECK_THAT(refusal(forged(whole, [&](Json& json) { json.erase(name); })),
                Contains("m: it is damaged"));
   }
-  // The table has a wrong number of rows, or rows that are not possible.
+  // The table has a wrong number of rows, or impossible rows.
   const auto table = [&](std::size_t at, auto number) {
     return refusal(forged(
         whole, [](Json&) {},
@@ -1074,7 +1073,7 @@ TEST_CASE(
   CHECK(source.next(slot, kNone)->id == near);
   const BrickView view(manifest.format(), slot.data());
   CHECK(view.value(BrickView::numberOf(0, 0, 1)) == 31.0F);
-  // The hand has turned back, so the list of wanted bricks is completely new.
+  // The hand has turned around, so the list of wanted bricks is completely new.
   source.want({{middle, 1.0}, {never, 7.0}});
   CHECK(source.next(slot, kNone)->status == BrickStatus::kUnknown);
   CHECK(source.next(slot, kNone)->id == middle);
@@ -1083,7 +1082,7 @@ TEST_CASE(
   source.want({});
   CHECK(!source.next(slot, kNone));
 
-  // After the first brick, reading further bricks does not allocate.
+  // After the first brick, reading must not allocate.
   source.want({{far, 1.0}, {near, 1.0}});
   {
     const CountScope counting;
@@ -1092,8 +1091,7 @@ TEST_CASE(
     CHECK(CountScope::counts().allocations == 0);
   }
 
-  // Several threads take the wanted bricks, and each brick is taken once. A new brick wakes the
-  // threads that wait.
+  // Several threads take bricks, and each brick is taken once. A new want() wakes waiting threads.
   std::mutex mutex;
   std::multiset<BrickId> arrived;
   std::vector<std::thread> takers;
@@ -1117,7 +1115,7 @@ TEST_CASE(
     all = arrived.size() >= wishes.size();
   }
   for (std::thread& taker : takers) {
-    // Repeated requests; an id that occurs twice in a list counts once.
+    // Ends each thread: `never` is an id without a brick.
     source.want({{never, 0.0}});
     static_cast<void>(taker);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -1156,7 +1154,7 @@ TEST_CASE("writing bricks needs memory of at most a quarter of the volume's size
     file >> pages >> pages;
     return pages * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
   };
-  // AddressSanitizer needs its own memory and is slow.
+  // AddressSanitizer needs memory of its own and is slow.
 #if defined(__SANITIZE_ADDRESS__)
   constexpr int kBricks = 3;
   constexpr double kMost = 1e9;

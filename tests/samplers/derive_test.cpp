@@ -30,14 +30,14 @@ Vec3 eigen(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Loads grids through a file and the loader, as users do.
+/// Writes grids to a file and loads them with the loader.
 std::shared_ptr<const Volume> load(const openvdb::GridPtrVec& grids, const std::string& name) {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", grids);
   return loadVolume(folder / "a.vdb", name);
 }
 
-/// Returns a transform that is rotated and moved, with edges that are neither orthogonal nor of
+/// Returns a transform with rotation and translation, whose axes are neither orthogonal nor of
 /// equal length.
 Transform::Ptr skewed(double voxel = 0.1) {
   openvdb::Mat4R matrix = openvdb::Mat4R::identity();
@@ -52,8 +52,8 @@ Transform::Ptr skewed(double voxel = 0.1) {
   return Transform::createLinearTransform(matrix);
 }
 
-/// Returns random vectors with gaps, an active tile of the size of a leaf, and one of the size of a
-/// larger node.
+/// Returns random vectors with gaps, an active tile of 8^3 voxels, and an active tile of 128^3
+/// voxels.
 template <class GridT>
 typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
   openvdb::initialize();
@@ -80,7 +80,7 @@ typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
   return grid;
 }
 
-/// The flow of Arnold, Beltrami and Childress with wave number 1. Its curl equals the flow.
+/// The Arnold-Beltrami-Childress flow with wave number 1, which equals its curl.
 Vec3d abc(const Vec3d& p) {
   return {std::sin(p.z()) + 0.5 * std::cos(p.y()), 0.8 * std::sin(p.x()) + std::cos(p.z()),
           0.5 * std::sin(p.y()) + 0.8 * std::cos(p.x())};
@@ -124,7 +124,7 @@ TEST_CASE("voxels of a derived grid equal the values that are derived on the fly
     for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
       for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) compare(voxel.getCoord());
     }
-    // Compares the tiles: faces, edges, corners and interior.
+    // Compares inside the tiles: faces, edges, corners and interior.
     for (const int x : {16, 17, 20, 23}) {
       for (const int y : {16, 19, 23}) {
         for (const int z : {16, 22, 23}) compare({x, y, z});
@@ -136,7 +136,7 @@ TEST_CASE("voxels of a derived grid equal the values that are derived on the fly
       }
     }
     CHECK(count > 5000);
-    // The error comes from the skew, from rounding the position, and from rounding to floats.
+    // The error comes from the skewed transform, and from rounding positions and values to floats.
     CHECK(worst < 3e-6 * largest);
   }
 }
@@ -215,7 +215,7 @@ TEST_CASE("a derivation of a vector from three grids has data where all three ha
 }
 
 TEST_CASE("at the end of the data a vector's derivatives use only the data", "[samplers][derive]") {
-  // A flow with curl 2 and divergence 2, far from zero.
+  // A flow with curl 2 and divergence 2, and values far from zero.
   const auto flow = [](const Vec3d& p) { return Vec3f(20.0 - p.y(), 5.0 + p.x(), 2.0 * p.z()); };
   const auto transform = Transform::createLinearTransform(0.5);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(9, transform, flow, "flow");
@@ -226,7 +226,7 @@ TEST_CASE("at the end of the data a vector's derivatives use only the data", "[s
   Probe curls(deriveVolume(volume, Derivation::kCurl));
   Random random(7);
   Box in = volume->info().bounds;
-  // The last face of a staggered component is half a voxel below the last centre.
+  // The last face of a staggered component is half a voxel below the last voxel's centre.
   const Box centres = in;
   if (staggered) in.upper -= Vec3::Constant(0.25);
   double worst = 0.0;
@@ -234,7 +234,7 @@ TEST_CASE("at the end of the data a vector's derivatives use only the data", "[s
   for (int i = 0; i < 500; ++i) {
     Vec3 p;
     for (int a = 0; a < 3; ++a) {
-      // Many of the places are on the faces.
+      // Many of the points are on the faces.
       p[a] = std::clamp(random.uniform(in.lower[a] - 1.0, in.upper[a] + 1.0), in.lower[a],
                         in.upper[a]);
     }
@@ -245,7 +245,7 @@ TEST_CASE("at the end of the data a vector's derivatives use only the data", "[s
   }
   CHECK(worst < 1e-4);
   if (!staggered) CHECK(lost < 1e-4);
-  // Beyond the last voxel the derivatives fade to zero within a voxel.
+  // Within one voxel beyond the last voxel, the derivatives fade to zero.
   const Vec3 out(0.0, 0.0, 0.5);
   const Vec3 middle(2.0, 2.0, centres.upper.z());
   CHECK(curl(source.vector(middle + 0.5 * out).jacobian).z() == Approx(1.0).epsilon(0.01));
@@ -254,7 +254,7 @@ TEST_CASE("at the end of the data a vector's derivatives use only the data", "[s
 
 TEST_CASE("a voxel with zero velocity counts as data, except outside of a mesh",
           "[samplers][derive]") {
-  // A vortex about the axis of the block. On the axis the velocity is zero, as the background.
+  // A vortex about the axis of the block. The velocity on the axis equals the background, zero.
   const auto transform = Transform::createLinearTransform(1.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       9, transform, [](const Vec3d& p) { return Vec3f(4.0 - p.y(), p.x() - 4.0, 0.0); }, "flow");
@@ -266,7 +266,7 @@ TEST_CASE("a voxel with zero velocity counts as data, except outside of a mesh",
     CHECK(curl(image.vector(axis).jacobian).z() == Approx(2.0));
     CHECK(curl(image.vector(beside).jacobian).z() == Approx(2.0));
   }
-  // In a mesh, a voxel without data lies outside of all cells.
+  // In volumes from a mesh, a voxel without data is outside all cells.
   grid->insertMeta("imported_from", openvdb::StringMetadata("mesh"));
   for (int k = 0; k < 9; ++k) grid->tree().setValueOff(Coord(4, 4, k), Vec3f(1e6F));
   const auto volume = load({grid}, "flow");
@@ -285,7 +285,7 @@ TEST_CASE("at the edge of a mesh a spline's derivatives are those of the data",
   grid->insertMeta("imported_from", openvdb::StringMetadata("mesh"));
   const Mat3 J = (Mat3() << 1.0, -2.0, 0.5, 3.0, 0.25, -1.0, 2.0, 1.5, -4.0).finished();
   const auto flow = [&](const Vec3& p) { return Vec3(Vec3(50.0, -60.0, 70.0) + J * p); };
-  // A box with a notch: its edges lie at the box of the active voxels, and within it.
+  // A box with a notch: some edges of the data are inside the active bounding box.
   const auto isIn = [](const Coord& c) { return c.x() < 10 || c.y() < 10; };
   for (auto voxel = openvdb::CoordBBox(Coord(0), Coord(20)).begin(); voxel; ++voxel) {
     if (!isIn(*voxel)) continue;

@@ -1,5 +1,5 @@
-/// Tests free space in a grid: its map, the distances that fields report, and the readings that a
-/// tick saves.
+/// Tests the map of free space in a grid: its distances, those that fields report, and the readings
+/// that a tick saves.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -29,7 +29,7 @@ namespace {
 
 using ScalarPtr = std::shared_ptr<const ScalarField>;
 
-/// Returns scattered values, an active tile and an inactive tile, far from each other.
+/// Returns scattered values, an active tile and an inactive tile, far apart.
 template <class GridT>
 typename GridT::Ptr scattered(const typename GridT::ValueType& background,
                               const typename GridT::ValueType& value) {
@@ -60,7 +60,7 @@ FieldPtr fieldOf(const openvdb::GridPtrVec& grids, const Placement& placement = 
   return makeVdbField(loadVolume(folder / "a.vdb", name), placement, sampling);
 }
 
-/// A field that does not report free space.
+/// A field without a map of free space.
 class Blind : public ScalarField {
  public:
   explicit Blind(ScalarPtr field) : ScalarField(field->frame()), field_(std::move(field)) {}
@@ -128,8 +128,8 @@ TEST_CASE("the map of free space gives the distance to the nearest block with da
       }
       const double said = map.around(p);
       REQUIRE(said <= std::max(0.0, nearest));
-      // Inside the box around all data, the error of the reported distance has two causes: the
-      // position of p in its block, and the position of the data in theirs.
+      // Inside the box of all data, the error is at most twice the diagonal effect of a block: p
+      // and the data can be anywhere in their blocks.
       const double outside = std::max({low[0], low[1], low[2], -high[0], -high[1], -high[2]});
       REQUIRE(said >= (outside > 0.0 ? outside - 15.0 : nearest - 16.0));
     }
@@ -140,7 +140,7 @@ TEST_CASE("the map of free space gives the distance to the nearest block with da
   CHECK(FreeMap(one).around({100, 0, std::nan("")}) == 0.0);
   CHECK(FreeMap(one).around({HUGE_VAL, 0, 0}) > 1e8);
 
-  // The map takes at most 4 MB, so a large extent gets larger blocks.
+  // The map takes at most 4 MB, so a larger extent gets larger blocks.
   const std::array<FreeMap::Voxels, 2> far{{{{-2000000, -2000, 0}, {-2000000, -2000, 0}},
                                             {{2000000, 3000, 9000}, {2000000, 3000, 9000}}}};
   const FreeMap large(far);
@@ -208,7 +208,7 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
         }
       }
     }
-    // The field reports free space, and free space of more than one voxel.
+    // The field must often report free space, and sometimes a large one.
     CHECK(said > 100);
     CHECK(most > 20.0 * c.voxel);
   }
@@ -216,7 +216,7 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
 
 TEST_CASE("the map of free space saves sub-steps and samples and does not change forces",
           "[scale]") {
-  // Two balls of 2 cm at the ends of 30 cm of empty space.
+  // Two balls of radius 2 cm, 30 cm apart, with empty space between.
   openvdb::initialize();
   openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);
   openvdb::FloatGrid::Ptr other = makeBall(20.0, 1.0);
@@ -263,16 +263,15 @@ TEST_CASE("the map of free space saves sub-steps and samples and does not change
     INFO(moves << " moves of " << moves_of_blind << ", " << samples << " samples of "
                << samples_of_blind);
     CHECK(held > 100);
-    // A tick has at least one move.
+    // Each tick has at least one move.
     CHECK(2 * (moves - 6000) < moves_of_blind - 6000);
-    // A scene's own volumes are read in every tick.
+    // A scene's own volumes are read in every tick; parts are not.
     if (parts) CHECK(2 * samples < samples_of_blind);
   }
 }
 
-/// Returns a solid ball of radius 20 voxels about the origin, in a space of 2 x 300 voxels.
-/// Scattered background values fill the rest, so that no place is free over the distance that a
-/// fast hand moves.
+/// Returns a ball of radius 20 voxels about the origin, in a space of 600 x 600 x 192 voxels.
+/// Scattered background values leave no free space as large as a fast hand's path in a tick.
 ScalarPtr ballInDust(double voxel, bool ball) {
   Random random(11);
   openvdb::initialize();
@@ -294,7 +293,7 @@ ScalarPtr ballInDust(double voxel, bool ball) {
 
 TEST_CASE("a free proxy is at the hand in every tick, however far the hand moves in a tick",
           "[scale][motion][safety][release]") {
-  constexpr double kFine = 1e-7;  // [m]: at 10 mm/s and 1 kHz the hand moves by 100 voxels per tick
+  constexpr double kFine = 1e-7;  // [m]; at 10 mm/s and 1 kHz the hand moves by 100 voxels per tick
   const ScalarPtr dust = ballInDust(kFine, false);
   for (const bool parts : {false, true}) {
     std::vector<Part> one;
@@ -313,7 +312,7 @@ TEST_CASE("a free proxy is at the hand in every tick, however far the hand moves
       REQUIRE(r.proxy == at);
       REQUIRE(r.wanted == Vec3::Zero());
     }
-    CHECK(late > ticks / 20);  // otherwise the path would have been read completely
+    CHECK(late > ticks / 20);  // some ticks must be unable to read the whole path
   }
 }
 
@@ -334,8 +333,8 @@ TEST_CASE("a surface on a path that a tick could not read completely still holds
     }
     REQUIRE((r.proxy - 20.0 * kFine * out).norm() < 0.05 * kFine);
   }
-  // A ball beyond the range that a tick can read has no effect: the hand does not touch it from
-  // outside, and gets no force inside.
+  // A surface beyond the range of a tick's readings has no effect: the hand crosses it from outside
+  // and gets no force inside.
   Hand hand(makeScene(skinOf("ball"), {{"ball", field}}));
   (void)hand.step(kFine * Vec3(2000, 1500, 0));
   for (int i = 0; i < 5; ++i) {
@@ -350,7 +349,7 @@ TEST_CASE("a surface on a path that a tick could not read completely still holds
 
 TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far from their data",
           "[scale]") {
-  // Forty grids that are frames around the same place. Only the bars of a frame have data.
+  // Forty grids at the same position. Each has data only in the edges of a cube.
   openvdb::initialize();
   auto frame = openvdb::FloatGrid::create(0.0F);
   for (int axis = 0; axis < 3; ++axis) {
@@ -370,7 +369,7 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
   GraphSpec spec = skinOf("frame");
   spec.modes[0].solid = Solid::kAbove;
   spec.modes[0].value = 0.5;
-  // If there are more boxes than the limit, only the few near parts act.
+  // With more boxes than the limit, only the few near parts must act.
   const int count = GENERATE(40, 100);
   CAPTURE(count);
   Random random(17);
@@ -386,7 +385,7 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
   }
   Hand a(makeScene({}, {}, {}, {}, std::move(seeing)));
   Hand b(makeScene({}, {}, {}, {}, std::move(groping)));
-  // All boxes meet in the middle.
+  // All boxes overlap in the middle.
   const StepReport middle = a.step(Vec3::Zero());
   CHECK(middle.parts == 0);
   CHECK(middle.samples == 0);
@@ -395,7 +394,7 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
   CHECK(b.step(Vec3::Zero()).samples >= 40);
   a.state.release();
   b.state.release();
-  // Both scenes give the same forces while the hand enters and leaves the bars.
+  // Both scenes give the same forces while the hand enters and leaves the edges.
   double most = 0.0;
   int crowded = 0;
   int fewer = 0;
@@ -405,7 +404,8 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
     const StepReport without = b.step(hand);
     if (with.left_out > 0) crowded += 1;
     fewer += 2 * with.samples < without.samples ? 1 : 0;
-    if (count > 40) continue;  // a part that found no room may have let that hand in
+    // Above the limit of parts, a part that was left out may have let hand `b` in.
+    if (count > 40) continue;
     CAPTURE(i);
     REQUIRE(with.status == without.status);
     REQUIRE((with.wanted - without.wanted).norm() <= 1e-9);

@@ -1,14 +1,15 @@
-/// Loads cut and damaged copies of .vdb files and touches their volumes, as a user would. Each case
-/// must end with finite, bounded output or with one line of error. It may take at most 10 s and
-/// four times the memory of the file's grids.
+/// Loads truncated and corrupted copies of .vdb files and samples their volumes. Each case must end
+/// with finite, bounded values or with one line of error, within 10 s and four times the memory of
+/// the file's grids.
 ///
 /// palpate_hostile_files [--data] [--cases N] [FILE.vdb...]
-///   Cuts each file at ten places, and flips one bit in each of N copies in total, with more copies
-///   of small files than of large ones (default 1000; PALPATE_CASES; at most 100,000, with
-///   sanitizers 10,000). --data: uses the files of PALPATE_DATA/vdb. Without any file: uses the
-///   program's own volumes. Every case runs in its own process.
+///   Truncates each file at ten positions, and flips one bit in each of N copies (default 1000;
+///   PALPATE_CASES; at most 100,000, or 10,000 with sanitizers). Small files get more copies than
+///   large ones. --data: uses the files of PALPATE_DATA/vdb. Without files: uses volumes that the
+///   program makes. Each case runs in a separate process.
 /// palpate_hostile_files --only FILE BYTE BIT
-///   Repeats one case. BIT "cut" cuts the file before BYTE. FILE may be one of the program's own.
+///   Repeats one case. BIT "cut" truncates FILE before BYTE. FILE may be one that the program
+///   makes.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -38,7 +39,7 @@
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/lsan_interface.h>
 constexpr bool kSanitized = true;
-// A larger allocation ends the process as a failure instead of throwing.
+// A larger allocation ends the process as a failure, instead of throwing.
 extern "C" const char* __asan_default_options() {
   return "max_allocation_size_mb=1024:allocator_may_return_null=0";
 }
@@ -59,13 +60,13 @@ constexpr std::size_t kTurns = kSanitized ? 64 : 8;
 constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 constexpr std::uint64_t kSlack = std::uint64_t{256} << 20U;
 
-// The work of a child process on one file.
+// A child process: loads and samples one file.
 
-/// The result for its file that a child process reports.
+/// The result that a child process reports for its file.
 struct Outcome {
   enum Kind : int { kRead, kRefused, kFailed } kind = kFailed;
-  std::uint64_t digest = 0;  ///< Digest of all messages and samples.
-  std::uint64_t memory = 0;  ///< Memory of its grids [bytes].
+  std::uint64_t digest = 0;  ///< Hash of all messages and samples.
+  std::uint64_t memory = 0;  ///< Memory of the grids [bytes].
   std::array<char, 400> text{};
 
   void say(const std::string& line) { std::strncpy(text.data(), line.c_str(), text.size() - 1); }
@@ -92,7 +93,7 @@ struct Broken {
   std::string why;
 };
 
-/// Throws unless an error is one line that is not empty.
+/// Throws Broken unless an error is one line of at least 20 characters.
 void checkLine(const std::string& line) {
   if (line.size() < 20) throw Broken{"an error that says nothing: \"" + line + "\""};
   for (const char c : line) {
@@ -113,7 +114,7 @@ double magnitude(const T& v) {
   }
 }
 
-/// Returns the largest stored magnitude, including those of tiles, background and inactive values.
+/// Returns the largest magnitude in a grid, including tiles, background and inactive values.
 template <class GridT>
 double largestIn(const GridT& grid) {
   double largest = magnitude(grid.background());
@@ -127,7 +128,7 @@ double largestIn(const GridT& grid) {
   return largest;
 }
 
-/// Returns positions in the volume, around it, at some of its leaves, and far away.
+/// Returns positions in the volume, around it, at some leaves, and far away.
 std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   Random random(7);
   std::vector<Vec3> points;
@@ -156,8 +157,8 @@ std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   return points;
 }
 
-/// Samples a volume. The splines of a large volume take seconds, so only one in kTurns cases,
-/// chosen by `turn`, computes them.
+/// Samples a volume. Splines of large volumes take seconds, so only one of kTurns cases computes
+/// them, chosen by `turn`.
 void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Digest& digest) {
   double largest = 0.0;
   double per_index = 0.0;
@@ -182,7 +183,7 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
     }
     const FieldPtr field = makeVdbField(volume, placement, {kind});
     // The coefficients of a B-spline of degree d exceed the values by a factor of at most (2 d -
-    // 3)^3, which is 3^3 for the cubic spline.
+    // 3)^3: 3^3 for cubic.
     const double over = kind == Interpolation::kCubic       ? 27.0
                         : kind == Interpolation::kQuadratic ? 8.0
                                                             : 1.0;
@@ -219,7 +220,7 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
   }
 }
 
-/// Describes, loads and samples all grids of a file, as a user would.
+/// Describes, loads and samples all grids of a file.
 Outcome feel(const fs::path& file, std::size_t turn) {
   Outcome outcome;
   Digest digest;
@@ -279,9 +280,9 @@ Outcome feel(const fs::path& file, std::size_t turn) {
   return outcome;
 }
 
-// The parent's part: processes.
+// The parent process: starts and judges child processes.
 
-/// A case that has ended, seen from its parent.
+/// The end of a child process, as its parent sees it.
 struct Ended {
   Outcome outcome;
   double seconds = 0.0;
@@ -316,8 +317,8 @@ Child start(Body body) {
   if (child.pid == 0) {
     close(ends[0]);
     dup2(fileno(child.complaints), STDERR_FILENO);
-    // Limits the processor time, and later also the clock time of a child that waits. Other
-    // programs may use the processor meanwhile.
+    // Limits the processor time, because other programs may use the processor. The alarm limits the
+    // clock time of a child that waits.
     const rlimit processor{kSeconds, kSeconds + 1};
     setrlimit(RLIMIT_CPU, &processor);
     const rlimit core{0, 0};
@@ -325,7 +326,7 @@ Child start(Body body) {
     alarm(30 * kSeconds);
     const Outcome outcome = body();
     const bool told = write(ends[1], &outcome, sizeof outcome) == sizeof outcome;
-    // Does not call exit(), in which log4cplus would wait for a thread that only the parent has.
+    // exit() would hang: log4cplus would wait for a thread that exists only in the parent.
     _exit(told && !leaks() ? 0 : 1);
   }
   if (child.pid < 0) std::abort();
@@ -334,7 +335,7 @@ Child start(Body body) {
   return child;
 }
 
-/// Returns the result of a child that has ended. Prints its complaints if it ended badly.
+/// Returns the result of a child that has ended. If it failed, prints its stderr.
 Ended conclude(const Child& child, int status, const rusage& usage) {
   Ended ended;
   ended.seconds =
@@ -368,17 +369,18 @@ Ended runAlone(Body body) {
   return conclude(child, status, usage);
 }
 
-// Files, and the damage to them.
+// The files, and ways to damage them.
 
 struct Damage {
   std::uint64_t byte = 0;
-  int bit = -1;  ///< -1: cut before the byte.
+  int bit = -1;  ///< -1: truncates before the byte.
 };
 
 struct Victim {
   fs::path path;
   std::string bytes;
-  std::vector<std::uint64_t> structure;  ///< Bytes of nodes' masks and headers of values.
+  std::vector<std::uint64_t> structure;  ///< Positions of nodes' masks and of headers of values
+                                         ///< [bytes].
   std::vector<std::uint64_t> borders;    ///< Positions between the file's parts [bytes].
   Ended whole;
 };
@@ -390,8 +392,8 @@ T at(const std::string& bytes, std::uint64_t place) {
   return value;
 }
 
-/// Finds the parts of a file: the nodes and values of its first grids, and the headers of
-/// compressed leaves. If this fails, fewer places are known, but the test still runs.
+/// Finds the parts of a file: nodes and values of its first grids, and headers of compressed
+/// leaves. If this fails, the test still runs, with fewer chosen positions.
 void dissect(Victim& victim) {
   const std::string& bytes = victim.bytes;
   for (std::uint64_t i = 57; i + 32 < std::min<std::uint64_t>(bytes.size(), 4096); ++i) {
@@ -458,7 +460,7 @@ void writeDamaged(const Victim& victim, const Damage& damage, const fs::path& to
   out.write(&flipped, 1);
 }
 
-// The program's own volumes: one for each kind of storage.
+// The volumes that the program makes: one for each kind of storage.
 
 void writeOwn(const fs::path& folder) {
   openvdb::initialize();
@@ -505,7 +507,7 @@ void writeOwn(const fs::path& folder) {
       9, linear, [](const Vec3d&) { return 3; }, "labels");
   write("vectors.vdb", {velocity, flow, labels}, COMPRESS_ZIP);
 
-  // Vectors as flow solvers store them: on faces, one grid per component, in index space.
+  // Vectors as flow solvers store them: on faces, in one grid per component, and in index space.
   auto staggered = velocity->deepCopy();
   staggered->setName("staggered");
   staggered->setGridClass(openvdb::GRID_STAGGERED);
@@ -519,12 +521,12 @@ void writeOwn(const fs::path& folder) {
   }
   write("kept.vdb", kept, usual);
 
-  // A tree that two grids share, and a stream without a table of contents.
+  // Grids that share a tree, and a stream without a table of contents.
   auto twin = openvdb::FloatGrid::create(ball->treePtr());
   twin->setName("twin");
   write("twins.vdb", {ball, twin, ball}, usual);
-  // The name of one grid is also the indexed name of another grid. The two grids share a tree, in
-  // either order.
+  // One grid's own name, "density[0]", is also the indexed name of another grid. The two share a
+  // tree, in either order.
   auto literal = ball->deepCopy();
   literal->setName("density[0]");
   auto alike = openvdb::FloatGrid::create(literal->treePtr());
@@ -548,8 +550,6 @@ std::vector<fs::path> vdbsOf(const fs::path& folder) {
   return files;
 }
 
-// The run.
-
 struct Counts {
   long refused_cuts = 0, refused = 0, other = 0, identical = 0, passed = 0, failed = 0;
   std::uint64_t memory = 0;
@@ -565,7 +565,7 @@ class Run {
                 return Outcome{};
               }).memory) {}
 
-  /// Reads the file and touches its whole volume in a child process. Returns false if that fails.
+  /// Reads the file and samples its whole volume in a child process. Returns false if that fails.
   bool open(const fs::path& path, Victim& victim) const {
     victim.path = path;
     std::ifstream in(path, std::ios::binary);
@@ -583,7 +583,7 @@ class Run {
     return true;
   }
 
-  /// Judges one case.
+  /// Checks one case against the limits and counts its result.
   void judge(const Victim& victim, const Damage& damage, Ended ended, Counts& counts) const {
     Outcome& outcome = ended.outcome;
     const std::uint64_t grids = std::max(victim.whole.outcome.memory, outcome.memory);
@@ -650,7 +650,7 @@ class Run {
   }
 
  private:
-  /// Returns the text between the file's name and the remedy, without numbers.
+  /// Returns the part of a message between the file's name and the remedy, without numbers.
   static std::string reasonIn(const std::string& line) {
     if (line.find("NaN or infinite") != std::string::npos) return "values are NaN or infinite";
     const auto begin = line.find(": it");
@@ -721,7 +721,7 @@ int run(const std::vector<std::string>& arguments) {
   long passed = 0;
   long failed = 0;
   std::map<std::string, long> reasons;
-  // Large files take longer, and fail no more often than small ones.
+  // Large files take longer and fail no more often than small ones, so they get fewer copies.
   const auto weight = [](const fs::path& file) {
     return 1.0 / std::sqrt(1.0 + static_cast<double>(fs::file_size(file)));
   };

@@ -19,7 +19,7 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-/// A server that answers one connection with a header, sends no body, and waits until the client
+/// A server that answers one connection with a header and no body, and waits until the client
 /// closes the connection.
 class HeaderServer {
  public:
@@ -50,7 +50,7 @@ class HeaderServer {
   }
 
  private:
-  /// Waits until something arrives, at most kPatience.
+  /// Waits for data, at most kPatience. Returns true if data arrived.
   static bool arrives(int at) {
     pollfd one{at, POLLIN, 0};
     return poll(&one, 1, static_cast<int>(std::chrono::milliseconds(kPatience).count())) > 0;
@@ -143,7 +143,7 @@ TEST_CASE("an HTTP answer of the stated length is received", "[bricks][http]") {
     return request->body.size();
   };
   CHECK(fetch("HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n") == 1000);
-  // The content length of a preliminary answer is not that of the object.
+  // The content length of a preliminary answer must be ignored.
   CHECK(fetch("HTTP/1.1 103 Early Hints\r\nContent-Length: 7\r\n\r\n"
               "HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n") == 1000);
 }

@@ -1,5 +1,5 @@
-// Tests grids as files keep them: staggered, by component, in index space, axial, with holes and
-// noise.
+// Tests grids as files store them: staggered, by component, in index space, axial, with holes, with
+// invalid values.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -33,7 +33,7 @@ Vec3 eigen(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Returns an oblong, sheared and moved lattice.
+/// Returns a transform with unequal scales, shear and translation.
 Transform::Ptr oblong() {
   auto transform = Transform::createLinearTransform(1.0);
   transform->postScale(Vec3d(0.5, 0.25, 0.4));
@@ -42,7 +42,7 @@ Transform::Ptr oblong() {
   return transform;
 }
 
-/// Returns the vector from a voxel's centre to its face below, along one index axis.
+/// Returns the vector from a voxel's centre to its lower face on one index axis.
 Vec3d toFace(int axis) {
   const auto transform = oblong();
   Vec3d index(0.0);
@@ -64,7 +64,7 @@ std::shared_ptr<const Volume> reload(const openvdb::GridPtrVec& grids, const std
   return loadVolume(folder / "a.vdb", name, options);
 }
 
-/// Checks the field's value and Jacobian at random places in the lattice's middle.
+/// Checks the field's value and Jacobian at random points in the middle of the grid.
 void requireLinear(const std::shared_ptr<const Volume>& volume) {
   const auto transform = oblong();
   for (const Interpolation order : kSmooth) {
@@ -84,13 +84,14 @@ void requireLinear(const std::shared_ptr<const Volume>& volume) {
       }
       CAPTURE(wordFor(order), p.transpose());
       REQUIRE(s.inside);
-      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // ringing from the edge, eleven voxels away
+      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // ringing from the grid's edge, eleven voxels
+                                                     // away
       REQUIRE((s.jacobian - kSlope).norm() < 1e-3);
     }
   }
 }
 
-/// Returns component c of `linear`, on the face of each voxel where a staggered grid keeps it.
+/// Returns component c of `linear` at the face where a staggered grid stores it.
 double onFace(int c, const Vec3d& centre) {
   return linear(eigen(centre + toFace(c)))[c];
 }
@@ -140,7 +141,7 @@ TEST_CASE("three scalar grids form one vector, each sampled at its own place",
   for (const GridInfo& info : infos) parts += info.name.rfind("vel.", 0) == 0 ? info.memory : 0;
   CHECK(infos.back().memory == parts);
 
-  // Scalars of other types or places do not form a vector.
+  // Scalars of other types, or with other transforms, do not form a vector.
   grids[1] = makeGrid<openvdb::DoubleGrid>(
       24, oblong(), [](const Vec3d&) { return 1.0; }, "vel.y");
   CHECK_THROWS_WITH(reload(grids, "vel"), Contains("no grid"));
@@ -185,7 +186,7 @@ TEST_CASE("vectors in index space are transformed by the rule of their kind", "[
 }
 
 TEST_CASE("axial vectors are interpolated with their signs aligned", "[samplers][kinds]") {
-  // The fibres turn by about 3 degrees per voxel. Each voxel has its own sign.
+  // The fibres turn by about 3 degrees per voxel. Each voxel's sign is random.
   Random random(5);
   const auto direction = [](const Vec3d& p) {
     const double a = 0.05 * p.x() + 0.03 * p.y();
@@ -221,7 +222,7 @@ TEST_CASE("axial vectors are interpolated with their signs aligned", "[samplers]
     const VectorSample s = field->sample({x, 12.3, 11.7}, cache);
     const Counts counts = CountScope::counts();
     REQUIRE(counts.allocations + counts.locks + counts.exceptions == 0);
-    // The Jacobian has the sign of the value: |d v| = |d angle|, 0.05 and 0.03 a voxel.
+    // The Jacobian must have the value's sign: |d v| = |d angle|, 0.05 and 0.03 per voxel.
     REQUIRE(s.jacobian.col(0).norm() == Approx(0.05 / std::sqrt(1.04)).epsilon(0.01));
     REQUIRE(s.jacobian.col(0).dot(s.value) == Approx(0.0).margin(1e-4));
   }
@@ -261,9 +262,9 @@ TEST_CASE("non-finite voxels are refused or filled on request", "[samplers][kind
   const auto field = std::get<0>(makeVdbField(zeroed, {}));
   FieldCache cache;
   field->reset(cache);
-  CHECK(field->sample({7, 7, 7}, cache).value == -0.25);  // a finite value stays
+  CHECK(field->sample({7, 7, 7}, cache).value == -0.25);  // finite values stay
 
-  // The Gaussian keeps the largest values finite.
+  // Smoothing must keep the largest floats finite.
   auto steep = makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
                                             [](const Vec3d&) { return 2e38F; });
   CHECK(reload({steep}, "", {NonFinite::kRefuse, {1.0}, nullptr})->info().highest <= 2e38F);

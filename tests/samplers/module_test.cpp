@@ -16,7 +16,7 @@ namespace {
 
 constexpr Module kOther{"palpate_other.so", "libother-dev"};
 
-/// Sets PALPATE_MODULES while it lives.
+/// Sets PALPATE_MODULES during the object's lifetime.
 class ModulesIn {
  public:
   explicit ModulesIn(const std::filesystem::path& folder) {
@@ -27,7 +27,7 @@ class ModulesIn {
   ~ModulesIn() { unsetenv("PALPATE_MODULES"); }
 };
 
-/// Returns the message of a module that cannot be loaded.
+/// Returns the error message for a module that cannot be loaded.
 std::string refusalOf(const Module& module) {
   try {
     (void)loadModule(module, "--other");

@@ -30,7 +30,7 @@ OpenCells find(const openvdb::GridBase& grid, double level, Solid solid) {
   return *found;
 }
 
-/// A cell of a grid, and what the hand finds there.
+/// A cell of a grid: its active corners, and whether its values cross the level.
 struct CellState {
   int active = 0;
   bool crosses = false;
@@ -50,8 +50,8 @@ CellState stateOf(const openvdb::FloatGrid::ConstAccessor& grid, const Coord& lo
   return out;
 }
 
-/// Finds the open cells of a grid whose values are not distances, by checking each cell. The grid's
-/// transform is the identity.
+/// Finds the open cells of a grid whose values are not distances, by checking every cell. Requires
+/// an identity transform.
 OpenCells reference(const openvdb::FloatGrid& grid, double level, Solid solid) {
   const openvdb::CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const auto accessor = grid.getConstAccessor();
@@ -67,8 +67,8 @@ OpenCells reference(const openvdb::FloatGrid& grid, double level, Solid solid) {
   return out;
 }
 
-/// Returns a ball of 20 voxels with the band that OpenVDB makes from a mesh: values are clipped at
-/// `outside` and `inside` voxels, and clipped voxels are inactive.
+/// Returns a ball of radius 20 voxels with a band as OpenVDB makes it from a mesh: values are
+/// clipped at `outside` and `inside` voxels, and clipped voxels are inactive.
 openvdb::FloatGrid::Ptr makeBanded(float outside, float inside) {
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(outside);
@@ -106,7 +106,7 @@ TEST_CASE("a level set with a band of one voxel holds the hand all around", "[sa
     double farthest = 0.0;
     for (int i = 0; i < 100; ++i) {
       const Vec3 out = random.direction();
-      // Finds the zero of the value along the ray.
+      // Finds the surface along the ray, by bisection.
       double low = kRadius - 2.0;
       double high = kRadius + 2.0;
       while (high - low > 1e-9) {
@@ -117,7 +117,7 @@ TEST_CASE("a level set with a band of one voxel holds the hand all around", "[sa
       farthest = std::max(farthest, std::abs(high - kRadius));
     }
     CHECK(missing == 0);
-    CHECK(farthest < 0.15);  // the splines, near the clipped values
+    CHECK(farthest < 0.15);  // splines are less accurate near clipped values
   }
 }
 
@@ -130,19 +130,19 @@ TEST_CASE("the cells in which a surface leaves its data are counted, and the fir
     if (voxel.getCoord().x() > 3) voxel.setValueOff();
   }
   const OpenCells found = find(*cut, 0.0, Solid::kBelow);
-  // The ring at the cut has about 2 pi r cells, and half as many more where it is oblique to the
+  // The cut is a ring of about 2 pi r cells, and up to half as many more where it is oblique to the
   // grid.
   const double around = 2.0 * std::numbers::pi * std::sqrt(kRadius * kRadius - 9.0);
   CAPTURE(found.count, around);
   CHECK(static_cast<double>(found.count) > 0.8 * around);
   CHECK(static_cast<double>(found.count) < 1.6 * around);
-  // The inactive values are correct, so the surface also holds the hand in one more cell.
+  // The inactive values are correct, so the surface extends into one more cell.
   CHECK(found.first_F.x() == 4.0);
   CHECK(std::abs(Vec3(4.0, found.first_F.y(), found.first_F.z()).norm() - kRadius) < 2.0);
-  // The position is given in the file's space.
+  // first_F is in the file's space.
   cut->setTransform(Transform::createLinearTransform(0.5));
   CHECK(find(*cut, 0.0, Solid::kBelow).first_F == 0.5 * found.first_F);
-  // The values of a fog are valid up to the end of its data.
+  // The values of a fog are valid up to the end of the data.
   cut->setGridClass(openvdb::GRID_FOG_VOLUME);
   CHECK(find(*cut, 0.0, Solid::kBelow).count == 0);
 }
@@ -175,9 +175,9 @@ TEST_CASE("a cut ball is open where the sphere passes the cut, with a narrow and
   constexpr int kCut = 3;
   const auto cut = makeBanded(static_cast<float>(band), static_cast<float>(band));
   cut->fill({Coord(kCut + 1, -40, -40), Coord(40)}, cut->background(), false);
-  // The surface may move by this much where data are missing (band_cell.h).
+  // Where data are missing, the surface may be off by this much (band_cell.h) [m].
   const double slack = 0.05 * band;
-  // A cell on the cut is open if the sphere encloses one of its corners with data.
+  // A cell on the cut is open if the sphere encloses a corner that has data.
   std::uint64_t expected = 0;
   for (int j = -25; j < 25; ++j) {
     for (int k = -25; k < 25; ++k) {
@@ -194,7 +194,7 @@ TEST_CASE("a cut ball is open where the sphere passes the cut, with a narrow and
   const auto volume = makeVolume(*cut);
   CHECK(findOpenCells(*volume, {}, 0.0, Solid::kBelow)->count == expected);
   CHECK(expected > 100);
-  // Where the hand feels a surface beside the cut, it is the sphere.
+  // Where the field has a surface beside the cut, it is that of the sphere.
   const auto field = std::get<0>(makeVdbField(volume, {}));
   FieldCache cache;
   field->reset(cache);
@@ -222,7 +222,7 @@ TEST_CASE("a cut ball is open where the sphere passes the cut, with a narrow and
 TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][release]") {
   openvdb::initialize();
   Random random(3);
-  auto grid = openvdb::FloatGrid::create(0.001F);  // so narrow a band holds no surface
+  auto grid = openvdb::FloatGrid::create(0.001F);  // too narrow a band to contain a surface
   grid->setGridClass(openvdb::GRID_LEVEL_SET);
   const auto noise = [&](int voxels, double reach) {
     for (int i = 0; i < voxels; ++i) {
@@ -266,7 +266,7 @@ TEST_CASE("only trilinear scalar volumes are searched for cells in which a surfa
        {Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic}) {
     CHECK_FALSE(findOpenCells(*ball, {other, false}, 0.0, Solid::kBelow).has_value());
   }
-  // A level that no cell contains.
+  // No cell contains this level.
   CHECK(findOpenCells(*ball, {}, 7.0, Solid::kBelow)->count == 0);
   const auto flow = makeGrid<openvdb::Vec3SGrid>(3, Transform::createLinearTransform(),
                                                  [](const Vec3d& p) { return openvdb::Vec3s(p); });

@@ -1,4 +1,4 @@
-/// Tests a level-set sphere that is pressed from all directions, from the .vdb file to the force.
+/// Tests the force of a level-set sphere from a .vdb file, pressed from all directions.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -20,14 +20,14 @@ namespace {
 constexpr double kStiffness = 500.0;
 
 struct Pressed {
-  /// Error of the force's direction against the radial direction [degrees].
+  /// RMS error of the force's direction against the radius [degrees].
   double direction_rms = 0.0;
-  double magnitude_max = 0.0;  ///< Error of the force against k times depth, relative.
-  double leaves_rms = 0.0;     ///< Error of the release depth against s/k, relative.
+  double magnitude_max = 0.0;  ///< Largest relative error of the force against k times depth.
+  double leaves_rms = 0.0;     ///< RMS relative error of the release depth against s/k.
 };
 
-/// Presses along 1,000 directions to depths of 2 to 8 mm below a surface with a known radius. Then
-/// presses until the surface, with a strength of `weak` [N], yields.
+/// Presses along 1,000 directions to 2 to 8 mm below a surface of known radius. Then presses until
+/// the same surface with a strength of `weak` [N] yields.
 Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, double strength,
               double weak) {
   const Placement placement = fitInto(volume->info().bounds, 0.1);
@@ -65,8 +65,8 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
     result.magnitude_max =
         std::max(result.magnitude_max, std::abs(r.force.norm() / (kStiffness * depth) - 1.0));
 
-    // As in figure 6 of Lundin et al., the proxy stays where it touched the surface until the hand
-    // is s/k below.
+    // As in figure 6 of Lundin et al., the proxy stays on the surface until the hand is s/k below
+    // it.
     ProxyState gentle({100.0, 1e9});
     const double reach = weak / kStiffness;
     double held = 0.0;
@@ -112,7 +112,7 @@ TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions gives the radial force
   REQUIRE(data != nullptr);
   const auto file = std::filesystem::path(data) / "vdb" / "aswf_sphere.vdb";
   const auto volume = loadVolume(file, "ls_sphere");
-  // Finds the sphere's radius along the axes, as the place where the stored distance is zero.
+  // Measures the sphere's radius along the axes, where the stored distance is zero.
   const FieldPtr field = makeVdbField(volume, {});
   FieldCache cache;
   std::get<0>(field)->reset(cache);

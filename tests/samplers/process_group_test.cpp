@@ -1,5 +1,5 @@
-// Tests bricks that are written by several ranks, which are threads here. The bytes equal those of
-// a single rank. If one rank fails, all ranks end.
+// Tests bricks that several ranks write; here the ranks are threads. The bytes must equal those of
+// one rank. If a rank fails, all ranks must end.
 #include "palpate/samplers/process_group.h"
 
 #include <algorithm>
@@ -44,7 +44,7 @@ std::map<std::string, std::string> allIn(const fs::path& folder) {
   return all;
 }
 
-/// Returns a hollow ball about the origin, as a level set from a formula. It covers several slabs
+/// Returns a hollow ball about the origin, as a level set from a formula. It covers several layers
 /// of bricks.
 BrickInput ball() {
   BrickInput input;
@@ -71,7 +71,7 @@ BrickInput ball() {
   return input;
 }
 
-/// Returns scattered voxels on both sides of 0, most of them at one end.
+/// Returns scattered voxels with coordinates of both signs, most of them at one end.
 openvdb::FloatGrid::Ptr scattered() {
   openvdb::initialize();
   Random random(5);
@@ -80,7 +80,7 @@ openvdb::FloatGrid::Ptr scattered() {
     const auto at = [&](double low, double high) {
       return static_cast<int>(random.uniform(low, high));
     };
-    // The voxels are in two of the tree's largest nodes, far apart.
+    // The voxels are in two distant root children of the tree.
     const int y = at(-20.0, 100.0) + n % 2 * 4080;
     const Coord c(at(-90.0, 200.0), y, at(-150.0, 250.0));
     grid->tree().setValueOn(c, static_cast<float>(random.uniform(-1.0, 1.0)));
@@ -89,7 +89,7 @@ openvdb::FloatGrid::Ptr scattered() {
   return grid;
 }
 
-/// Returns the part of a grid that a rank needs to fill its bricks.
+/// Returns the part of a grid that a rank needs for its bricks.
 openvdb::FloatGrid::Ptr partOf(const openvdb::FloatGrid& grid, const Share& share) {
   auto part = openvdb::FloatGrid::create(grid.background());
   part->setName(grid.getName());
@@ -179,7 +179,7 @@ TEST_CASE("a grid that is split among ranks gives the same bricks as the whole g
     if (!sizes.runs()) continue;
     const fs::path out = folder / std::to_string(size);
     CHECK(byThreads(size, [&](ProcessGroup& group) {
-            // Three slabs of bricks are below 0 and four above. The last ranks get no slab.
+            // There are three layers of bricks below 0 and four above. The last ranks get no layer.
             const Share of_seven = shareOf(group, 7);
             const Share share{of_seven.first - 3, of_seven.end - 3};
             BrickOptions options;
@@ -212,7 +212,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
     return std::pair(why, kept);
   };
 
-  // In each level, either only the last rank fails, or all ranks fail at the same time.
+  // Early or late in the export, either only the last rank fails, or all ranks fail at once.
   for (const bool all : {false, true}) {
     for (const double when : {0.1, 0.95}) {
       const std::string why =
@@ -227,7 +227,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
       CHECK_FALSE(fs::exists(out / "palpate.bricks"));
     }
   }
-  // One rank has a different input from the others.
+  // Two ranks have different inputs.
   CHECK_THAT(by(2,
                 [](ProcessGroup& group, BrickInput& input, BrickOptions&) {
                   if (group.rank() == 1) input.identity = "another";
@@ -239,7 +239,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
   CHECK(why == "no error");
   CHECK(kept > 5);
   CHECK(allIn(out) == allIn(folder / "alone"));
-  // All ranks leave a finished folder as it is.
+  // All ranks leave a complete folder unchanged.
   CHECK(by(2, [](ProcessGroup&, BrickInput&, BrickOptions&) {}) ==
         std::pair(why, std::uint64_t{0}));
 }

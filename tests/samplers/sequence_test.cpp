@@ -1,4 +1,4 @@
-/// Tests a volume that is played. Between two frames it changes continuously.
+/// Tests sequences: fields that change continuously between frames.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -37,7 +37,7 @@ Placement placed() {
   return place;
 }
 
-/// Returns requests for one file a frame, which `make` fills.
+/// Writes `count` frames, one file each, which `make` returns. Returns their requests.
 template <class Make>
 std::vector<VolumeRequest> framesIn(const TemporaryFolder& folder, int count, const Make& make) {
   std::vector<VolumeRequest> frames;
@@ -48,7 +48,7 @@ std::vector<VolumeRequest> framesIn(const TemporaryFolder& folder, int count, co
   return frames;
 }
 
-/// Returns V = 100 i + x + 2 y - (3 + i) z, with 14^3 voxels.
+/// Returns a grid of 14^3 voxels with V = 100 i + x + 2 y - (3 + i) z.
 openvdb::FloatGrid::Ptr ramp(int i) {
   return makeGrid<openvdb::FloatGrid>(
       14, openvdb::math::Transform::createLinearTransform(1.0), [i](const openvdb::Vec3d& p) {
@@ -56,7 +56,7 @@ openvdb::FloatGrid::Ptr ramp(int i) {
       });
 }
 
-/// Returns the level set of a ball about the middle, with its radius in voxels.
+/// Returns the level set of a ball with this radius [voxels].
 openvdb::FloatGrid::Ptr ball(double radius) {
   return makeBall(radius, 1.0);
 }
@@ -68,26 +68,26 @@ std::shared_ptr<const FrameSequence> sequenceOf(const std::vector<VolumeRequest>
                                                placed(), Sampling{}, params);
 }
 
-/// Waits for the frames around a play position [s].
+/// Waits for the frames around a play time [s]. Returns false if they do not arrive.
 bool arrives(const FrameSequence& sequence, double play) {
   const PlayMoment at = sequence.at(play);
   return sequence.wait(std::span(&at, 1), 20.0);
 }
 
-/// A reader of a sequence's field, tick by tick.
+/// Reads a sequence's field tick by tick.
 struct Player {
   explicit Player(const std::shared_ptr<const FrameSequence>& of)
       : sequence(of), field(std::get<0>(makeSequenceField(of))) {
     field->reset(*cache);
   }
-  /// Returns the reading at p in a tick at a play position [s].
+  /// Returns the sample at p in a tick at play time `play` [s].
   ScalarSample at(double play, const Vec3& p, double rate = 0.0) const {
     field->attend({p, p, kTick, play, rate}, *cache);
     const ScalarSample out = field->sample(p, *cache);
     field->leave(*cache);
     return out;
   }
-  /// Returns the reading after 60 ticks at this play position. By then, a fade has ended.
+  /// Returns the sample after 60 ticks at this play time, when any fade has ended.
   ScalarSample settled(double play, const Vec3& p) const {
     ScalarSample out;
     REQUIRE(arrives(*sequence, play));
@@ -100,7 +100,7 @@ struct Player {
   std::unique_ptr<FieldCache> cache = std::make_unique<FieldCache>();
 };
 
-/// Builds a scene with the surface at 0 of a field, solid below.
+/// Builds a scene with an isosurface at value 0, solid below.
 std::unique_ptr<const Scene> sceneOf(const FieldPtr& field, double strength = 50.0,
                                      double friction = 0.0) {
   GraphSpec spec = ballSpec(strength);
@@ -112,7 +112,7 @@ std::uint64_t bytesOf(const VolumeRequest& frame) {
   return sequenceOf({frame}, 1.0)->state().bytes;
 }
 
-/// Returns a budget of `count` frames like the first.
+/// Returns parameters with a budget of `count` frames of the first frame's size.
 SequenceParams budgetOf(const std::vector<VolumeRequest>& frames, double count) {
   SequenceParams params;
   params.budget = static_cast<std::uint64_t>(count * static_cast<double>(bytesOf(frames.front())));
@@ -134,11 +134,11 @@ TEST_CASE("a sequence of scalar grids interpolates between two frames", "[sequen
     CHECK(at.inside);
     CHECK_FALSE(at.coarse);
   }
-  // Before the first frame the field has the first frame's values, after the last frame those of
-  // the last.
+  // Before the first frame, the field has the first frame's values; after the last frame, the last
+  // frame's.
   CHECK(of.settled(-5.0, p).value == of.settled(0.0, p).value);
   CHECK(of.settled(99.0, p).value == of.settled(0.3, p).value);
-  // If the field is read outside of a tick, it has its first frame's values.
+  // Outside of a tick, the field has the first frame's values.
   CHECK(of.field->value(p, *of.cache) == Approx(V(0.0)).margin(1e-3));
   // With repeat, the first frame comes after the last.
   const Player round(sequenceOf(frames, 10.0, true));
@@ -191,7 +191,7 @@ TEST_CASE("a sequence of vector grids interpolates between two frames", "[sequen
 TEST_CASE("a ball that grows frame by frame carries the proxy on its surface",
           "[sequence][moving]") {
   const TemporaryFolder folder;
-  // The ball's radius grows by a voxel per frame, at 200 frames per second: 0.2 m/s.
+  // The ball's radius grows by one voxel per frame, at 200 frames per second: 0.2 m/s.
   constexpr double kFirst = 20.0;
   const auto frames = framesIn(folder, 12, [](int i) { return ball(kFirst + i); });
   const double friction = GENERATE(0.0, 0.3);
@@ -204,7 +204,7 @@ TEST_CASE("a ball that grows frame by frame carries the proxy on its surface",
   double injected = 0.0;
   double given = 0.0;
   for (int i = 0; i < 160; ++i) {
-    // The hand moves down to the surface and stays there, while the ball grows by ten voxels.
+    // The hand moves onto the surface and rests, while the ball grows by eleven voxels.
     const double depth = std::min(1.0, 0.02 * i);
     const double play = i < 100 ? 0.0 : kTick * (i - 100);
     state.playAt(play, i < 101 ? 0.0 : 1.0);
@@ -232,7 +232,7 @@ TEST_CASE("the proxy follows the surface of a ball that shrinks during play, in 
           "[sequence][moving]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, [](int i) { return ball(20.0 - 0.25 * i); });
-  const double rate = GENERATE(16.0, 64.0);  // 4 and 16 voxels a second
+  const double rate = GENERATE(16.0, 64.0);  // 4 and 16 voxels per second
   const double friction = GENERATE(0.0, 0.2);
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, rate)), 50.0, friction);
   Reader reader;
@@ -269,7 +269,7 @@ TEST_CASE("after a jump in play the value of a sequence changes over at least 50
   double largest = 0.0;
   int arrived = 0;
   for (int i = 0; i < 2250; ++i) {
-    // Play jumps to another time, and jumps again before the first fade has ended.
+    // Play jumps, and jumps again before the first fade has ended.
     if (i % 150 == 0 || i % 150 == 20) play = 0.7 * random.uniform();
     const ScalarSample at = player.at(play, p);
     largest = std::max(largest, std::abs(at.value - last));
@@ -282,7 +282,7 @@ TEST_CASE("after a jump in play the value of a sequence changes over at least 50
     }
     if (!all) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // A change of 700 takes 50 ms or more.
+  // A change of up to 700 takes at least 50 ms.
   CHECK(largest < 700.0 * kTick / 0.05 + 1e-6);
   CHECK(largest > 5.0);
   CHECK(arrived >= (all ? 15 : 1));
@@ -316,7 +316,7 @@ TEST_CASE("a hand on a ball feels no force step when the play time jumps", "[seq
 TEST_CASE("a surface that disappears during play changes the force by at most 2000 N/s",
           "[sequence]") {
   const TemporaryFolder folder;
-  const double apart = GENERATE(5.0, 10.0, 20.0);  // voxels; the bands have three
+  const double apart = GENERATE(5.0, 10.0, 20.0);  // [voxels]; the bands have a half-width of three
   const auto frames = framesIn(folder, 2, [&](int i) { return ball(20.0 + apart * i); });
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0, true)));
   Reader reader;
@@ -327,7 +327,7 @@ TEST_CASE("a surface that disappears during play changes the force by at most 20
   int pressed = 0;
   double play = 0.0;
   for (int i = 0; i < 4000; ++i) {
-    // The hand is ten voxels deep in the smaller ball, which vanishes suddenly or gradually. Then
+    // The hand is ten voxels deep in the smaller ball, which vanishes at once or gradually. Then
     // the hand moves out and in again.
     const int at = i % 500;
     const bool plays = i % 1000 >= 500 && at >= 250 && at < 350;
@@ -352,10 +352,10 @@ TEST_CASE("a surface that disappears during play changes the force by at most 20
 TEST_CASE("a hand that touches and leaves a ball feels the same force with play as without",
           "[sequence]") {
   const TemporaryFolder folder;
-  // All frames have the same ball, so play changes only the time.
+  // All frames have the same ball, so play has no effect on the field.
   const auto frames = framesIn(folder, 4, [](int) { return ball(20.0); });
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0, true)));
-  const int every = GENERATE(1, 8);  // ticks, of 1/4 ms: an arm may be slower than its loop
+  const int every = GENERATE(1, 8);  // number of ticks of 1/4 ms per position of the arm
   const double speed = GENERATE(0.2, 2.0);
   Reader readers[2];
   ProxyState still({8.0, 2000.0});
@@ -366,8 +366,7 @@ TEST_CASE("a hand that touches and leaves a ball feels the same force with play 
   double felt = 0.0;
   for (int i = 0; i < 8000; ++i) {
     if (i % every == 0) {
-      // The hand moves 8 voxels into the ball. It moves in fast and out slowly, or at the same
-      // speed.
+      // The hand moves into the ball by 8 voxels, and out again.
       const double way = std::fmod(speed * kQuarter * i / kVoxel, 20.0);
       hand = kVoxel * Vec3(24.0 - (way < 10.0 ? 1.2 * way : 24.0 - 1.2 * way), 0.0, 0.0);
     }
@@ -412,7 +411,7 @@ TEST_CASE("an edit of the scene does not interrupt the fade after a jump in play
 TEST_CASE("readers of a sequence do not allocate or lock, and read whole frames",
           "[sequence][realtime]") {
   const TemporaryFolder folder;
-  // All voxels of a frame have one value. A torn or wrong frame would give another value.
+  // All voxels of a frame have one value, so a torn or wrong frame shows.
   const auto frames = framesIn(folder, 24, [](int i) {
     return makeGrid<openvdb::FloatGrid>(
         12, openvdb::math::Transform::createLinearTransform(1.0),
@@ -477,7 +476,7 @@ TEST_CASE("a frame that a reader holds stays in memory, however small the budget
   REQUIRE(held);
   const std::uint64_t stay = held.stay();
   const std::uint64_t fetched = of->state().fetched;
-  // Play stays at another time for longer than the sequence keeps unused frames.
+  // Play stays elsewhere for longer than unused frames are kept.
   std::this_thread::sleep_for(std::chrono::milliseconds(60));
   for (const double play : {0.75, 1.05, 1.35}) {
     of->tell(of->at(play), 1.0);
@@ -523,12 +522,12 @@ TEST_CASE("play waits while frames load, and skips a frame whose file is missing
   const auto V = [](double i) { return 100.0 * i + 6.3 + 2.0 * 5.2 - (3.0 + i) * 4.7; };
   const fs::path file = frames[9].file;
   fs::rename(file, folder / "aside");
-  // Play jumps to a time whose frames have not arrived yet. The old frames stay in use.
+  // Play jumps to a time whose frames are not in memory. The old frames stay in use.
   const double before = player.at(0.1, p).value;
   const ScalarSample at = player.at(0.95, p);
   CHECK(at.coarse);
   CHECK(at.value == before);
-  // Play is between frames 8 and 10, without the 9th.
+  // Play is between frames 8 and 10, because frame 9 is missing.
   REQUIRE(arrives(*of, 0.95));
   CHECK(player.settled(0.95, p).value == Approx(V(9.5)).margin(1e-3));
   const PlayMoment gap = of->at(0.95);
@@ -540,7 +539,7 @@ TEST_CASE("play waits while frames load, and skips a frame whose file is missing
   REQUIRE(troubles.size() == 1);
   CHECK_THAT(troubles[0], Contains("frame_9.vdb") && Contains("without the frame"));
   CHECK(of->takeTroubles().empty());
-  // The missing frame returns, and is read without further action.
+  // The missing frame returns, and the sequence reads it.
   fs::rename(folder / "aside", file);
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
   while (of->state().failed > 0 && std::chrono::steady_clock::now() < until) {
@@ -586,7 +585,7 @@ TEST_CASE("two hands whose play times differ by milliseconds share the same fram
     (void)two.at(play - 0.005, p, 1.0);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // Each frame was fetched once when the sequence was loaded, and once more.
+  // Each frame was fetched once when the sequence was loaded, and about once more.
   CHECK(of->state().fetched > 40);
   CHECK(of->state().fetched < 70);
 }
@@ -632,7 +631,7 @@ TEST_CASE("a reader that waits reads the same values in every run, despite gaps 
     }
     return read;
   };
-  (void)run(1);  // the missing frames have been found
+  (void)run(1);  // finds out which frames are missing
   const std::vector<double> alone = run(2);
   CHECK(run(2) == alone);
   std::vector<double> beside;
@@ -674,7 +673,8 @@ TEST_CASE("a frame without active voxels plays as background", "[samplers][seque
   const TemporaryFolder folder;
   auto frames = framesIn(folder, 4, [](int i) {
     if (i == 0) {
-      auto none = openvdb::FloatGrid::create();  // as exporters write it, without a class
+      auto none = openvdb::FloatGrid::create();  // without a class, as exporters write an empty
+                                                 // grid
       none->setName("ball");
       return none;
     }
@@ -695,7 +695,7 @@ TEST_CASE("a frame without active voxels plays as background", "[samplers][seque
   const ScalarSample at = player.settled(1.0, Vec3(0.0042, 0.0, 0.0));
   CHECK(at.inside);
   CHECK(at.value == Approx(0.0).margin(0.05));
-  // Halfway between nothing and a ball, the value is the mean.
+  // Halfway between an empty frame and a ball, the value is the mean.
   CHECK(player.settled(0.5, Vec3(0.0042, 0.0, 0.0)).value == Approx(1.5).margin(0.05));
   CHECK_THROWS_WITH(sequenceOf({frames[0], frames[2]}, 1.0),
                     Contains("frame_0.vdb") && Contains("no active voxel"));

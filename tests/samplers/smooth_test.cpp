@@ -1,4 +1,4 @@
-// Tests the Gaussian that smooths a grid at load.
+// Tests the smoothing of a grid by a Gaussian at load.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -39,7 +39,7 @@ const GridT& gridOf(const Volume& volume) {
   return *std::get<typename GridT::ConstPtr>(volume.grid().parts.front().data);
 }
 
-/// Returns the Gaussian mean about a voxel: a sum over a box of three deviations to each side.
+/// Returns the Gaussian mean about a voxel, summed over three standard deviations to each side.
 template <class GridT>
 Vec3d gaussianMean(const GridT& grid, const Coord& c, const Vec3& sigma) {
   std::array<int, 3> reach{};
@@ -58,8 +58,8 @@ Vec3d gaussianMean(const GridT& grid, const Coord& c, const Vec3& sigma) {
   return sum / whole;
 }
 
-/// Returns noise of active, inactive and absent voxels, with tiles beside it, one of 128^3 voxels
-/// and one of 4096^3.
+/// Returns active, inactive and absent voxels at random, beside a tile of 128^3 voxels and one of
+/// 4096^3.
 template <class GridT>
 typename GridT::Ptr noiseWithTiles() {
   using Value = typename GridT::ValueType;
@@ -86,7 +86,7 @@ typename GridT::Ptr noiseWithTiles() {
   return grid;
 }
 
-/// Checks a smoothed volume at random voxels against the mean over the grid as it was.
+/// Checks random voxels of a smoothed volume against the mean over the original grid.
 template <class GridT>
 void requireGaussian(const GridT& grid, const Volume& volume, const Vec3& sigma) {
   const auto& is = gridOf<GridT>(volume);
@@ -107,7 +107,7 @@ void requireGaussian(const GridT& grid, const Volume& volume, const Vec3& sigma)
   }
 }
 
-/// Returns the distance from the origin at which a field passes a level, along one direction.
+/// Returns the distance from the origin at which a field crosses a level along a direction.
 double radiusAlong(const ScalarField& field, const Vec3& direction, double level, double most) {
   FieldCache cache;
   field.reset(cache);
@@ -139,7 +139,7 @@ TEMPLATE_TEST_CASE("smoothing equals a Gaussian sum over all voxels and the back
   CHECK(volume->info().smoothing.sigma == 1.3);
   CHECK(volume->info().background == Approx(Vec3d(grid->background()).length() *
                                             (volume->info().vector ? 1.0 : 1.0 / std::sqrt(3.0))));
-  // Large tiles get leaves along their faces only.
+  // In large tiles, only the faces get leaves.
   const auto& tree = gridOf<TestType>(*volume).tree();
   CHECK(tree.probeConstLeaf(Coord(130, 64, 64)) != nullptr);
   CHECK(tree.probeConstLeaf(Coord(192, 64, 64)) == nullptr);
@@ -206,8 +206,8 @@ TEST_CASE(
     const auto volume = smoothed(grid, sigma);
     const auto field = std::get<0>(makeVdbField(volume, {}));
     radius[kind] = meanRadius(*volume, *field, level, 12.0);
-    // The bounds, by which a scene places the volume, are those before smoothing. The field has
-    // data where the surface is, and beyond.
+    // The bounds, which determine the placement, are those before smoothing. The field has data
+    // beyond the surface.
     const double edge = kind == 0 ? 20.0 : 7.0;
     CHECK(volume->info().bounds.upper == Vec3::Constant(edge));
     FieldCache cache;
@@ -217,7 +217,7 @@ TEST_CASE(
   }
   CHECK(radius[1] == Approx(radius[0]).margin(0.001));
   CHECK(radius[2] == Approx(radius[0]).margin(0.001));
-  // The curvature moves the surface of the ball by about sigma^2 / R.
+  // Smoothing moves the ball's surface inwards by about sigma^2 / R.
   CHECK(radius[0] == Approx(kRadius - sigma * sigma / kRadius).margin(0.35));
 }
 
@@ -235,7 +235,7 @@ TEST_CASE("a smoothed ball of distances shrinks only by its curvature and stays 
   CAPTURE(sigma, moved, before);
   CHECK(moved - before == Approx(-sigma * sigma / kRadius).margin(0.02));
   CHECK(volume->info().smoothing.largest_change < 0.1);
-  // The values are distances again, in a band of the same width.
+  // The values are again distances, in a band of the same width.
   FieldCache cache;
   field->reset(cache);
   Random random(5);
@@ -261,7 +261,7 @@ TEST_CASE("a surface that is smaller than the Gaussian leaves a level set withou
       openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(0.5F, openvdb::Vec3f(0), 0.1F, 3.0F);
   small->setName("small");
   CHECK_THROWS_WITH(smoothed(small, 6.0), Contains("smoothing removes its whole surface"));
-  // Beside a larger body, only the small one goes.
+  // Beside a larger body, only the small body vanishes.
   const auto far = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
       3.0F, openvdb::Vec3f(6, 0, 0), 0.1F, 3.0F);
   openvdb::tools::csgUnion(*small, *far);

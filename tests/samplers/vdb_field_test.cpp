@@ -33,7 +33,7 @@ Vec3 eigen(const openvdb::Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Returns a field over a grid that was written to a file and loaded, as users do.
+/// Writes a grid to a file, loads it, and returns its field.
 FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement = {},
                  const Sampling& sampling = {}) {
   const TemporaryFolder folder;
@@ -41,7 +41,7 @@ FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement 
   return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, sampling);
 }
 
-/// Returns random values in a ball with holes, tiles and several leaves.
+/// Returns random values in a ball, with holes, tiles and several leaves.
 openvdb::FloatGrid::Ptr roughGrid() {
   openvdb::initialize();
   Random random(1);
@@ -57,8 +57,8 @@ openvdb::FloatGrid::Ptr roughGrid() {
   return grid;
 }
 
-/// Returns random voxels with gaps beside a box of one value, moved by `by`. The move alone decides
-/// which parts of the box are tiles, and where leaves end.
+/// Returns random voxels with gaps beside a box of one value, moved by `by`. The move decides which
+/// parts of the box are tiles, and where leaves end.
 template <class GridT>
 typename GridT::Ptr movedGrid(const Coord& by) {
   using Value = typename GridT::ValueType;
@@ -75,7 +75,7 @@ typename GridT::Ptr movedGrid(const Coord& by) {
   return grid;
 }
 
-/// Returns all values that a field gives at a place, one after the other.
+/// Returns all numbers that a field gives at p.
 std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   std::vector<double> out;
   if (probe.field.index() == 0) {
@@ -91,7 +91,7 @@ std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   return out;
 }
 
-/// Returns the trilinear interpolation of any quantity of the voxels.
+/// Returns the trilinear interpolation at index p of any quantity `at` of voxels.
 template <class F>
 double blend(const Vec3d& p, F at) {
   const Coord c = Coord::floor(p);
@@ -127,7 +127,8 @@ TEST_CASE("the value is trilinear and the gradient its difference over the slope
       Vec3d step(0.0);
       step[a] = reach;
       const double slope =
-          (blend(at + step, value) - blend(at - step, value)) / (2.0 * reach * 0.5);  // voxels 0.5
+          (blend(at + step, value) - blend(at - step, value)) / (2.0 * reach * 0.5);  // voxels are
+                                                                                      // 0.5 m
       worst = std::max(worst, std::abs(s.gradient[a] - slope));
     }
     bool any = false;
@@ -141,7 +142,7 @@ TEST_CASE("the value is trilinear and the gradient its difference over the slope
 
 namespace {
 
-/// Returns indices at which a sampler can make errors: near active voxels, outside, and at the
+/// Returns indices that are difficult for a sampler: near active voxels, outside, and at the
 /// borders of leaves (8), of their parents (128) and of their grandparents (4096).
 template <class GridT>
 std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
@@ -164,7 +165,7 @@ std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
     }
     const double seams[] = {1, 8, 128, 4096};
     if (i % 2 == 0) {
-      // The index is on a face, or beside it by the last digit.
+      // On a face, or off it by the last digit or half a voxel.
       const double size = seams[random.integer(4)];
       const int a = random.integer(3);
       const double seam = size * std::round(at[a] / size);
@@ -176,9 +177,9 @@ std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
   return indices;
 }
 
-/// Compares values and derivatives with the interpolation of the stored voxels, computed in double
-/// precision and index space, and converted to world space by OpenVDB. Derivatives of vectors are
-/// one-sided at the faces of the box of the active voxels. Returns the number of points.
+/// Compares values and derivatives with the trilinear interpolation of the stored voxels, in double
+/// precision and index space. Derivatives of vectors are one-sided at the faces of the active
+/// bounding box. Returns the number of points.
 template <class GridT>
 long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random) {
   using Value = typename GridT::ValueType;
@@ -201,7 +202,7 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
   double worst_slope = 0.0;
   const std::vector<Vec3d> indices = hardIndices(grid, 20000, random);
   for (const Vec3d& index : indices) {
-    // The position at which the field is read, and its index with the same rounding.
+    // The position that is read, and its index after the same rounding.
     const Vec3d p = grid.transform().indexToWorld(index);
     const Vec3d at = grid.transform().worldToIndex(p);
     for (int n = 0; n < kComponents; ++n) {
@@ -258,8 +259,7 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
 
 namespace {
 
-/// Checks that at the grid's active voxels a spline has the voxel's value, to 1e-5 of the largest
-/// value.
+/// Checks that splines have the voxels' values at active voxels, to 1e-5 of the largest value.
 void checkSplinesThroughVoxels(const openvdb::FloatGrid& grid,
                                const std::shared_ptr<const Volume>& volume) {
   const double largest = std::max(std::abs(volume->info().lowest), volume->info().highest);
@@ -323,7 +323,7 @@ TEMPLATE_TEST_CASE(
     CAPTURE(interpolation, by);
     Probe there(fieldOf(movedGrid<TestType>(by), {}, {interpolation}));
     for (int i = 0; i < 1000; ++i) {
-      // The coordinates are multiples of 1/64, so their sums with whole numbers are exact.
+      // Multiples of 1/64, so that sums with whole numbers are exact.
       const Vec3 p = (64.0 * (Vec3::Constant(11.0) + random.inCube(15.0))).array().round() / 64.0;
       REQUIRE(readingOf(there, p + eigen(by.asVec3d())) == readingOf(here, p));
     }
@@ -359,7 +359,7 @@ TEST_CASE("value and gradient of a trilinear field are continuous across cell fa
 TEST_CASE("the gradient of a linear function is exact under any affine map and placement",
           "[samplers]") {
   const Vec3 slope(1.5, -2.0, 0.75);
-  // Columns of file_from_index: anisotropic, rotated and sheared, mirrored.
+  // file_from_index: anisotropic, rotated and sheared, or mirrored.
   Mat3 linear;
   const int kind = GENERATE(0, 1, 2);
   if (kind == 0) linear = Vec3(0.7, 0.7, 1.4).asDiagonal();
@@ -385,7 +385,7 @@ TEST_CASE("the gradient of a linear function is exact under any affine map and p
     const Vec3 p_F = eigen(transform->indexToWorld(index));
     const ScalarSample s = probe.scalar(placement(p_F));
     REQUIRE(s.value == Approx(slope.dot(p_F) + 0.5).margin(1e-11));
-    // The gradient is per unit of the file, so only its direction is rotated.
+    // The gradient is per unit of the file, so the placement only rotates it.
     REQUIRE((s.gradient - turn * slope).norm() < 1e-10);
     REQUIRE((probe.cellGradient(placement(p_F)) - turn * slope).norm() < 1e-10);
     REQUIRE(s.inside);
@@ -405,11 +405,11 @@ TEST_CASE("the Jacobian of the gradient matches finite differences in any placem
   const Placement placement = test::slanted();
   Probe probe(fieldOf(grid, placement, {kind}));
   Random random(6);
-  constexpr double kStep = 1e-8;  // [m], far within a cell
+  constexpr double kStep = 1e-8;  // [m]; much smaller than a cell
   for (int i = 0; i < 1000; ++i) {
     const Vec3 index(random.uniform(4, 11), random.uniform(4, 11), random.uniform(4, 11));
     const Vec3 cell = (index - index.array().round().matrix()).cwiseAbs();
-    // Skips places near the faces of a trilinear cell, or of a spline's piece.
+    // Skips points near faces of a trilinear cell or of a spline's piece.
     if (cell.minCoeff() < 0.01 || cell.maxCoeff() > 0.49) continue;
     const Vec3 p = placement(Vec3(0.7, 0.7, 1.4).cwiseProduct(index));
     const Mat3 by = probe.gradientJacobian(p);
@@ -526,14 +526,14 @@ TEST_CASE("B-splines and nearest-voxel interpolation pass through the voxel valu
     const ScalarSample s = probe.scalar(eigen(grid->transform().indexToWorld(c)));
     worst = std::max(worst, std::abs(s.value - static_cast<double>(grid->tree().getValue(c))));
   }
-  CHECK(worst < 2e-6);  // values are up to 3, coefficients are floats
+  CHECK(worst < 2e-6);  // values are up to 3, and coefficients are floats
 }
 
 TEST_CASE("B-splines reproduce polynomials of their degree and the derivatives, under any map",
           "[samplers][spline]") {
   const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
   const bool cubic = interpolation == Interpolation::kCubic;
-  // Rotated, sheared, mirrored, anisotropic.
+  // A map with rotation, shear, reflection and unequal scales.
   openvdb::math::Mat4d map(0.30, 0.05, 0.0, 0.0, -0.02, 0.25, 0.04, 0.0, 0.01, 0.0, -0.4, 0.0, 1.0,
                            -2.0, 3.0, 1.0);
   const auto transform = Transform::createLinearTransform(map);
@@ -555,8 +555,7 @@ TEST_CASE("B-splines reproduce polynomials of their degree and the derivatives, 
   Probe probe(fieldOf(grid, placement, {interpolation}));
   Random random(42);
   for (int i = 0; i < 2000; ++i) {
-    // The place is in the middle of the block, 20 voxels from the block's end, because the end
-    // changes the filter's result.
+    // In the middle of the block: near its ends, the spline's prefilter changes the result.
     const Vec3 in = random.inCube(6.0);
     const Vec3 p_F = eigen(transform->indexToWorld(Vec3d(28 + in.x(), 28 + in.y(), 28 + in.z())));
     const ScalarSample s = probe.scalar(placement(p_F));
@@ -578,7 +577,7 @@ TEST_CASE(
       GENERATE(Order{Interpolation::kTrilinear, 4.0, 4.0},
                Order{Interpolation::kQuadratic, 8.0, 4.0}, Order{Interpolation::kCubic, 16.0, 8.0});
   CAPTURE(wordFor(order.interpolation));
-  // sin sin sin with 8 and 16 voxels per wavelength, away from the block's end.
+  // sin x sin y sin z with 8 and 16 voxels per wavelength, away from the block's ends.
   std::array<double, 2> value_error{};
   std::array<double, 2> slope_error{};
   for (std::size_t n = 0; n < 2; ++n) {
@@ -642,7 +641,7 @@ TEST_CASE("splines and their derivatives are continuous across faces and middles
   for (int i = 0; i < 5000; ++i) {
     Vec3 p = random.inCube(12.0);
     const int axis = random.integer(3);
-    p[axis] = 0.25 * std::round(p[axis] / 0.25);  // voxels of 0.5: faces and middles
+    p[axis] = 0.25 * std::round(p[axis] / 0.25);  // voxels are 0.5 m: on faces and midplanes
     Vec3 beyond = p;
     p[axis] -= 1e-9;
     beyond[axis] += 1e-9;

@@ -54,7 +54,8 @@ std::string refusal(const std::filesystem::path& file, const std::string& grid =
   return "no error";
 }
 
-/// Makes the folder for temporary files unusable during this object's life, unless `room` is true.
+/// Unless `room` is true, makes the folder for temporary files unusable during the object's
+/// lifetime.
 class NoRoom {
  public:
   explicit NoRoom(bool room) {
@@ -73,8 +74,7 @@ class NoRoom {
   std::optional<std::string> was_;
 };
 
-/// Writes a file with grids of one size and random values. Two such files of the same size differ
-/// only in their values.
+/// Writes grids of n^3 random values. Files of equal n and names differ only in their values.
 void writeRough(const std::filesystem::path& file, const std::vector<std::string>& names, int n,
                 std::uint64_t seed) {
   Random random(seed);
@@ -94,7 +94,7 @@ std::string bytesOf(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-/// Returns how many bytes this process has read or copied so far.
+/// Returns the number of bytes that this process has read so far.
 double readSoFar() {
   std::ifstream io("/proc/self/io");
   std::string word;
@@ -173,7 +173,7 @@ TEST_CASE("a VDB file that is cut off anywhere is refused", "[volume]") {
 TEST_CASE("the time to describe grids grows linearly with their number", "[volume][release]") {
   const TemporaryFolder folder;
   openvdb::initialize();
-  const auto cost = [&](int count, bool one_name) {  // [s] of processor time
+  const auto cost = [&](int count, bool one_name) {  // [s], processor time
     openvdb::GridPtrVec grids;
     for (int i = 0; i < count; ++i) {
       auto grid = openvdb::FloatGrid::create();
@@ -205,8 +205,8 @@ TEST_CASE("the time to describe grids grows linearly with their number", "[volum
 }
 
 TEST_CASE("a VDB file that is cut off while it is read never crashes the loader", "[volume]") {
-  // Two kinds of processes cut the file: one that has to wait for access, and one that has the file
-  // open already. Both are tested with and without room for a copy.
+  // Another process truncates the file: one that must wait for the lease, or one that already has
+  // the file open. Both with and without room for a copy.
   const TemporaryFolder folder;
   Random values(3);
   openvdb::initialize();
@@ -263,7 +263,7 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
           "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
-  // The grid has more than 10,000 leaves, so the file is read in parts.
+  // More than 10,000 leaves, so the file is read in parts.
   writeVdb(folder / "a.vdb", {makeGrid<openvdb::FloatGrid>(
                                  176, Transform::createLinearTransform(1.0),
                                  [](const Vec3d& p) { return static_cast<float>(p.x()); })});
@@ -271,13 +271,13 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
   double longest = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> longest;
   const auto let_writer_wait = [&] {
-    // A real writer would try again. The first attempt suffices for this test.
+    // A real writer would try again; this test needs one attempt.
     CHECK(open(file.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC) < 0);
     CHECK(errno == EWOULDBLOCK);
   };
   SECTION("a waiting writer ends the lease after half of the longest wait") {
     const LeasedFile steady(file);
-    // If the file system gives no lease, the place is a copy.
+    // Without a lease, the loader uses a copy.
     if (!std::filesystem::equivalent(steady.place(), file)) return;
     const auto after = [&, begin = LeasedFile::Clock::now()](double seconds) {
       return begin + std::chrono::duration_cast<LeasedFile::Clock::duration>(
@@ -296,7 +296,7 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
     CHECK(steady.keptAt(LeasedFile::Clock::now() + std::chrono::hours(1)));
   }
   SECTION("a load ends between its parts") {
-    // This case takes half of the longest wait, so it runs only if all cases run.
+    // Takes half of the longest wait, so it runs only if all cases run.
     if (share(10) < 10) return;
     LoadOptions options;
     int parts = 0;
@@ -320,7 +320,7 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
 
 TEST_CASE("a load uses the values that it has checked while another process writes the file",
           "[volume]") {
-  // Another process has the file open. It overwrites the file with another vector after the first
+  // Another process has the file open, and overwrites it with another vector after the first
   // component was read.
   const TemporaryFolder folder;
   const std::vector<std::string> names{"vel.x", "vel.y", "vel.z"};
@@ -401,8 +401,8 @@ TEST_CASE("a load of many grids reads their file at most three times, and once m
     });
     if (ours >= 0) close(ours);
     WARN("read " << asked << " and " << all << " times" << (others ? ", copied" : ""));
-    // The loader reads the file three times: to check it, to load it, and to describe its grids. It
-    // may also copy the file.
+    // The loader reads a file up to three times: to check it, to load it, and to describe its
+    // grids. It may also copy the file.
     CHECK(asked < (others ? 4.0 : 3.0));
     CHECK(all < (others ? 4.0 : 3.0));
   }
@@ -436,7 +436,7 @@ TEST_CASE("a grid in memory gives the same volume as a grid from a file", "[volu
     CHECK(a.highest == b.highest);
     CHECK(a.mean == b.mean);
   }
-  // The volume has its own copy of the values, and the grid is unchanged.
+  // The volume copies the values, so the grid must not change.
   const auto before = block(20, "rock");
   LoadOptions fill;
   fill.non_finite = NonFinite::kFill;
@@ -483,8 +483,7 @@ TEST_CASE("a grid of an unsupported type is described from its header but its tr
   writeVdb(folder / "a.vdb", {labels, block()});
   std::fstream file(folder / "a.vdb", std::ios::in | std::ios::out | std::ios::binary);
   const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  // In the file, the tree begins after the four numbers of its transform's last row. The test
-  // overwrites the whole tree.
+  // Overwrites the whole tree, which begins after the last row (four numbers) of the transform.
   const auto transform = bytes.find("UniformScaleMap");
   const auto next = bytes.find("density", transform);
   REQUIRE(next < bytes.size());
@@ -561,15 +560,15 @@ TEST_CASE("a grid that shares a tree with another grid reads the right tree, eve
     const auto lowest = [&](const std::string& name) {
       return std::floor(loadVolume(folder / "a.vdb", name)->info().lowest);
     };
-    // The second of two grids with the same name has the tree that the first uses.
+    // The second of two grids with equal names has the tree that "twin" uses.
     const auto first = rough(1.0, "density");
     const auto second = rough(2.0, "density");
     writeVdb(folder / "a.vdb", {first, second, shared(second, "twin")});
     CHECK(lowest("density[0]") == 1.0);
     CHECK(lowest("density[1]") == 2.0);
     CHECK(lowest("twin") == 2.0);
-    // A grid is named "density[0]", as palpate also names the first of two grids "density". This
-    // grid uses the tree of another grid, or another grid uses this grid's tree.
+    // A grid's own name is "density[0]", which is also the indexed name of another grid. Either of
+    // the two owns the tree that both use.
     const auto literal = rough(3.0, "density[0]");
     const auto twin = shared(literal, "density");
     for (const bool lends : {true, false}) {
@@ -612,7 +611,7 @@ TEST_CASE("an unusable grid is refused with the reason", "[volume]") {
        {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
     auto grid = block();
     grid->tree().setValue(openvdb::Coord(3, 3, 3), bad);
-    grid->tree().setValueOff(openvdb::Coord(4, 3, 3), bad);  // inactive values are read as well
+    grid->tree().setValueOff(openvdb::Coord(4, 3, 3), bad);  // inactive values are checked, too
     writeVdb(folder / "bad.vdb", {grid});
     CHECK_THAT(refusal(folder / "bad.vdb"), Contains("2 of its values are NaN, infinite"));
   }
@@ -623,7 +622,7 @@ TEST_CASE("an unusable grid is refused with the reason", "[volume]") {
 }
 
 TEST_CASE("volumes of one file can be loaded in parallel and repeatedly", "[volume]") {
-  // When a load drops its pages, it must not drop pages that another load uses.
+  // A load that drops its pages must not drop pages that another load uses.
   const TemporaryFolder folder;
   openvdb::initialize();
   const std::vector<std::string> names{"a", "b", "c"};
@@ -650,7 +649,7 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
   const auto wait_for = [](const std::atomic<bool>& that) {
     for (int i = 0; i < 60000 && !that; ++i) std::this_thread::sleep_for(milliseconds(1));
   };
-  // One task ends early while the other is about to start its own loop.
+  // One task fails while the other is about to start a loop of its own.
   CHECK_THROWS_WITH(inParallel(2,
                                [&](std::size_t i) {
                                  ++begun;
@@ -666,10 +665,10 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
                                                    [&](std::size_t) { ++done; });
                                }),
                     Contains("cancelled"));
-  // With one processor the second task does not run.
+  // With one processor, the second task does not start.
   CHECK(done == (begun == 2 ? kMany : 0));
 
-  // Tasks that have not begun do not run.
+  // Tasks that have not started do not run.
   begun = 0;
   CHECK_THROWS_AS(inParallel(1000000,
                              [&](std::size_t) {
@@ -683,7 +682,7 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
 TEST_CASE("grids of whole numbers, bools and masks are described by their values", "[samplers]") {
   openvdb::initialize();
   const TemporaryFolder folder;
-  // OpenVDB creates the grids, because it has compiled their types.
+  // OpenVDB creates the grids, because their types are compiled only in OpenVDB.
   const auto made = [](auto* type, const char* name) {
     using GridT = std::remove_pointer_t<decltype(type)>;
     auto grid = openvdb::gridPtrCast<GridT>(openvdb::GridBase::createGrid(GridT::gridType()));
@@ -700,7 +699,7 @@ TEST_CASE("grids of whole numbers, bools and masks are described by their values
   }
   openvdb::GridPtrVec grids{labels, large, made(static_cast<openvdb::BoolGrid*>(nullptr), "bools"),
                             made(static_cast<openvdb::MaskGrid*>(nullptr), "mask")};
-  grids[2]->setSaveFloatAsHalf(true);  // without meaning for a bool
+  grids[2]->setSaveFloatAsHalf(true);  // has no effect on a bool grid
   grids[0]->setSaveFloatAsHalf(true);
   for (const std::uint32_t compression : {0U, 1U, 2U, 3U, 6U}) {
     CAPTURE(compression);

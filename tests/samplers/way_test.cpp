@@ -1,5 +1,5 @@
-/// Tests paths through grids: where the value on a path first falls below a level, and where a
-/// stream leads.
+/// Tests paths through grids: the first point at which the value falls below a level, and the
+/// course of a streamline.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -40,7 +40,7 @@ openvdb::FloatGrid::Ptr noise(int n) {
   });
 }
 
-/// Returns a flow that turns within a few voxels.
+/// A flow that turns within a few voxels.
 Vec3 curly(const Vec3& p) {
   return {std::sin(0.3 * p.z()) + std::cos(0.25 * p.y()),
           std::sin(0.3 * p.x()) + std::cos(0.2 * p.z()),
@@ -59,7 +59,7 @@ openvdb::Vec3SGrid::Ptr curlyGrid(const Transform::Ptr& transform) {
       "velocity");
 }
 
-/// Follows a stream in many small steps of the midpoint rule.
+/// Follows a streamline with the midpoint rule, in many small steps.
 Vec3 inSmallSteps(const VectorField& field, FieldCache& cache, Vec3 p, double length, int steps) {
   const double h = length / steps;
   for (int i = 0; i < steps; ++i) {
@@ -91,7 +91,7 @@ TEST_CASE("the first fall of the value below a level is found exactly on any pat
         return sign * (scalar.sample(placement(a + share * (b - a)), *memory).value - level);
       };
       const Crossing crossing = scalar.firstFall(placement(a), placement(b), level, sign, *memory);
-      // Searches in small steps, which can miss a smaller dip between two steps.
+      // Searches in small steps, which can miss a narrow dip between two steps.
       constexpr int kSteps = 2000;
       bool above = height(0.0) > 0.0;
       double share = 2.0;
@@ -111,7 +111,7 @@ TEST_CASE("the first fall of the value below a level is found exactly on any pat
         REQUIRE(height(crossing.share + 1e-6) < height(crossing.share));
       }
       if (!crossing.found) REQUIRE(share > 1.0);
-      // Between the start above the level and the crossing, the height stays above the level.
+      // If the path starts above the level, it stays above the level up to the crossing.
       if (crossing.found && crossing.share > 0.0 && height(0.0) > 0.0) {
         for (int k = 0; k < 50; ++k) REQUIRE(height(crossing.share * k / 50.0) > -1e-9);
       }
@@ -123,7 +123,7 @@ TEST_CASE("the first fall of the value below a level is found exactly on any pat
 
 TEST_CASE("a path that starts on a surface crosses it only if the path leads inwards",
           "[samplers][motion]") {
-  // z - 4, in a box of 9 voxels.
+  // The field z - 4 in a cube of 9 voxels.
   const auto grid =
       makeGrid<openvdb::FloatGrid>(9, Transform::createLinearTransform(1.0),
                                    [](const Vec3d& p) { return static_cast<float>(p.z() - 4.0); });
@@ -138,8 +138,8 @@ TEST_CASE("a path that starts on a surface crosses it only if the path leads inw
   CHECK_FALSE(fall({4, 4, 4}, {4.3, 4, 5.5}).found);  // out of the solid
   CHECK_FALSE(fall({4, 4, 4}, {6, 4, 4}).found);      // along the surface
   CHECK(fall({4, 4, 5.5}, {4, 4, 3.5}).share == Approx(0.75));
-  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // starts in the solid, and leads deeper
-  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // starts in the solid, and leads out
+  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // starts in the solid and goes deeper
+  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // starts in the solid and leaves it
   CHECK_FALSE(fall({40, 4, 5}, {40, 4, 3}).found);   // no data
   CHECK_FALSE(fall({4, 4, 5}, {NAN, 4, 3}).found);
   CHECK_FALSE(fall({4, 4, 5}, {4, 4, 1e300}).found);
@@ -190,7 +190,7 @@ TEST_CASE(
     "a streamline trace ends at the edge of the data, where the flow is zero or after max_steps",
     "[samplers][motion]") {
   const auto transform = Transform::createLinearTransform(1.0);
-  // The flow is along x for x from 0 to 20, and zero beyond.
+  // The flow is along x for x up to 20, and zero beyond.
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       32, transform,
       [](const Vec3d& p) { return openvdb::Vec3f(p.x() < 20.5 ? 1.0F : 0.0F, 0.0F, 0.0F); }, "v");
@@ -207,10 +207,10 @@ TEST_CASE(
   CHECK(trace(5, 4).position.x() == Approx(9.0));
   CHECK(trace(5, -4).position.x() == Approx(1.0));
   const Trace still = trace(18, 6);
-  CHECK(still.position.x() == Approx(21.0).margin(0.15));  // the last cell with some flow
+  CHECK(still.position.x() == Approx(21.0).margin(0.15));  // the last cell with flow
   CHECK(still.length < 3.1);
   CHECK_FALSE(still.capped);
-  const Trace out = trace(2, -6);  // the data end a voxel before the first one
+  const Trace out = trace(2, -6);  // data end one voxel before the first voxel
   CHECK(out.position.x() == Approx(-1.0).margin(0.15));
   const Trace few = trace(5, 4, 2);
   CHECK(few.capped);
@@ -253,7 +253,7 @@ TEST_CASE("a short trace of a stream reads two values, or five if the curvature 
       CHECK((trace.position - exact).norm() < std::abs(length * turned * turned) / 5.0);
       const Vec3 ahead(-std::sin(turned), std::cos(turned), 0.0);
       CHECK((trace.direction - ahead).norm() < turned * turned);
-      // A curve whose bend was different before has a larger third derivative.
+      // If the bend differs from that of the last tick, the third derivative is larger.
       order.bend = Vec3(0, 0, 1.0);
       const Trace longer = circles.trace(start, order, *memory);
       CHECK(longer.samples == 5);
@@ -277,13 +277,12 @@ TEST_CASE(
   const VectorField& circles = *std::get<1>(field);
   const auto memory = std::make_unique<FieldCache>();
   circles.reset(*memory);
-  // W is sheared, so the nearest place in W differs from the nearest place in the volume's frame of
-  // rest.
+  // W is sheared, so the point nearest in W is not the point nearest in the frame of rest.
   Mat3 shear = Mat3::Identity();
   shear(0, 1) = 0.7;
   for (const double radius : {1.5, 3.0, 8.0}) {
     for (const double sense : {1.0, -1.0}) {
-      // The hand's distance outside of the circle, in radii. At -1.5 the hand is beyond the centre.
+      // The hand's distance outwards from the circle, in radii. At -1.5 it is beyond the centre.
       for (const double away : {-1.5, -0.5, 0.1, 0.5, 1.1, 4.0}) {
         const Vec3 start = centre + Vec3(radius, 0, 0.2);
         TraceOrder order;

@@ -1,5 +1,5 @@
-/// Tests a window of bricks. Where its bricks are in memory it equals the whole volume. Elsewhere
-/// it is coarse.
+/// Tests a window of bricks: it equals the whole volume where its bricks are in memory, and is
+/// coarse elsewhere.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -33,8 +33,8 @@ namespace {
 
 constexpr double kVoxel = 1e-3;  // [m]
 
-/// Returns a dense volume of n^3 voxels of 1 mm. It is so rough that the means of a coarse level
-/// differ from it.
+/// Returns a dense volume of n^3 voxels of 1 mm, so rough that the means of a coarse level differ
+/// from its values.
 std::shared_ptr<const Volume> bumpy(int n) {
   const auto grid = makeGrid<openvdb::FloatGrid>(
       n, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
@@ -51,7 +51,7 @@ Placement placed() {
 }
 
 std::uint64_t budgetOf(std::uint64_t bricks) {
-  constexpr std::uint64_t kBesides = 2;  // bricks that may be read in addition
+  constexpr std::uint64_t kBesides = 2;  // other bricks that the budget must allow for
   return (bricks + kBesides) * ((BrickFormat{}.bytes() + 63) / 64 * 64) + (64U << 10U);
 }
 
@@ -61,7 +61,7 @@ std::shared_ptr<BrickWindow> windowOf(const std::filesystem::path& folder, std::
                                        WindowParams{budgetOf(bricks), horizon, false});
 }
 
-/// The field of the window and that of the whole volume, each with its cache.
+/// The fields of a window and of its whole volume, each with a cache.
 struct Both {
   std::shared_ptr<const ScalarField> whole;
   std::shared_ptr<const ScalarField> window;
@@ -100,7 +100,7 @@ TEST_CASE("a window equals the whole volume to the last bit where its bricks are
   Random random(3);
   long fine = 0;
   for (int i = 0; i < 20000; ++i) {
-    // The bounds include the distance that a tick reads. Beyond them the grid has no data.
+    // The bounds include the distance that a tick reads. Beyond them, the grid has no data.
     const Box& box = both.window->frame().bounds;
     const Vec3 p = (kVoxel * (Vec3::Constant(75.0) + random.inCube(90.0)))
                        .cwiseMax(box.lower)
@@ -180,8 +180,7 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   window->aim(0, {centre / kVoxel, centre / kVoxel, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().bytes <= 1.1 * static_cast<double>(budgetOf(8 + 27)));
-  // The place of the reading moves away from the hand in steps of a fiftieth of a voxel. The value
-  // must not jump.
+  // The reading moves away from the hand in steps of 0.02 voxel. The value must not jump.
   double jump = 0.0;
   long coarse = 0;
   long same = 0;
@@ -199,9 +198,8 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   CAPTURE(jump, coarse, same);
   CHECK(coarse > 1000);
   CHECK(same > 1000);
-  CHECK(jump < 0.05);  // the data's own jump is up to 0.01, levels differ by up to 1
-  // At the faces of bricks, present or missing, the change is at most that of the data over this
-  // distance.
+  CHECK(jump < 0.05);  // the data change by up to 0.01, and levels differ by up to 1
+  // Across faces of bricks, present or missing, the value must change no more than the data.
   Random random(6);
   double step = 0.0;
   for (int i = 0; i < 2000; ++i) {
@@ -212,9 +210,9 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
     step = std::max(step, std::abs(both.ofWindow(kVoxel * (p + little)).value -
                                    both.ofWindow(kVoxel * (p - little)).value));
   }
-  CHECK(step < 1e-4);  // a level and the next one differ by about 1e-2
-  // The hand moves to this place. In each tick the coarse value approaches the fine value by at
-  // most a fiftieth.
+  CHECK(step < 1e-4);  // two successive levels differ by about 1e-2
+  // The hand moves to this position. In each tick, the coarse value approaches the fine value by a
+  // limited step.
   const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
   REQUIRE(both.ofWindow(there).coarse);
   double excess = -1.0;
@@ -226,8 +224,7 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
     const std::chrono::duration<double> since = std::chrono::steady_clock::now() - last_tick;
     last_tick += std::chrono::duration_cast<std::chrono::steady_clock::duration>(since);
     const ScalarSample at = both.ofWindow(there);
-    // Levels differ by up to 1. Each level fades in within 10 ms, and two levels may fade in at the
-    // same time.
+    // Levels differ by up to 1 and fade in within 10 ms. Two levels can fade in at once.
     excess = std::max(excess, std::abs(at.value - value) - 1.5 * (since.count() + 1e-3) / 0.01);
     value = at.value;
     fine = !at.coarse;
@@ -248,7 +245,7 @@ TEST_CASE(
   const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
   const Both both(volume, window);
   std::atomic<bool> stop{false};
-  // A hand that jumps about causes bricks to be evicted all the time.
+  // A hand that jumps causes bricks to be evicted all the time.
   std::thread leaper([&] {
     Random random(9);
     while (!stop) {
@@ -306,7 +303,7 @@ TEST_CASE("bricks that a reader uses stay unchanged until the reader leaves", "[
     return std::count_if(seen.begin(), seen.end(),
                          [](const Seen& of) { return *of.cell.rows[0] == of.value; });
   };
-  // At the opposite end the hand needs all slots.
+  // At the opposite end, the hand needs all slots.
   const Vec3 there = Vec3::Constant(260.0);
   window->aim(0, {there, there, Vec3::Zero()});
   CHECK_FALSE(window->settle(0.5));
@@ -334,7 +331,7 @@ TEST_CASE("a missing brick is reported in one line and replaced by coarser data"
   CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(20.0)).coarse);
   CHECK_THROWS_WITH(windowOf(folder / "bricks", 3),
                     Contains("a window of") && Contains("increase the budget"));
-  // The same holds for a volume without stored bricks, because the tables need memory.
+  // A volume without stored bricks also needs memory, for its tables.
   (void)writeBricks(folder / "empty",
                     formulaBricks("empty", {63, 63, 63}, [](const VoxelAt&) { return 0; }));
   CHECK_THROWS_WITH(BrickWindow(std::make_unique<PosixBricks>(folder / "empty"), {1000}),
@@ -372,8 +369,8 @@ TEST_CASE("a hand that returns finds its bricks still in the window", "[bricks]"
     REQUIRE(window->settle(20.0));
     return window->state().fetched;
   };
-  // The hand moves to and fro over fewer bricks than there are slots. It starts at a place for
-  // which bricks had to be evicted.
+  // The hand moves back and forth over fewer bricks than there are slots. The start needs bricks to
+  // be evicted.
   for (const double x : {14.0, 12.0, 10.0, 8.0, 5.0, 3.0, 1.0}) (void)go(x);
   const std::uint64_t fetched = window->state().fetched;
   REQUIRE(fetched > window->state().slots);
@@ -389,16 +386,16 @@ TEST_CASE("a window loads bricks for proxy and hand, and drops those of a hand s
   const Both both(volume, window);
   const Vec3 proxy = Vec3::Constant(30.0);
   const Vec3 probe = Vec3::Constant(270.0);
-  // A surface holds the proxy far from the hand. The window must have bricks for both places.
+  // A surface holds the proxy far from the hand. The window must have the bricks of both positions.
   window->aim(0, {proxy, probe, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK_FALSE(both.ofWindow(kVoxel * proxy).coarse);
   const std::uint64_t fetched = window->state().fetched;
-  // A hand that stands still reports in each tick, and the window fetches no brick for it.
+  // A resting hand calls aim() in each tick, but needs no new brick.
   for (int tick = 0; tick < 1000; ++tick) window->aim(0, {proxy, probe, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().fetched == fetched);
-  // After the first hand was silent for a second, the second hand has all slots.
+  // After the first hand has been silent for 1 s, the second hand has all slots.
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));
   window->aim(1, {Vec3(270.0, 30.0, 30.0), Vec3(270.0, 30.0, 30.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
@@ -408,13 +405,13 @@ TEST_CASE("a window loads bricks for proxy and hand, and drops those of a hand s
 }
 
 TEST_CASE("where only the coarsest bricks are present every sample uses them", "[bricks]") {
-  // All levels of a ramp agree, so every wrong reading is visible.
+  // All levels of a ramp agree, so every wrong sample shows.
   const TemporaryFolder folder;
   const BrickInput ramp =
       formulaBricks("ramp", {639, 255, 127}, [](const VoxelAt& at) { return at[1]; });
   const BrickReport report = writeBricks(folder / "bricks", ramp);
   REQUIRE(report.manifest.levels().size() == 3);
-  // Faces of level 0 and level 1 coincide here, and both levels are missing beyond them.
+  // Faces of levels 0 and 1 coincide here, and beyond them both levels are missing.
   std::vector<BrickId> missing{{1, {1, 0, 0}}, {1, {1, 1, 0}}};
   for (int n = 0; n < 8; ++n) missing.push_back({0, {2, n / 2, n % 2}});
   for (const BrickId& id : missing) {
@@ -426,8 +423,8 @@ TEST_CASE("where only the coarsest bricks are present every sample uses them", "
   field->reset(*cache);
   window->aim(0, {Vec3(150.0, 60.0, 60.0), Vec3(150.0, 60.0, 60.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
-  // The reading moves to and fro in steps of a tenth of a voxel, with readings of other places in
-  // between. Each place always has the same value.
+  // The reading moves back and forth in steps of 0.1 voxel, with other readings in between. Each
+  // position must always have the same value.
   std::vector<double> there;
   double off = 0.0;
   double other = 0.0;
@@ -523,7 +520,7 @@ TEST_CASE("the box around a brick excludes points near missing bricks and contai
 
 namespace {
 
-/// Bricks of a folder that report a delay, or take time. Records the wanted bricks.
+/// A source of bricks from a folder that reports a delay or is slow. Records the wanted bricks.
 class SlowBricks final : public BrickSource {
  public:
   explicit SlowBricks(const std::filesystem::path& folder, double delay,
@@ -570,7 +567,7 @@ TEST_CASE(
     auto source = std::make_unique<SlowBricks>(folder / "bricks", delay);
     const SlowBricks& of = *source;
     const BrickWindow window(std::move(source), {budgetOf(60), 0.1, false});
-    // The hand passes one brick per second.
+    // The hand moves at one brick per second.
     window.aim(0, {Vec3(32.0, 32.0, 32.0), Vec3(32.0, 32.0, 32.0), Vec3(64.0, 0.0, 0.0)});
     REQUIRE(window.settle(20.0));
     return of.farthest();
@@ -583,7 +580,7 @@ TEST_CASE("a hand that waits for a window is not counted as silent", "[bricks]")
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
-  // Fetching 27 bricks takes 1.6 s, but a hand may be silent for only one second.
+  // Fetching 27 bricks takes 1.6 s, but a hand counts as silent after 1 s.
   const auto window = std::make_shared<BrickWindow>(
       std::make_unique<SlowBricks>(folder / "bricks", 0.0, std::chrono::milliseconds(60)),
       WindowParams{budgetOf(60), 0.25, false});

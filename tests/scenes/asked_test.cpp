@@ -1,4 +1,4 @@
-/// Tests the requests that a window sends to a run, and their effect on the scene.
+/// Tests the requests that a window sends to a running program, and their effect on the scene.
 #include "palpate/scenes/apps/common/asked.h"
 
 #include <algorithm>
@@ -35,7 +35,7 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
-/// A ball of 4 cm, a vortex, and a scalar that has data only where x > 0.
+/// Returns a scene with a ball of radius 4 cm, a vortex, and a scalar that has data only for x > 0.
 SceneSpec fields() {
   SceneSpec spec;
   FieldFrame frame;
@@ -74,7 +74,7 @@ SceneSpec named(const std::vector<std::string>& names) {
     ModeSpec mode;
     mode.of = "ball";
     mode.name = name;
-    // In this test, a name that begins with a slash means a mode without a name, of another volume.
+    // In this test, a name that begins with a slash means an unnamed mode of that volume.
     if (!name.empty() && name[0] == '/') {
       mode.of = name;
       mode.name.clear();
@@ -154,7 +154,7 @@ TEST_CASE("a gain on a mode gives the same forces as a scene with its strength s
     mode.solid = Solid::kBelow;
     mode.strength = property(times * 0.8);
     if (skin) mode.viscosity = property(times * 0.2);
-    // The friction uses the mode's `by`, so that `by` is used with every form of the strength.
+    // The friction reads the mode's `by`, so that every form of the strength is tested with `by`.
     if (skin) mode.friction = TransferFunction::piecewise({{0.0, 0.1}, {2.0, 0.2}});
     const bool reads = form == "curve" || form == "number" || skin;
     if (by && reads) mode.by = "half";
@@ -173,7 +173,7 @@ TEST_CASE("a gain on a mode gives the same forces as a scene with its strength s
   }
   if (factor == 0.0F) CHECK(most(is) < 1e-6);
   if (factor == 8.0F) CHECK(most(is) > 0.05);
-  // A changed gain keeps the scene's shape, so the loop keeps the force on.
+  // A changed gain keeps the scene's shape, so the loop does not restart the engagement.
   CHECK(dialled.scene->shape == buildScene(scene(1.0)).scene->shape);
 }
 
@@ -228,7 +228,7 @@ TEST_CASE("requests in the shared memory are limited to valid values", "[asked]"
   now.dials[5] = {15, 0.5F};
   cli::Asked asked = cli::asked(before, now);
   CHECK(asked.dialled == 7);
-  // A gain that is not a number is ignored.
+  // A gain of NaN is ignored.
   REQUIRE(asked.dials.size() == 3);
   CHECK((asked.dials[0].mode == 13 && asked.dials[0].factor == 0.0F));
   CHECK((asked.dials[1].mode == 14 && asked.dials[1].factor == kMostDial));
@@ -237,7 +237,7 @@ TEST_CASE("requests in the shared memory are limited to valid values", "[asked]"
   CHECK(cli::asked(before, now).dials.size() == kLiveModes - 3);
   CHECK(cli::asked(now, now).dialled == 0);
 
-  // If a cut and a clear come together, the cut is in effect.
+  // If a cut and a clear arrive together, the cut wins.
   before = now;
   ++now.cuts;
   ++now.clears;
@@ -262,7 +262,7 @@ TEST_CASE("the simulated hand follows its mouse with a time constant of 20 ms", 
     to(0.11);
     const double share = 1.0 - std::exp(-1e-3 / 0.02);
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
-    // A request for the same time or an earlier time does not move the target.
+    // A request for the same or an earlier time must not move the target.
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
     Vec3 at = start;
     for (int i = 2; i <= 20; ++i) at = hand.at(20.0 + 1e-3 * i);
@@ -307,8 +307,8 @@ TEST_CASE("the simulated arm follows its mouse with the expected lag and within 
       device.write(Vec3::Zero());
     }
     CHECK(device.velocity().x() == Approx(kSpeed).epsilon(1e-3));
-    // The target is constant during a tick. So in the middle of the tick the arm is where it would
-    // be with a continuously moving target.
+    // The target is constant within a tick. So the arm is in the middle of the tick where a
+    // continuously moving target would lead it.
     const double behind = 1e-3 / std::expm1(1e-3 / 0.02) + arm.viscous / grip.stiffness;
     const double should = kSpeed * (2.0005 - behind);
     CHECK(device.position().x() == Approx(should).margin(2e-6));
@@ -335,7 +335,7 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
         << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "grid": "ball",
       "place": {"scale": 0.02}}}, "modes": [)" +
                modes + "]}";
-    // Makes the time stamps differ, however coarse the file system's clock is.
+    // The time stamps must differ even if the file system's clock is coarse.
     std::filesystem::last_write_time(
         file, std::filesystem::file_time_type::clock::now() + std::chrono::seconds(++edits));
   };
@@ -353,7 +353,7 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   REQUIRE(cli::fitToAll(spec, devices));
   SceneCache cache;
   cli::Watcher watcher(spec, file, cli::writtenAt(file), true, devices, cache);
-  /// Waits until there is a new scene. Returns nullopt if a request was refused.
+  /// Waits for a new scene. Returns nullopt if the watcher refused a request.
   const auto look = [&]() -> std::optional<BuiltScene> {
     const std::uint64_t refused = watcher.refused();
     for (int i = 0; i < 60000; ++i) {
@@ -373,8 +373,8 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   };
   CHECK_FALSE(watcher.look());
 
-  // In the new scene the strength of a mode that is switched off is almost zero. The watcher does
-  // not repeat earlier messages.
+  // A mode that is switched off has almost zero strength. The watcher does not repeat earlier
+  // messages.
   watcher.turn({{0, 0.0F}, {1, 1.0F}}, 1);
   auto built = look();
   INFO(said.all());
@@ -383,7 +383,7 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   CHECK(factors() == std::vector<float>{0.0F, 1.0F});
   CHECK(said.times("the coupling is 300 N/m") == 1);
 
-  // The edit moves the mode to another place in the file. The mode stays switched off.
+  // The edit moves the mode within the file. The mode must stay switched off.
   const std::string core = R"({"name": "core", "mode": "isosurface", "of": "ball", "value": -0.5,
       "solid": "below", "strength": 2})";
   write(core + "," + pin + "," + skin);
@@ -397,7 +397,7 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   CHECK(built->scene->coupling.stiffness == 300.0);
   CHECK(said.times("the coupling is 300 N/m") == 2);
 
-  // A key that was pressed before the edit was noticed still changes the skin. A request for an
+  // A key that was pressed before the edit was noticed still applies to the skin. A request for an
   // unknown mode is ignored.
   watcher.turn({{0, 0.5F}, {1, 1.0F}, {77, 0.0F}}, 2);
   built = look();
@@ -406,7 +406,7 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   CHECK(factors() == std::vector<float>{1.0F, 1.0F, 0.5F});
   CHECK(said.times("the coupling is 300 N/m") == 2);
 
-  // A scene that cannot be built is refused and reported once. The gains do not change.
+  // A scene that cannot be built is refused and reported once, and the gains stay.
   watcher.turn({{0, 0.5F}, {1, 8.0F}}, 3);
   CHECK_FALSE(look());
   CHECK(watcher.refused() == 3);
@@ -414,7 +414,7 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   for (int i = 0; i < 20; ++i) CHECK_FALSE(watcher.look());
   CHECK(said.times("the previous scene stays active") == 1);
 
-  // An invalid file does not prevent a change of a gain.
+  // While the file is invalid, gains can still be changed.
   write("nothing");
   watcher.turn({{0, 1.25F}, {1, 1.0F}}, 4);
   built = look();

@@ -27,14 +27,13 @@ std::optional<BareLoop::Seen> resultOf(BareLoop& loop) {
   return std::nullopt;
 }
 
-/// Result of a loop in a process that was stopped for some time.
+/// The result of a loop in a process that was stopped for a time.
 struct Stopped {
   BareLoop::Seen seen;
-  double least = 0.0;  ///< Shortest time that the stop can have taken [s].
+  double least = 0.0;  ///< Shortest possible duration of the stop [s].
 };
 
-/// Runs a loop in a separate process for `seconds` [s] plus half a second, and stops that process
-/// for `seconds`.
+/// Runs a loop in another process for `seconds` + 0.5 s, and stops this process for `seconds`.
 Stopped stopFor(double seconds) {
   int ends[2] = {-1, -1};
   REQUIRE(pipe(ends) == 0);
@@ -80,7 +79,7 @@ TEST_CASE("the machine's lateness is measured for the requested time and its res
   CHECK(seen->worst > 0.0);
   CHECK((seen->late > 0) == (seen->worst > WatchLimits{}.late));
   CHECK(!loop.take());
-  // A loop that is destroyed early ends immediately.
+  // Destroying a loop early must end it at once.
   const Clock::time_point ends = Clock::now();
   { const BareLoop longer(3600.0, 1); }
   CHECK(Clock::now() - ends < std::chrono::minutes(1));
@@ -93,7 +92,7 @@ TEST_CASE("a pause of 100 ms counts as lateness, and a longer stop of the whole 
   CAPTURE(paused.seen.worst, paused.seen.late, paused.least);
   CHECK(paused.seen.worst >= paused.least - kTick);
   CHECK(paused.seen.late >= 1);
-  // All ticks that were missed during the stop count as one delay.
+  // All ticks missed during the stop count as one delay.
   CHECK(paused.seen.late < 50);
 
   const Stopped stopped = stopFor(Reengagement::kPause + 0.2);

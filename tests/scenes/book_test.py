@@ -24,7 +24,7 @@ SHOWN = re.compile(r"^```text\n(.*?)^```$", re.S | re.M)
 
 
 def script(page):
-    """Returns the script of all commands and files on the page."""
+    """Returns a script of all commands and files on a page."""
     blocks = BLOCK.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
     lines = ["set -euo pipefail"]
     for at, (kind, text) in enumerate(blocks):

@@ -1,5 +1,5 @@
-/// Tests scenes with volumes in bricks: their forces, settings that are rejected, and the fault if
-/// a folder disappears.
+/// Tests scenes with volumes in bricks: forces, refused settings, and the fault when a folder
+/// disappears.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -30,8 +30,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Writes a volume whose value is the depth in a ball of 60 mm radius, in the middle of a cube of
-/// 128 mm, with voxels of half a millimetre.
+/// Writes a volume whose values are the depth [mm] in a ball of radius 60 mm, in a cube of 128 mm
+/// with voxels of 0.5 mm.
 void writeBall(const fs::path& folder) {
   BrickInput ball = formulaBricks("density", {255, 255, 255}, [](const VoxelAt& at) {
     return 60.0 - (0.5 * Vec3(at[0], at[1], at[2]) - Vec3::Constant(63.75)).norm();
@@ -56,7 +56,7 @@ SceneSpec specOf(const Json& scene, const fs::path& folder) {
   return spec;
 }
 
-/// A scene, with the reader and the proxy of one hand.
+/// A scene with the reader and the proxy of one hand.
 struct Touching {
   explicit Touching(BuiltScene of, const ForceLimits& limits = {20.0, 2000.0})
       : built(std::move(of)), state(std::make_unique<ProxyState>(limits)) {}
@@ -105,13 +105,13 @@ TEST_CASE("a scene of bricks gives the same forces as its volume in memory", "[s
   CHECK(other == 0);
   CHECK(coarse == 0);
   CHECK(bricks.built.windows.at("ball")->state().fetched > 8);
-  // If a user opens the folder itself, the scene guess analyses its coarsest level.
+  // If a user opens the folder itself, palpate guesses a scene from its coarsest level.
   const SceneSpec guessed = openScene(folder / "ball.bricks/");
   REQUIRE(guessed.volumes.size() == 1);
   CHECK(guessed.volumes.begin()->second.file == folder / "ball.bricks");
   CHECK_FALSE(guessed.graph.modes.empty());
   CHECK(buildScene(guessed).windows.size() == 1);
-  // The next scene, an edit, uses the same window.
+  // An edited scene uses the same window.
   SceneCache cache;
   const BuiltScene one = buildScene(specOf(ballJson("ball.bricks"), folder.path()), {}, &cache);
   Json harder = ballJson("ball.bricks");
@@ -148,7 +148,7 @@ TEST_CASE("a scene setting that bricks do not support is rejected with its path"
   many["volumes"]["ball"].erase("place");
   many["volumes"]["ball"]["instances"] = Json::parse(R"([{"scale": 0.001}])");
   CHECK_THAT(refusal(many, folder.path()), Contains(at + "instances"));
-  // A mode that needs derivatives of a field would need that field for the whole volume.
+  // A mode that needs a derived field would need the whole volume.
   Json derived = ballJson("ball.bricks");
   derived["fields"] =
       Json::parse(R"({"steep": {"gradient": "ball"}, "how": {"magnitude": "steep"}})");
@@ -165,7 +165,7 @@ TEST_CASE("a missing folder of bricks cuts the force, which can return after the
   const TemporaryFolder folder;
   writeBall(folder.path());
   SceneSpec spec = specOf(ballJson("ball.bricks"), folder.path());
-  spec.volumes.at("ball").budget_mb = 48.0;  // 36 bricks of 72: distant bricks are not in memory
+  spec.volumes.at("ball").budget_mb = 48.0;  // 36 bricks of 72, so distant bricks are not in memory
   const BuiltScene built = buildScene(spec);
   const auto& window = *built.windows.at("ball");
   TestDevice device;
@@ -187,7 +187,7 @@ TEST_CASE("a missing folder of bricks cuts the force, which can return after the
   CHECK(go(Vec3(0, 0, 0.055), 200).report.force.z() > 1.0);
   fs::copy(folder / "ball.bricks", folder / "away", fs::copy_options::recursive);
   fs::remove_all(folder / "ball.bricks");
-  // The hand still uses the bricks in memory. The first missing brick raises the fault.
+  // Bricks in memory stay usable. The first missing brick causes the fault.
   Telemetry now = loop.latest();
   double step = 0.0;
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
@@ -205,7 +205,7 @@ TEST_CASE("a missing folder of bricks cuts the force, which can return after the
   REQUIRE(troubles.size() == 1);
   CHECK_THAT(troubles[0], Contains("ball.bricks") && Contains("does not exist any more"));
   CHECK(window.state().gone);
-  // If the fault is cleared while the folder is away, the force is cut again.
+  // If the fault is cleared while the folder is missing, the force is cut again.
   loop.clear();
   CHECK(go(Vec3(0, 0, 0.07), 200).fault == Fault::kVolume);
   fs::rename(folder / "away", folder / "ball.bricks");
@@ -218,7 +218,7 @@ TEST_CASE("a missing folder of bricks cuts the force, which can return after the
   now = go(Vec3(0, 0, 0.055), 200);
   CHECK(now.report.force.z() > 1.0);
   CHECK_FALSE(now.report.coarse);
-  // The opposite side also holds the hand, after its bricks have arrived.
+  // The opposite side also holds the hand, once its bricks have arrived.
   (void)go(Vec3(0.09, 0, 0.09), 300);
   (void)go(Vec3(0.09, 0, -0.09), 300);
   (void)go(Vec3(0, 0, -0.07), 300);
@@ -232,7 +232,7 @@ TEST_CASE("a missing folder of bricks cuts the force, which can return after the
   CHECK_FALSE(now.report.coarse);
 }
 
-// With sanitizers this test would take minutes. Other tests run the same code on small volumes.
+// With sanitizers this test takes minutes. Other tests run the same code on small volumes.
 #ifdef NDEBUG
 TEST_CASE("a volume of sixteen times its window gives the same forces as the whole volume",
           "[.][data][bricks]") {
@@ -254,7 +254,7 @@ TEST_CASE("a volume of sixteen times its window gives the same forces as the who
   const auto feltWhole = [&] { return Touching(buildScene(of_whole)); };
   CHECK(static_cast<double>(window.state().bytes) <= 1.1 * whole / 16.0 * kMegabyte);
 
-  // At 0.3 m/s the reader waits for the disk, and all bits are equal.
+  // At 0.3 m/s the reader waits for the disk, so all bits are equal.
   Touching all = feltWhole();
   int held = 0;
   int other = 0;
@@ -269,10 +269,10 @@ TEST_CASE("a volume of sixteen times its window gives the same forces as the who
   CHECK(held > 2000);
   CHECK(other == 0);
   CHECK(coarse == 0);
-  CHECK(window.state().fetched > 2 * window.state().slots);  // bricks were evicted, too
+  CHECK(window.state().fetched > 2 * window.state().slots);  // bricks were evicted
   CHECK(window.state().failed == 0);
 
-  // At 2 m/s the reader does not wait, and uses the bricks that have arrived.
+  // At 2 m/s the reader does not wait, and uses the bricks that are in memory.
   spec.waits = false;
   Touching fast(buildScene(spec));
   double step = 0.0;

@@ -40,7 +40,7 @@ def snippet(number):
 
 
 class ZarrArray:
-    """The parts of Zarr v2 that a reader must have by the specification; shares no code with palpate."""
+    """What the Zarr v2 specification requires of a reader. Shares no code with palpate."""
     ZSTD = ctypes.CDLL(ctypes.util.find_library("zstd") or "libzstd.so.1")
     ZSTD.ZSTD_decompress.restype = ctypes.c_size_t
     ZSTD.ZSTD_decompress.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_char_p,
@@ -89,7 +89,7 @@ class Case(unittest.TestCase):
 
 
 class Others(Case):
-    """Tests with tools that know only Zarr and docs/bricks.md."""
+    """Readers that know only Zarr and docs/bricks.md."""
 
     def test_values_in_bricks_have_the_documented_positions(self):
         # "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0.
@@ -179,7 +179,7 @@ class Others(Case):
 
 class Broken(Case):
     def test_a_killed_export_of_bricks_resumes_to_the_same_bytes_as_one_run(self):
-        """kill -9 at many points: in the end the bytes equal those of one run."""
+        """Kills exports at random points; in the end, the bytes must equal those of one run."""
         run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.3)
         words = ["brick", self.dir / "fine.vdb", "--grid", "bowl", "--compression", 12]
         run(*words, self.dir / "whole")
@@ -192,7 +192,7 @@ class Broken(Case):
             for count in sorted(dice.sample(range(stored), 3)):
                 child = subprocess.Popen([PALPATE, *map(str, words), str(out)],
                                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-                # Kills the run after `count` bricks, at a random point of the next one.
+                # Kills the export after `count` bricks, at a random point of the next one.
                 while child.poll() is None and len(list(out.glob("*/*.0.0.0"))) < count:
                     time.sleep(0.001)
                 time.sleep(dice.uniform(0, 0.005))
@@ -293,7 +293,7 @@ class Verbs(Case):
         self.refused("brick", ball, self.dir / "n", "--compression", "x", says="--compression")
         self.refused("brick", self.dir / "none.vdb", self.dir / "n", says="no such file")
         self.refused("brick", self.dir / "labels.vdb", self.dir / "n", says="convert it")
-        # Damage that other programs cause.
+        # Damage as by other programs.
         manifest = out / "palpate.bricks"
         whole = manifest.read_bytes()
         manifest.write_bytes(whole[:-5])
@@ -308,7 +308,7 @@ class Verbs(Case):
 
 
 class Felt(Case):
-    """A hand on the skin of a head, through a window of 27 bricks and some coarser ones."""
+    """A hand on a head's skin, through a window of 27 bricks and some coarser ones."""
 
     def skin(self):
         i, j, k = np.mgrid[0:300, 0:160, 0:160]
@@ -352,7 +352,7 @@ class Felt(Case):
             for row in rows:
                 del row[timed]
         self.assertEqual(felt[0], felt[1])
-        # The bricks are used without a scene, with a trailing slash, and with `check`.
+        # Bricks work without a scene, with a trailing slash, and with `check`.
         self.assertIn(f'"file": "{bricks}"', run("scene", bricks).stdout)
         self.assertIn("in bricks", run("check", self.dir / "bricks.json").stdout)
         run("feel", f"{bricks}/", "--seconds", 1, status=None)

@@ -1,4 +1,4 @@
-/// Tests the C interface, in particular its answers to invalid input.
+/// Tests the C interface, including invalid arguments.
 #include "palpate/scenes/bindings/c/c_api.h"
 
 #include <cmath>
@@ -18,13 +18,13 @@ namespace palpate::c_api_test {
 
 namespace {
 
-/// A scene with a ball of 43 mm from a .vdb file, and a hand that presses on it.
+/// A scene with a ball of radius 43 mm from a .vdb file, and a hand that presses on it.
 class Host {
  public:
   Host() {
     test::writeTestVolumes(folder_.path());
     palpate_arm arm = palpate_weakest_arm();
-    arm.hand = 0;  // not held by a hand: it may jump, and forces are not ramped up
+    arm.hand = 0;  // no human hand: positions may jump, and forces start without a ramp
     char error[200];
     hand = palpate_load(file().c_str(), &arm, 1000.0, error, sizeof error);
     INFO(error);
@@ -41,7 +41,7 @@ class Host {
     CHECK(palpate_tick(hand, position, 0.0, 1e-3, &felt) == felt.fault);
     return felt;
   }
-  /// Presses from outside to a place below the surface. Returns the last result.
+  /// Presses from outside to below the surface. Returns the last result.
   palpate_felt press() const {
     palpate_felt felt{};
     for (int i = 0; i < 1000; ++i) felt = tick(0.06 - 2e-5 * i);
@@ -54,7 +54,7 @@ class Host {
   test::TemporaryFolder folder_;
 };
 
-/// Sets the working directory during the object's lifetime.
+/// Changes the working directory during the object's lifetime.
 class Folder {
  public:
   explicit Folder(const std::filesystem::path& to) { std::filesystem::current_path(to); }
@@ -154,7 +154,8 @@ TEST_CASE("the text of an explanation for a host program in C is whole or cut to
   CHECK(refused == -static_cast<long>(std::strlen(why)));
   CHECK(std::string(why).rfind("at: ", 0) == 0);
   CHECK(palpate_explain(host.hand, at, far, why, sizeof why) < 0);
-  CHECK(std::string(why).rfind("push: ", 0) == 0);  // the name of the function's own argument
+  CHECK(std::string(why).rfind("push: ", 0) == 0);  // the message begins with the name of the wrong
+                                                    // argument
 }
 
 TEST_CASE("a host program in C may change its working directory after loading a scene", "[c]") {

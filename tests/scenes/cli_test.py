@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Tests the program through its command line: cli_test.py BIN_DIR VOLUMES_PROGRAM [--host]. With --host runs the
-tests that depend on how the machine schedules, without it all others."""
+"""Tests the program through its command line: cli_test.py BIN_DIR VOLUMES_PROGRAM [--host]. With --host runs the tests
+that depend on the scheduler, otherwise all others."""
 import csv
 import fcntl
 import io
@@ -36,7 +36,7 @@ PALPATE = str(BIN / "palpate")
 
 def run(*words, stdin="", status=0, statuses=None):
     done = process.run([PALPATE, *map(str, words)], input=stdin, capture_output=True, text=True,
-                          timeout=300)  # for sanitizers, on a loaded machine
+                          timeout=300)  # for sanitizers on a busy machine
     if done.returncode not in (statuses or (status,)):
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
     return done
@@ -54,7 +54,7 @@ class Case(unittest.TestCase):
         cls.holder.cleanup()
 
     def refused(self, *words, says, stdin="", status=2):
-        """Checks that the command is refused: one clear line on stderr, no output on stdout, no file left."""
+        """Checks that the command is refused: one clear line on stderr, nothing on stdout, no file left."""
         _, line = refusal(self, self.dir, lambda: run(*words, stdin=stdin, status=status))
         self.assertIn(says, line)
 
@@ -83,13 +83,13 @@ class Program(Case):
 
 
 def verbs():
-    """Returns the verbs that palpate --help lists."""
+    """Returns the verbs of palpate --help."""
     told = run("--help").stdout.split("Subcommands:\n")[1].split("\n\n")[0]
     return [line.split()[0] for line in told.splitlines()]
 
 
 class Help(Case):
-    """The help text is the same for each way to request it."""
+    """All ways to request help give the same text."""
     def test_help_of_a_command_equals_the_command_s_own_help(self):
         self.assertEqual(run("help").stdout, run("--help").stdout)
         self.assertGreater(len(verbs()), 15)
@@ -191,14 +191,15 @@ class Make(Case):
 
 
 class Parts(Case):
-    """Scenes of many instances."""
+    """Scenes with many instances."""
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
         run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 2)
 
     def strew(self, name, count, room, strength):
-        """Writes a scene of `count` clouds, each of one of three volumes, turned at random in a cube of edge `room`."""
+        """Writes a scene of `count` clouds in a cube of edge `room` [m]. Each shows one of three volumes in a random
+        orientation."""
         random = Random(1)
         volumes = [f"cloud-{i}" for i in range(3)]
         places = [{"scale": 5e-4, "rotation_wxyz": [random.gauss(0, 1) for _ in range(4)],
@@ -222,13 +223,13 @@ class Parts(Case):
         self.assertLessEqual(felt["parts"]["near_most"], 30)
         self.assertEqual(felt["parts"]["crowded_ticks"], 0)
         self.assertEqual(felt["parts"]["missing_max"], 0)
-        # The report lists modes by volume, and only those that were felt.
+        # The report lists modes by volume, and only those with contact.
         self.assertTrue(felt["felt"])
         for mode in felt["felt"]:
             self.assertIn(mode["mode"], ("cloud-0", "cloud-1", "cloud-2"))
             self.assertGreater(mode["touches"], 0)
-        # The parts bear all the force here, except for Newton's step beyond the balance: at most the stiffness times
-        # the tolerance, 500 N/m times 0.01 voxel.
+        # Only the parts bear force, except for Newton's step beyond the balance: up to the stiffness times the
+        # tolerance, 500 N/m times 0.01 voxel.
         rows = list(csv.DictReader(io.StringIO(
             run("feel", scene, "--seconds", 5, "--trace", "-").stdout)))
         self.assertEqual([name for name in rows[0] if name.startswith("load_")], ["load_parts"])
@@ -264,7 +265,7 @@ class Sample(Case):
                    stdin="x,y,z\n1,2,0.5\n-9,0,0\n")
         rows = list(csv.DictReader(io.StringIO(done.stdout)))
         self.assertEqual(list(rows[0]), ["x", "y", "z", "inside", "value", "gx", "gy", "gz"])
-        # value = x + 2 y - z at these points
+        # value = x + 2 y - z
         self.assertEqual([float(rows[0][k]) for k in ("value", "gx", "gy", "gz")], [4.5, 1, 2, -1])
         self.assertEqual((rows[0]["inside"], rows[1]["inside"]), ("1", "0"))
 
@@ -314,7 +315,7 @@ class Sample(Case):
                      says="scalar", stdin="x,y,z\n")
         self.refused("sample", file, "--grid", "density", "--points", "-", "--interpolation",
                      "quintic", says="quadratic", stdin="x,y,z\n")
-        # At a voxel's centre every interpolation order gives the voxel's value.
+        # At a voxel's centre, every interpolation gives the voxel's value.
         values = [run("sample", file, "--grid", "density", "--points", "-", "--interpolation", order,
                       stdin="x,y,z\n1,2,3\n").stdout.splitlines()[1].split(",")[4]
                   for order in ("trilinear", "nearest", "quadratic", "cubic")]
@@ -349,7 +350,7 @@ class Solve(Case):
         self.assertAlmostEqual(answer["force"][0], -0.5, places=6)
 
     def test_an_input_that_cannot_be_read_to_its_end_is_refused(self):
-        # No memory is mapped at the beginning of this file, so that reading fails.
+        # Reading this file fails, because no memory is mapped at address 0.
         failing = "/proc/self/mem"
         for verb, *words in (("solve",), ("sample", self.dir / "ball.vdb", "--points")):
             self.refused(verb, *words, failing, says="reading failed")
@@ -449,11 +450,11 @@ class Check(Case):
                                r"within one tick: use a wider band or a larger volume$")
         self.assertIn(f" {found['open_cells']} cells", line)
         self.assertGreater(found["open_cells"], 1000)
-        # The ball has a radius of 2 units, and its band ends at 2.3.
+        # The ball has a radius of 2 units. Its band ends at 2.3.
         self.assertAlmostEqual(math.dist(found["open_at"], [1, 0, 0]), 0.023, delta=0.002)
         it["interpolation"] = "cubic"
         self.assertEqual(edge()[:2], ([], None))
-        # Other modes have no edge.
+        # Only isosurfaces have an edge.
         mode.update(mode="surface")
         for key in ("value", "solid"):
             del mode[key]
@@ -518,7 +519,7 @@ class Room(Case):
         os.remove(scene)
 
     def room(self, *words):
-        """Returns the lines of a report that give the margin."""
+        """Returns the lines of a report with the stability margin."""
         lines = run(*words).stdout.splitlines()
         at, = (i for i, line in enumerate(lines) if line.startswith("stability "))
         return [lines[at]] + [line for line in lines[at + 1:at + 2] if line.startswith(" ")]
@@ -561,7 +562,7 @@ class Feel(Case):
 
     @suite.smoke
     def test_a_recorded_path_that_presses_a_ball_gives_the_expected_forces(self):
-        # A ball of 2 units, scaled so that its narrow band's bounds are 0.1 m.
+        # A ball of radius 2 units, scaled such that the bounds of its narrow band are 0.1 m.
         low, high = json.loads(run("info", self.dir / "ball.vdb", "--json").stdout)["grids"][0][
             "bounds"]
         radius = 0.1 / (high[0] - low[0]) * 2.0
@@ -590,7 +591,7 @@ class Feel(Case):
         os.remove(trace)
 
     def trace(self, scene, device, *words):
-        """Returns the trace's header and its rows."""
+        """Returns a trace's header and rows."""
         lines = io.StringIO(run("feel", scene, "--device", device, "--trace", "-", *words).stdout)
         table = csv.DictReader(lines)
         return table.fieldnames, list(table)
@@ -652,7 +653,7 @@ class Feel(Case):
 
     @suite.smoke
     def test_the_summary_of_a_run_agrees_with_its_trace(self):
-        # A surface and two drags, pressed and slid along: a balance of more than two primitives.
+        # A surface and two drags, pressed and slid along, so balances have more than two primitives.
         scene = self.dir / "drag.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": ['
                          '{"mode": "isosurface", "of": "a", "value": 0, "solid": "below", '
@@ -761,7 +762,7 @@ class Feel(Case):
         place.mkdir()
         precious = self.dir / "precious"
         precious.write_text("precious")
-        # An attacker can guess the process identity, but not the rest of the name.
+        # An attacker can guess the process id in the name of the temporary file, but not the rest.
         for pid in range(os.getpid(), os.getpid() + 2000):
             (place / f"t.csv.partial-{pid}").symlink_to(precious)
         run("feel", self.dir / "ball.vdb", "--seconds", 1, "--trace", place / "t.csv")
@@ -790,14 +791,14 @@ class Feel(Case):
         self.assertNotIn("palpate explain", felt)
         self.assertEqual(len(trace.read_text().splitlines()), 1001)
         self.assertIn("4 if the hand felt no force", run("feel", "--help").stdout)
-        # With several hands it is enough if one hand felt something.
+        # One hand with a force suffices.
         ball = self.dir / "ball.vdb"
         away, near = (self.dir / f"{name}.csv" for name in ("away", "near"))
         away.write_text("t,x,y,z\n0,0.5,0,0\n0.1,0.5,0,0\n")
         near.write_text("t,x,y,z\n0,0.06,0,0\n1,0.04,0,0\n")
         run("feel", ball, "--device", f"path:{away}", status=4)
         run("feel", ball, "--device", f"path:{away}", "--device", f"path:{near}")
-        # A fault takes precedence over this status.
+        # A fault's status takes precedence.
         away.write_text("t,x,y,z\n0,0.5,0,0\n0.01,0.5,0,0\n0.02,1e7,0,0\n")
         run("feel", ball, "--device", f"path:{away}", status=1)
 
@@ -821,7 +822,8 @@ class Feel(Case):
 
     @suite.smoke
     def test_the_suggested_explain_command_reproduces_the_force_of_a_moving_volume(self):
-        """Explain begins with the scene: a moving volume is felt where it was at that time."""
+        """Explain begins at the start of the scene, but must find a moving volume where it was at the time of the
+        force."""
         turns = [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                  for t, z in ((0, 0), (10, 0.02))]
         scene = self.dir / "moving.json"
@@ -857,7 +859,7 @@ class Feel(Case):
         self.assertGreater(min(hand["force_max"] for hand in both["hands"]), 1.0)
 
         def felt(text):
-            """Returns the trace without the tick times."""
+            """Returns the rows of a trace without the tick times."""
             return [row.split(",")[:14] + row.split(",")[15:] for row in text.splitlines()]
         for place, text in zip(("both.csv", "both.2.csv"), alone):
             self.assertEqual(felt((self.dir / place).read_text()), felt(text))
@@ -882,7 +884,7 @@ class Feel(Case):
 
 
 class OnTime(Case):
-    """Tests that use the machine's clock. They do not measure how fast the machine is."""
+    """Tests that use a real clock. They do not measure speed."""
     HOST = True
 
     def until_it_ticks(self, trace):
@@ -895,7 +897,7 @@ class OnTime(Case):
         self.fail("it never ticked")
 
     def on_time(self, *words):
-        """Runs in real time. The machine may be late enough for a fault, and miss ticks."""
+        """Runs in real time. On a busy machine, ticks may be missed and the fault "late" may occur."""
         done = process.run([PALPATE, "feel", *map(str, words), "--realtime", "--json",
                             "--reengage", "0"],
                               capture_output=True, text=True, timeout=120)
@@ -932,7 +934,7 @@ class OnTime(Case):
                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
         def until(words):
-            """Skips other lines: settings that the system refuses, and faults on a loaded machine."""
+            """Skips other lines: refused real-time settings, and faults on a busy machine."""
             for line in child.stderr:
                 if words in line:
                     return
@@ -942,7 +944,7 @@ class OnTime(Case):
         return child, until
 
     def felt(self, child):
-        """Ends the run. Returns the first mode of each scene that was felt."""
+        """Ends the run. Returns the first mode of each scene with contact."""
         child.send_signal(signal.SIGINT)
         out, _ = child.communicate(timeout=60)
         self.assertEqual(child.returncode, 130)
@@ -963,7 +965,7 @@ class OnTime(Case):
         until("not valid JSON")
         change(text % "after")
         until("the new scene is active")
-        # Written while the previous scene may still be building.
+        # The next edit, while the last scene may still be building.
         change(text % "last")
         until("the new scene is active")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
@@ -975,7 +977,7 @@ class OnTime(Case):
         scene = self.dir / "over_cut.json"
         text = self.WATCHED.replace("FILE", "cut.vdb")
         child, until = self.watched(scene, text % "before")
-        # Written in place, as some programs do, instead of written beside and renamed.
+        # Truncated in place, as some programs do, instead of replaced by a renamed file.
         os.truncate(volume, len(whole) // 2)
         scene.write_text(text % "cut")
         until("cut.vdb: it is truncated")
@@ -1008,12 +1010,12 @@ class OnTime(Case):
                 if words in line:
                     return
                 if words == "on again" and "is cut" in line:
-                    os.write(main, b"\r")   # late again
+                    os.write(main, b"\r")   # the loop was late again
             self.fail(f"it never said {words}")
 
         until("Esc: force off")
         for _ in range(2):
-            os.write(main, b"\r\x1b")   # the machine may have been late before
+            os.write(main, b"\r\x1b")   # Enter first, because the machine may have been late
             until("switched off")
             self.assertFalse(termios.tcgetattr(main)[3] & termios.ICANON)
             os.write(main, b"\r")
@@ -1027,7 +1029,7 @@ class OnTime(Case):
 
     def test_an_interrupted_run_keeps_its_outputs(self):
         summary = self.dir / "interrupted.json"
-        # A terminal and a launcher may both send signals.
+        # Both a terminal and a launcher can send signals.
         for signals, words in (((signal.SIGINT,), []),
                                ((signal.SIGTERM, signal.SIGINT, signal.SIGTERM), ["--realtime"])):
             child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--seconds",
@@ -1049,7 +1051,7 @@ class OnTime(Case):
 class Interrupted(Case):
     """After Ctrl-C the prompt returns at once, and no temporary file is left."""
     HOST = True
-    SOON = 10.0  # [s], on a loaded machine; usually some 0.05
+    SOON = 10.0  # [s]; on a busy machine; usually 0.05
 
     def setUp(self):
         self.place = Path(tempfile.mkdtemp(dir=self.dir))
@@ -1083,7 +1085,7 @@ class Interrupted(Case):
                              "palpate: interrupted: no output was written\n")
 
     def test_a_signal_that_was_ignored_at_the_start_stays_ignored(self):
-        """A run under nohup ignores SIGHUP."""
+        """nohup makes a run ignore SIGHUP."""
         child = subprocess.Popen(["nohup", PALPATE, "make", "wind-tunnel", "a.vdb", "--voxel", "0.003"],
                                  cwd=self.place, stdout=subprocess.DEVNULL,
                                  stderr=subprocess.DEVNULL)
@@ -1093,7 +1095,7 @@ class Interrupted(Case):
         os.remove(self.place / "a.vdb")
 
     def test_a_run_interrupted_while_it_draws_its_picture_keeps_the_trace(self):
-        """The trace is written, and the process that draws with matplotlib ends too."""
+        """The trace is complete, and the process that draws with matplotlib ends, too."""
         trace = self.place / "t.csv"
         said = self.end(signal.SIGINT, "feel", self.dir / "ball.vdb", "--seconds", 1, "--trace",
                         "t.csv", "--picture", "p.png", there=trace.exists)
@@ -1109,16 +1111,16 @@ class Interrupted(Case):
         status, took = terminal.ended()
         self.assertEqual(status, 130)
         self.assertLess(took, self.SOON)
-        # The progress line is erased.
+        # The progress line must be erased.
         self.assertIn("\x1b[K" + "palpate: interrupted", terminal.drawn)
 
     def test_the_repository_s_scripts_show_their_progress_and_end_immediately_on_ctrl_c(self):
-        """The function with which demo.sh, test.sh and .ci/install run long commands."""
+        """Tests .ci/watched, with which demo.sh, test.sh and .ci/install run long commands."""
         watched = Path(__file__).resolve().parents[2] / ".ci" / "watched"
         terminal = Terminal(["bash", "-euc", f". '{watched}'; watched building log bash -c "
                              "'trap \"exit 3\" INT; echo [3/9]; while :; do sleep 0.1; done' || exit 1; "
                              "touch on"], self.place)
-        # Accepts any second, because a machine that stalls may miss one.
+        # Any second counts, because a stalled machine can miss one.
         self.assertTrue(terminal.until(r"building 0:0[1-9] \[3/9\]"), terminal.drawn)
         terminal.press(b"\x03")
         status, took = terminal.ended()
@@ -1134,7 +1136,7 @@ class Interrupted(Case):
 
 class Stability(Case):
     def test_the_stability_command_maps_a_set_of_planes_and_a_scene(self):
-        # 250 ticks a second: four times faster to compute.
+        # 250 Hz takes a quarter of the time of 1 kHz.
         planes = json.loads(run("stability", "--planes", 20, "--size", 9, "--rate", 250,
                                 "--json").stdout)
         self.assertEqual([method["name"] for method in planes["methods"]], ["palpate"])
@@ -1152,7 +1154,6 @@ class Stability(Case):
         drawn = json.loads(Path(f"{out}.json").read_text())
         self.assertEqual([method["name"] for method in drawn["methods"]], ["whole tick", "palpate"])
         self.assertAlmostEqual(drawn["boundaries"][0]["passive"], 250 / 3, places=3)
-        # A second run gives the same map.
         again = self.dir / "again.json"
         run(*ball, again)
         self.assertEqual(again.read_text(), Path(f"{out}.json").read_text())
@@ -1161,7 +1162,7 @@ class Stability(Case):
         os.remove(again)
 
     def test_the_energy_tank_limits_the_force_of_a_moving_volume_unless_it_is_refilled(self):
-        """A ball that moves to and fro does work on the hand: the tank limits the force, except for the refill."""
+        """A ball that moves back and forth does work on the hand, which the tank limits to the refill."""
         scene = self.dir / "beating.json"
         place = {"keyframes": [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                                for t, z in ((0, 0), (0.1, 0.03), (0.2, 0))],
@@ -1183,7 +1184,7 @@ class Stability(Case):
 
     @suite.smoke
     def test_a_stability_map_uses_the_values_of_an_arm_s_profile(self):
-        """Uses the measurements of the arm's self-test where the user gives no value."""
+        """Values that the user does not give come from the arm's self-test."""
         self.refused("stability", "--device", "hid:polhem", says="palpate devices --test hid:polhem")
         self.refused("stability", "--device", "simulated", says="does not name a profile")
         self.refused("stability", "--device", "hid:spacemouse", "--mass", 1, "--viscous", 1,
@@ -1197,7 +1198,7 @@ class Stability(Case):
     def test_a_stability_map_uses_the_self_test_measurements_of_an_arm(self):
         profile = Path(__file__).resolve().parents[2] / "devices/hid/profiles/polhem.json"
         text = json.dumps(json.loads(profile.read_text()), sort_keys=True, separators=(",", ":"))
-        print_of = 14695981039346656037  # FNV-1a
+        print_of = 14695981039346656037  # FNV-1a hash
         for byte in text.encode():
             print_of = (print_of ^ byte) * 1099511628211 % 2**64
         record = {"profile": f"{print_of:016x}", "scale": [1.0, 1.0, 1.0], "viscous_least": [0.9, 0.8, 1.0],
@@ -1214,7 +1215,7 @@ class Stability(Case):
                                       capture_output=True, text=True, env=env, timeout=300)
             drawn = json.loads(map_of("--device", "hid:polhem", "--rate", "250").stdout)
             self.assertEqual(drawn["device"], "hid:polhem")
-            # The largest delay within three standard errors and half a millisecond.
+            # The largest delay: three standard errors and half a millisecond above the mean.
             self.assertAlmostEqual(drawn["arm"].pop("delay"), 0.0028, 9)
             self.assertEqual({k: v for k, v in drawn["arm"].items() if k != "encoder"},
                              {"mass": 0.15, "viscous": 0.8, "coulomb": 0.04})
@@ -1240,7 +1241,7 @@ class Stability(Case):
 
 
 class Devices(Case):
-    """Tests without an arm. The tests in tests/devices/vm have one."""
+    """Tests without an arm; tests/devices/vm has one."""
     @suite.smoke
     def test_profiles_and_known_arms_are_listed_with_their_sources(self):
         words = run("devices").stdout
@@ -1249,8 +1250,8 @@ class Devices(Case):
         listed = json.loads(run("devices", "--json").stdout)
         for profile in listed["profiles"]:
             self.assertTrue(profile["sources"]["/limits"])
-            # The firmware must take the force off if the program ends.
-            if profile["name"] != "spacemouse":  # which has no motors
+            # The firmware must end the force if the program ends.
+            if profile["name"] != "spacemouse":  # has no motors
                 told = json.loads(run("devices", profile["name"], "--json").stdout)["firmware"]
                 self.assertRegex(told, "takes? the force off")
                 self.assertIn(f"firmware: {told}\n", run("devices", profile["name"]).stdout)
@@ -1297,7 +1298,7 @@ class Devices(Case):
         self.refused("devices", "polhem", "--test", "hid", says="--test already names an arm")
 
     def test_the_documented_output_of_the_command_devices_equals_the_real_output(self):
-        """docs/devices.md: blocks of the program's output, and its table of the shipped profiles."""
+        """Compares docs/devices.md with the program's output and the shipped profiles."""
         text = (Path(__file__).resolve().parents[2] / "docs/devices.md").read_text(encoding="utf-8")
         blocks = re.findall(r"^    \$ palpate (.*)\n((?:    .*\n)+)", text, flags=re.M)
         self.assertTrue(blocks)
@@ -1339,7 +1340,7 @@ class Devices(Case):
 
 
 class Examples(Case):
-    """Examples with volumes that palpate makes; the others need external data."""
+    """The examples whose volumes palpate can make. The others need external data."""
     SCENES = Path(__file__).resolve().parents[2] / "scenes" / "examples"
     MADE = {"wind_tunnel": ("wind-tunnel", "wind.vdb"), "fibres": ("fibres", "fibres.vdb"),
             "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb"),
@@ -1354,13 +1355,14 @@ class Examples(Case):
                 felt = json.loads(run("feel", place, "--seconds", 25, "--json").stdout)
                 for mode in felt["felt"]:
                     self.assertGreater(mode["seconds"], 0.05, mode)
-                # A tick may wait if its primitives contradict each other (at an edge of the data or of the wing).
+                # A tick may not converge if its primitives contradict each other, at an edge of the data or of the
+                # wing.
                 self.assertGreaterEqual(felt["status"]["converged"], felt["ticks"] - 10)
                 self.assertLess(felt["error_bound_max"], 1e-3)
                 self.assertEqual(felt["limited"], 0)
                 self.assertLess(felt["force_max"], 6.0)
                 self.assertGreater(felt["felt_share"], 0.3)
-                # A wind pushes and a guide pulls: docs/examples.md states the energy.
+                # A wind pushes and a guide pulls, so they add energy; docs/examples.md states how much.
                 self.assertLess(felt["injected_energy"], 0.3)
                 os.remove(place)
 
@@ -1371,7 +1373,7 @@ class Examples(Case):
 
 
 class Hostile(Case):
-    """Names with terminal control sequences."""
+    """File and volume names with terminal control sequences."""
     NAMES = {
         "bytes": b"\xff\xfe\xc3(\xed\xa0\x80\xc0\xaf\xf4\x90\x80\x80",
         "controls": b"\x1b[2J\x1b]0;x\x07\x7f\npalpate: all is well\r\tb",
@@ -1381,10 +1383,10 @@ class Hostile(Case):
     if cases(len(NAMES), "hostile names") < len(NAMES):
         NAMES = {"all": b"".join(NAMES.values())}
     WORDS = "Stra\u00dfe \u4e2d\u6587 \U0001f9b4"
-    LONGEST = 3000  # characters of a line: one or two sentences, and one or two names
+    LONGEST = 3000  # [characters]; limit of a line: two sentences and two names
 
     def legible(self, *words, stdin=b"", env=None):
-        """Returns the output of a command after checking that it is safe for a terminal."""
+        """Runs a command. Returns its output after checking that it is safe for a terminal."""
         done = process.run([PALPATE, *(w if isinstance(w, bytes) else str(w).encode()
                                           for w in words)],
                               input=stdin, capture_output=True, timeout=300, env=env)
@@ -1503,7 +1505,7 @@ class Hostile(Case):
              "modes": [{"mode": "surface", "of": "NAME", "strength": 1}]},
             "NAME")] + [b"NAME"]
         for what, name in self.NAMES.items():
-            # Encoded as in JSON, and as raw bytes.
+            # Escaped as in JSON, then as raw bytes.
             for text in (json.dumps(name.decode("utf-8", "replace"))[1:-1].encode(), name):
                 with self.subTest(what):
                     at = scene(text, good)
@@ -1568,7 +1570,7 @@ class Import(Case):
             self.skipTest("built without VTK")
 
     def nifti(self, name, size=(6, 5, 4), cut=None):
-        """Writes a NIfTI-1 file of floats: value = i + 10 j + 100 k, voxels of 2 mm, at (-1, -2, -3)."""
+        """Writes a NIfTI-1 file of floats: value = i + 10 j + 100 k, voxels of 2 mm, origin (-1, -2, -3)."""
         import struct
         header = bytearray(352)
         struct.pack_into("<i", header, 0, 348)

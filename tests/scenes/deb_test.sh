@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
-# The .debs that cpack makes: their contents and dependencies. deb_test.sh BUILD
+# Tests the contents and dependencies of the .debs that cpack makes: deb_test.sh BUILD
 set -euo pipefail
 command -v dpkg-shlibdeps >/dev/null || { echo "debs: needs dpkg-dev"; exit 77; }
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 cd "$1"
-# Not compressed: compression would take most of the time.
+# Without compression, which would take most of the time.
 cpack -G DEB -B "$place" -D CPACK_DEBIAN_COMPRESSION_TYPE=none >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }
 cd "$place"
 wants() { dpkg-deb -f "$1"_*.deb Depends; }
-# Not grep -q, here and below: it exits early, and then the program that still writes to it fails under pipefail.
+# Not grep -q, here and below: it exits early, so that the program before it fails under pipefail.
 holds() { dpkg-deb -c "$1"_*.deb | awk '{print $6}' | grep -x "$2" >/dev/null || { echo "$1 lacks $2"; exit 1; }; }
 fail() { echo "debs: $*"; exit 1; }
 
@@ -53,7 +53,7 @@ for page in index.md interfaces.md charts/view.png; do holds palpate-doc "./usr/
 holds palpate-doc ./usr/share/doc/palpate/plugins/sample.c
 [ "$(dpkg-deb -f palpate-doc_*.deb Architecture)" = all ] || fail "palpate-doc is for one architecture"
 if [ -e "$1/plugins/haply.so" ]; then holds palpate-haply ./usr/lib/palpate/plugins/haply.so; fi
-# A member of the group gets the limits that the loop requests, and an administrator's own file is kept.
+# Members of the group realtime get the limits that the loop requests. An administrator's file is kept.
 dpkg-deb -e palpate_*.deb control
 [ "$(cat control/triggers)" = "activate-noawait ldconfig" ] || fail "no ldconfig"
 sh -n control/postinst && sh -n control/postrm

@@ -27,10 +27,10 @@ K = 500.0
 PLACE = {"scale": 0.01, "translate": [0, 0, 0]}
 VOLUMES = {"d": {"file": "linear.vdb", "grid": "density", "place": PLACE},
            "v": {"file": "linear.vdb", "grid": "velocity", "place": PLACE}}
-MIDDLE = [0.02, 0.02, 0.02]  # there the density is 4 and the velocity (-2, 2, 6)
-INTO = [c / math.sqrt(6) for c in (1, 2, -1)]  # up the density
+MIDDLE = [0.02, 0.02, 0.02]  # the density here is 4, the velocity (-2, 2, 6)
+INTO = [c / math.sqrt(6) for c in (1, 2, -1)]  # unit vector along the density's gradient
 ASIDE = [c / math.sqrt(2) for c in (0, 1, 2)]
-ASIDE = [c / math.sqrt(5) * math.sqrt(2) for c in ASIDE]  # unit, across INTO
+ASIDE = [c / math.sqrt(5) * math.sqrt(2) for c in ASIDE]  # unit vector perpendicular to INTO
 WALL = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3}
 
 
@@ -69,7 +69,7 @@ class Touch(Case):
         words_ = ("press", scene, "--at", words(at), "--along", words(way), *options)
         summary = json.loads(run(*words_, "--json").stdout, parse_constant=self.fail)
         rows = list(csv.DictReader(io.StringIO(run(*words_, "--csv", "-").stdout)))
-        # In any scene, a passive engine gives at most this energy.
+        # A passive engine gives at most this energy, in any scene.
         self.assertLessEqual(summary["net_energy"], summary["net_energy_bound"] + 1e-12)
         self.assertEqual(summary["ticks"], len(rows))
         self.assertEqual(sum(summary["status"].values()), len(rows))
@@ -110,7 +110,7 @@ class Explain(Touch):
         self.assertEqual((wall["state"], wall["contact"]), ("yields", "yielded"))
         self.assertAlmostEqual(size(wall["load"]), 3)
         self.near(out["balance"]["proxy"], along(INTO, 0.002, start=MIDDLE))
-        # The limiter lets the force grow by 2 N in each tick.
+        # The limiter lets the force grow by 2 N per tick.
         limiter = out["force"]["limiter"]
         self.assertEqual((limiter["slewed"], limiter["peaked"]), (True, False))
         self.assertAlmostEqual(size(out["force"]["wanted"]), 3)
@@ -196,7 +196,7 @@ class Explain(Touch):
         self.assertAlmostEqual(values["d"], 4)
         self.near(values["v"], [-2, 2, 6])
         self.near(values["gradient of d"], [1, 2, -1])
-        # Only one mode acts; its factors give its strength: 1 at 4, and sqrt(44) - 6 of the speed.
+        # One mode acts. Its factors are 1 (at the density 4) and the speed sqrt(44) minus 6.
         product = self.mode(out, "product")
         self.assertEqual([m["name"] for m in out["modes"] if m["active"]], ["product"])
         first, second = product["strength"]["factors"]
@@ -208,7 +208,7 @@ class Explain(Touch):
         self.assertIn("no mode reads it", text)
 
     def test_an_explanation_reports_missing_data_within_the_bounds_of_a_volume(self):
-        # The centre of the ball is outside of its narrow band.
+        # The centre of the ball is inside the bounds, but outside of the narrow band.
         ball = {"b": {"file": "ball.vdb", "place": PLACE}}
         scene = self.scene({"name": "fog", "mode": "viscosity", "of": "b", "strength": 1},
                            volumes=ball)
@@ -240,21 +240,21 @@ class Explain(Touch):
     def test_an_explanation_waits_until_a_varying_stiffness_has_settled(self):
         scene = self.scene(WALL, coupling={"stiffness": {"piecewise": [[0, 300], [8, 500]],
                                                          "by": "d"}})
-        # The hand starts outside the wall's reach of two voxels.
+        # The hand starts outside of the wall's reach, two voxels.
         out, _ = self.explain(scene, along(INTO, -0.012, start=MIDDLE), along(INTO, 0.013))
         k = 400 - 25 * 1.2 * math.sqrt(6)
         self.assertAlmostEqual(out["balance"]["stiffness"], k, 4)
-        self.assertGreater(out["rest"]["ticks"], 5)  # 5 N/m a tick
+        self.assertGreater(out["rest"]["ticks"], 5)  # 5 N/m per tick
         self.assertAlmostEqual(size(self.mode(out, "wall")["load"]), 0.001 * k, 6)
 
     def test_an_explanation_of_a_long_push_uses_several_sub_steps(self):
-        # One voxel, 5 mm, at a time.
+        # In steps of one voxel, 5 mm.
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2}
         out, text = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
         self.assertEqual(out["balance"]["substeps"], 3)
         self.near([p[1] for p in out["read_at"]], [0.025, 0.03, 0.032 - 0.2 / K])
         self.assertAlmostEqual(out["balance"]["proxy"][1], 0.032 - 0.2 / K)
-        # The tick's own steps: first the remembered planes, then a balance of each reading.
+        # The tick's steps: first the remembered planes, then the balance after each reading.
         steps = out["steps"]
         self.assertEqual([step["foreseen"] for step in steps], [True, False, False, False])
         self.assertEqual([step["at"] for step in steps[1:]], out["read_at"])
@@ -301,7 +301,7 @@ class Press(Touch):
         return next(m for m in summary["modes"] if m["mode"] == name)
 
     def test_the_force_of_a_pressed_wall_rises_with_slope_k_until_the_wall_yields(self):
-        # From 4 mm before the wall, 12 mm deep: the wall holds up to 6 mm behind its surface.
+        # From 4 mm in front of the wall to 12 mm behind it. The wall holds the hand up to 6 mm behind.
         summary, rows = self.press(self.scene(WALL), along(INTO, -0.004, start=MIDDLE),
                                    along(INTO, 0.012))
         self.assertEqual(list(rows[0]), self.COLUMNS)
@@ -322,7 +322,7 @@ class Press(Touch):
         self.assertAlmostEqual(wall["yield"]["depth"], 0.010, delta=0.0001)
         self.assertAlmostEqual(wall["yield"]["force"], 3)
         self.assertIsNone(wall["let_go_at"])
-        # A spring and a constant force, there and back: no energy is lost.
+        # The work of a spring, then of a constant force. It all comes back.
         work = 0.5 * K * 0.006 ** 2 + 3 * 0.002
         self.assertAlmostEqual(summary["work_in"], work, 6)
         self.assertAlmostEqual(summary["work_out"], work, 6)
@@ -331,7 +331,7 @@ class Press(Touch):
         self.assertEqual(list(dict.fromkeys(contacts)), ["", "wall=holds", "wall=yields"])
 
     def test_a_wall_that_releases_the_proxy_keeps_the_energy_that_the_hand_put_in(self):
-        # The force fades over one voxel, 5 mm, from a depth of 1 mm on.
+        # From a depth of 1 mm, the force fades over one voxel, 5 mm.
         summary, rows = self.press(self.scene({**WALL, "depth": 0.2}), MIDDLE,
                                    along(INTO, 0.014))
         wall = self.mode(summary, "wall")
@@ -343,7 +343,7 @@ class Press(Touch):
         self.assertLess(summary["net_energy"], -0.5 * K * 0.006 ** 2)
 
     def test_a_wall_that_is_passed_within_a_tick_has_yielded(self):
-        # 14 mm in one tick: at its end the wall has no strength any more.
+        # 14 mm in one tick: there the wall has no strength.
         soft = {"name": "wall", "mode": "surface", "of": "d",
                 "strength": {"piecewise": [[6, 1], [6.5, 0]]}}
         summary, rows = self.press(self.scene(soft), MIDDLE, along(INTO, 0.014), "--speed", 14)
@@ -359,7 +359,7 @@ class Press(Touch):
     def test_a_drag_dissipates_all_work_that_is_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
         summary, rows = self.press(self.scene(drag), MIDDLE, [0, 0.01, 0])
-        # Up to 0.5 N over a millimetre, back through zero over two.
+        # Up to 0.5 N over 1 mm, then back through zero over 2 mm.
         self.assertAlmostEqual(summary["work_in"], 0.5 * 0.01 - 0.5 ** 2 / (2 * K), 6)
         self.assertAlmostEqual(summary["work_out"], -0.5 * 0.008, 6)
         self.assertAlmostEqual(summary["hysteresis"], 0.00875, 6)
@@ -371,8 +371,8 @@ class Press(Touch):
         self.assertAlmostEqual(float(rows[-1]["force_along"]), -0.5)
 
     def test_friction_gives_a_force_perpendicular_to_the_path_of_a_press(self):
-        # 45 degrees into the wall. A sticking hand feels k times the path's length along the path; without friction
-        # half of it along the path and half of it across.
+        # The path enters the wall at 45 degrees. With sticking friction, the force is k times the path's length, along
+        # the path. Without friction, half of it is along the path and half is perpendicular.
         way = along(INTO, 0.002 / math.sqrt(2), ASIDE, 0.002 / math.sqrt(2))
         summary, rows = self.press(self.scene({**WALL, "friction": 5}), MIDDLE, way)
         last = rows[len(rows) // 2]
@@ -388,7 +388,7 @@ class Press(Touch):
     def test_a_pressed_ball_yields_at_its_strength(self):
         [low, high] = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
             "volumes"]["ball"]["bounds"]
-        # The scene guess gives an isosurface of 3 N; its radius is 2 units of the file.
+        # The guessed isosurface has 3 N and a radius of 2 units of the file.
         scale = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
             "volumes"]["ball"]["metres_per_unit"]
         summary, _ = self.press(self.dir / "ball.vdb", [0, 0, high[2]], [0, 0, -0.016])
@@ -452,7 +452,7 @@ class Press(Touch):
 
 
 class NearParts(Touch):
-    """Scenes of parts are reported as one graph of the parts near the hand."""
+    """A scene of parts is explained as one graph of the parts near the hand."""
     MODES = (
         ("d", "v", {**WALL, "friction": 0.3, "viscosity": 0.1, "by": "d"}),
         ("d", "v", {"mode": "isosurface", "of": "speed", "value": 6.7, "strength": 2}),
@@ -464,13 +464,13 @@ class NearParts(Touch):
                    "along": [0, 0, 1], "strength": 1, "in": "ball"}))
     FIELDS = {"speed": ("magnitude", "v"), "slope": ("gradient", "d"),
               "steep": ("magnitude", "slope")}
-    STEP = [0.01, 0, 0]  # so that the first places overlap
+    STEP = [0.01, 0, 0]  # so small that the first instances overlap
 
     def place(self, i):
         return {"scale": 0.01, "translate": along(self.STEP, i if i < 3 else 30 * i)}
 
     def many(self, count):
-        """Makes a scene with volumes in many places."""
+        """Makes a scene of volumes with `count` instances."""
         volumes = {"d": {"file": "linear.vdb", "grid": "density",
                          "instances": [self.place(i) for i in range(count)]},
                    "v": {"file": "linear.vdb", "grid": "velocity", "place": {"like": "d"}},
@@ -479,7 +479,7 @@ class NearParts(Touch):
                           fields={name: {kind: of} for name, (kind, of) in self.FIELDS.items()})
 
     def few(self, near):
-        """Makes the same scene with these places only, each written out."""
+        """Makes the same scene with only these instances, as separate volumes."""
         volumes = {"ball": {"file": "ball.vdb", "place": PLACE}}
         fields = {}
         for i in near:
@@ -529,7 +529,7 @@ class NearParts(Touch):
             b, _ = self.told("press", few, *words_, *how)
             self.assertEqual(a, b)
             self.assertIn("the hand comes near 3 of its 1000 parts", said)
-        # At another place another part is near.
+        # Elsewhere, another part is near.
         out, _ = self.explain(many, along(self.STEP, 30 * 7, start=MIDDLE), along(INTO, 0.002))
         self.assertEqual([mode["name"] for mode in out["modes"]],
                          ["wall[7]", "/modes/1[7]", "stream[7]", "honey", "floor"])
@@ -547,7 +547,7 @@ class NearParts(Touch):
         self.assertEqual(a, b)
         self.assertIn("near 2 of its 12 parts", said)
         self.assertAlmostEqual(json.loads(a)["modes"][0]["touched_at"], 0.005, delta=0.0002)
-        # The fifth ball is placed like the sixth, which no mode reads. The sixth is loaded only for its placement.
+        # Ball 5 is placed like ball 6, which no mode reads and which is loaded only for its placement.
         del balls["b5"]
         balls["b5"] = {"file": "ball.vdb", "place": {"like": "b6"}}
         skins[6]["strength"] = 0
@@ -578,23 +578,23 @@ class NearParts(Touch):
         skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
                 "strength": 3}
         way = ("--at", "0,0,0.0205", "--push", "0,0,-0.002", "--json")
-        # The scene has a volume with the name that an instance would get.
+        # Another volume has the name that an instance would get.
         volumes = {"b": {**ball, "instances": [self.place(i) for i in range(5)]},
                    "b[0]": {**ball, "place": {"scale": 0.01, "translate": [0, 0, 0.001]}}}
         own = {**skin, "name": "own", "of": "b[0]"}
         self.refused("explain", self.scene(skin, own, volumes=volumes), *way,
                      says='/volumes/b/instances/0: instance names of this volume are generated, and "b[0]"')
-        # A volume in many places that no mode reads, beside parts that are reported.
+        # A volume with instances that no mode reads.
         del volumes["b[0]"]
         volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
         volumes["b"]["smooth"] = 1.5
         done = run("explain", self.scene(skin, volumes=volumes), *way)
         self.assertEqual([m["name"] for m in json.loads(done.stdout)["modes"]],
                          ["skin[0]", "skin[1]", "skin[2]"])
-        # Notes use the scene's own names, once.
+        # Notes name the scene's own volumes, once.
         self.assertEqual(done.stderr.count("/volumes/b: smoothed"), 1)
         self.assertNotIn("b[0]: smoothed", done.stderr)
-        # More parts than the limit, all equal: 64 of 100.
+        # 100 equal parts exceed the limit of 64.
         drag = {"mode": "viscosity", "of": "b", "strength": 0.02}
         del volumes["b"]["smooth"]
         volumes["b"]["instances"] = [self.place(0)] * 100
@@ -641,12 +641,12 @@ class NearParts(Touch):
         self.assertIn("of its 8 parts", done.stderr)
         tick = json.loads(done.stdout)["methods"][0]
         self.assertEqual(tick["name"], "whole tick")
-        # The same balls, written out: few enough for one graph.
+        # The same balls as separate volumes in one graph.
         balls = {f"b{i}": {"file": "ball.vdb", "place": place}
                  for i, place in enumerate(balls["b"]["instances"])}
         out = self.scene(*({**skin, "of": name} for name in balls), volumes=balls)
         told = json.loads(run("stability", out, "--size", 9, "--rate", 250, "--json").stdout)
-        # In unstable cells, rounding errors determine the class of the oscillation.
+        # In unstable cells, rounding decides the class of the oscillation.
         cells = zip("".join(told["methods"][0]["rows"]), "".join(tick["rows"]))
         self.assertLessEqual(sum(a != b for a, b in cells), 1)
 

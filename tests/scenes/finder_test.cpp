@@ -1,4 +1,4 @@
-/// Tests the path with which a simulated hand explores a scene, for scenes with known surfaces.
+/// Tests the path on which a simulated hand explores a scene, for scenes with known surfaces.
 #include "palpate/scenes/apps/common/finder.h"
 
 #include <cmath>
@@ -12,8 +12,8 @@ namespace palpate::finder_test {
 
 namespace {
 
-constexpr double kHalf = 0.05;   // [m]: half the edge of the scene's box
-constexpr double kRadius = 0.1;  // [m]: of the workspace
+constexpr double kHalf = 0.05;   // half the edge of the scene's box [m]
+constexpr double kRadius = 0.1;  // radius of the workspace [m]
 constexpr double kSeconds = 10.0;
 const Box kBox{Vec3::Constant(-kHalf), Vec3::Constant(kHalf)};
 
@@ -42,13 +42,13 @@ ModeSpec mode(ModeKind kind, const std::string& of, const TransferSpec& strength
   return mode;
 }
 
-/// Forces and places of a run.
+/// Forces and positions of a run.
 struct Run {
   double share = 0.0;        ///< Share of ticks with more than 0.2 N.
   double most = 0.0;         ///< Largest force [N].
   double farthest = 0.0;     ///< Largest distance of the arm from the origin [m].
   std::vector<double> held;  ///< Largest force of each mode [N].
-  /// Unit directions from which the hand touched the scene, each far from the previous one.
+  /// Unit directions from which the hand touched the scene, each far from the last one.
   std::vector<Vec3> came;
 };
 
@@ -175,7 +175,7 @@ TEST_CASE("the exploration path is the same in every run, slow, and within the w
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.02, 0.0, 0.0}, 0.015)}});
-  // With 0.04 m the scene is larger than the arm's reach.
+  // At 0.04 m, the scene is larger than the workspace.
   const double radius = GENERATE(0.1, 0.04);
   HandTarget a = cli::findingHand(*scene, kBox, radius, 5.0);
   HandTarget b = cli::findingHand(*scene, kBox, radius, 200.0);

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Other projects use the libraries: one with headers of the same names as palpate's, with the installed libraries and
-# with palpate as a subfolder; one with the engine alone, where OpenVDB is not found.
+# Tests that other projects can use the libraries: a project with headers of the same names as palpate's, with the
+# installed libraries and with palpate as a subfolder; and a project with the engine only, without OpenVDB.
 # host_test.sh BUILD SOURCE COMPILER
 set -euo pipefail
 place=$(mktemp -d)
@@ -11,7 +11,7 @@ quietly() { "$@" >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }; }
 configure() {
     quietly cmake -S "$hosts/$1" -B "$place/$2" -G Ninja -DCMAKE_CXX_COMPILER="$3" "${@:4}"
 }
-# says PROJECT FOLDER COMPILER WORDS OPTION...: builds against the installed libraries; the program must print WORDS.
+# says PROJECT FOLDER COMPILER WORDS OPTION...: builds against the installed libraries. The program must print WORDS.
 says() {
     configure "$1" "$2" "$3" -DCMAKE_PREFIX_PATH="$place/usr" -DCMAKE_BUILD_TYPE=Release "${@:5}"
     quietly cmake --build "$place/$2"
@@ -22,7 +22,7 @@ says() {
 }
 
 cmake --install "$1" --prefix "$place/usr" >/dev/null
-# Private headers are not installed, and only one header includes OpenVDB.
+# Private headers must not be installed, and only one header may include OpenVDB.
 ! grep -rl "Private to" "$place/usr/include" || exit 1
 [ "$(cd "$place/usr/include" && grep -rl "include.*openvdb" .)" = ./palpate/samplers/grid/make_volume.h ]
 compilers=("$3")
@@ -35,7 +35,7 @@ for compiler in "${compilers[@]}"; do
         -DCMAKE_DISABLE_FIND_PACKAGE_OpenVDB=ON -DCMAKE_DISABLE_FIND_PACKAGE_TBB=ON
 done
 
-# In C, without Eigen; and without the shared library, which is in another package.
+# A host in C, without Eigen. Then without the shared library, which is in another package.
 "$1/bin/palpate" make two-bodies "$place/bodies.vdb" >/dev/null
 configure host_c host_c "$3" -DCMAKE_PREFIX_PATH="$place/usr" -DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON
 quietly cmake --build "$place/host_c"
@@ -48,8 +48,8 @@ if cmake -S "$hosts/host_c" -B "$place/no_c" -DCMAKE_PREFIX_PATH="$place/usr" >"
 fi
 grep -q "install the package palpate" "$place/log"
 
-# With palpate as a subfolder, a host builds only the libraries that it links. This lists their sources, each by itself,
-# and does not compile them.
+# With palpate as a subfolder, a host must build only the libraries that it links. Lists their sources without
+# compiling them.
 configure host folder "$3" -DPALPATE="$2" -DPALPATE_TOGETHER=1
 grep -q "CMAKE_BUILD_TYPE:STRING=$" "$place/folder/CMakeCache.txt"
 sources=$(ninja -C "$place/folder" -t commands all | grep -o -- ' -c [^ ]*' | sed "s| -c $2/||")

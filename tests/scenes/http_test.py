@@ -32,7 +32,7 @@ os.environ["no_proxy"] = "127.0.0.1"
 
 
 class Bad(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder. `wrong` returns another answer for a path: a function of this handler."""
+    """Serves a folder. `wrong(path)` returns a function of this handler that sends another answer, or None."""
 
     def __init__(self, *args, wrong, **more):
         self.wrong = wrong
@@ -58,13 +58,13 @@ class Bad(http.server.SimpleHTTPRequestHandler):
 
 
 class Kept(Bad):
-    """Keeps connections open. Each new connection first reads the machine's list of trusted certificates."""
+    """Keeps connections open. On each new connection it first reads the machine's list of trusted certificates."""
 
     protocol_version = "HTTP/1.1"
 
 
 def apache(home, folder, address):
-    """Returns the command that serves a folder, in the foreground."""
+    """Returns the command that serves a folder in the foreground."""
     home.mkdir()
     user = "User www-data\nGroup www-data" if os.getuid() == 0 else ""
     (home / "conf").write_text(f"""
@@ -143,11 +143,11 @@ class Killed(Ended, Server):
 
 
 class Far(Case):
-    """Server and hand are in separate networks, with a link of 5 ms that loses one packet in a hundred."""
+    """Server and hand in separate networks, with a delay of 5 ms and a loss of 1 % between them."""
     HOST = True
 
     def felt(self, seed, *relay, delay=5, during=None):
-        """Runs a hand that circles in the bowl, in real time, and records it in far.rec. Returns the summary."""
+        """Records a hand that circles in the bowl in real time, in far.rec. Returns the summary."""
         home = self.dir / f"far{seed}"
         rows = [(0, 0.01, 0.01, 0), (1, 0.01, 0.01, -0.02)]
         for i in range(1, 60):
@@ -184,7 +184,7 @@ class Far(Case):
         here = self.dir / "here.rec"
         (self.dir / "far.scene").write_text(self.scene(str(self.dir / "bowl")).read_text())
         run("feel", self.dir / "far.scene", "--device", f"replay:{self.dir / 'far.rec'}", "--record", here)
-        # Status 1: the recordings differ, because some ticks read coarser levels before bricks had arrived.
+        # Status 1: in the run, some ticks read coarser levels because bricks had not arrived.
         said = run("compare", self.dir / "far.rec", here, status=None).stdout
         self.assertIn("force     differs by at most 0 N, proxy by at most 0 mm", said)
 
@@ -200,7 +200,7 @@ class Far(Case):
 
 
 class Wrong(Case):
-    """Tests invalid data from a network."""
+    """Tests invalid answers and addresses."""
 
     @suite.smoke
     def test_an_invalid_http_address_or_answer_is_refused_in_one_line(self):
@@ -223,7 +223,7 @@ class Wrong(Case):
         context.load_cert_chain(own, key)
         address = self.served_badly(lambda path: None, context)
         self.refused(address, "certificate")
-        # A machine that trusts the certificate: one program gets another list.
+        # Replaces the list of trusted certificates for one program.
         trusting = ["unshare", "--mount", "--map-root-user", "sh", "-c",
                     f'mount --bind "$0" {TRUSTED} && exec "$@"', own]
         if not Path(TRUSTED).exists() or subprocess.run([*trusting, "true"], check=False).returncode:
@@ -238,14 +238,15 @@ class Wrong(Case):
         self.assertGreater(told["force_max"], 1)
 
     def served_badly(self, wrong, secret=None):
-        """Returns an address at which `wrong(path)` gives the answer for each path, or None for the correct one."""
+        """Returns the address of a server whose answer to each path is `wrong(path)`, or the correct one if that is
+        None."""
         serves = Bad if secret is None else Kept
         server = http.server.ThreadingHTTPServer(
             ("127.0.0.1", 0), functools.partial(serves, directory=str(self.dir), wrong=wrong))
         if secret is not None:
             server.socket = secret.wrap_socket(server.socket, server_side=True)
         server.daemon_threads = True
-        server.handle_error = lambda request, address: None  # a client closes its connection
+        server.handle_error = lambda request, address: None  # a client closed its connection
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         self.addCleanup(thread.join)
@@ -255,8 +256,8 @@ class Wrong(Case):
         return f"{scheme}://127.0.0.1:{server.server_address[1]}/bowl"
 
     def of_brick(self, answer, says):
-        """All requests for the finest level's bricks get this answer: the volume is felt coarsely, and a message
-        reports it."""
+        """Gives this answer for every brick of the finest level. Checks that the volume is felt coarsely, and that a
+        message says why."""
         address = self.served_badly(lambda path: answer if path.startswith("/bowl/0/") else None)
         rows, told, said = self.feel(address)
         self.assertGreater(told["coarse_share"], 0.1)

@@ -1,4 +1,4 @@
-/// Tests OpenIGTLink messages in both directions against the protocol's own library.
+/// Tests OpenIGTLink messages in both directions against the OpenIGTLink library.
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -24,7 +24,7 @@ ByteView bytesOf(igtl::MessageBase& message) {
           static_cast<std::size_t>(message.GetPackSize())};
 }
 
-/// Returns the head of a complete message, after checking it.
+/// Checks a complete message and returns its header.
 IgtlHead headOf(ByteView bytes) {
   const IgtlHead head = readIgtlHead(bytes.first<kIgtlHead>());
   CHECK(head.size == bytes.size() - kIgtlHead);
@@ -32,7 +32,7 @@ IgtlHead headOf(ByteView bytes) {
   return head;
 }
 
-/// Unpacks a message of palpate with the library.
+/// Unpacks a palpate message with the library.
 template <class Message>
 typename Message::Pointer unpacked(const Bytes& bytes) {
   const auto header = igtl::MessageHeader::New();
@@ -108,7 +108,7 @@ TEST_CASE("an image of the OpenIGTLink library keeps its size, placement and val
   int whole[3]{4, 3, 2};  // NOLINT: the library's
   int nowhere[3]{};       // NOLINT
   image->SetSubVolume(whole, nowhere);
-  // i goes along y, j against x: in RAS, or in LPS.
+  // i along y, and j against x, in RAS or in LPS.
   float along_i[3]{0, 1, 0};   // NOLINT
   float along_j[3]{-1, 0, 0};  // NOLINT
   float along_k[3]{0, 0, 1};   // NOLINT
@@ -131,7 +131,7 @@ TEST_CASE("an image of the OpenIGTLink library keeps its size, placement and val
   CHECK(read.axes.col(0).isApprox(Vec3(0, sign * 2, 0)));
   CHECK(read.axes.col(1).isApprox(Vec3(-sign * 3, 0, 0)));
   CHECK(read.axes.col(2).isApprox(Vec3(0, 0, 5)));
-  // The image's middle is between voxels 1 and 2 of i, at 1 of j, between 0 and 1 of k.
+  // The image's centre, in voxels: (1.5, 1, 0.5).
   const Vec3 middle = read.origin + read.axes * Vec3(1.5, 1.0, 0.5);
   CHECK(middle.isApprox(Vec3(sign * 10, sign * 20, 30)));
   const auto volume = volumeOf(read);

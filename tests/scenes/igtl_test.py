@@ -25,7 +25,7 @@ from refusals import refusal  # noqa: E402
 PALPATE = str(Path(sys.argv[1]) / "palpate")
 PATIENCE = 20  # s
 HEAD = struct.Struct(">H12s20sQQQ")
-# The placement of the scene's volume: turned about z by 90 degrees, so that x of the file is y of W.
+# Placement of the scene's volume, rotated by 90 degrees about z: x of the file is y of W.
 SCALE = 0.001
 SHIFT = (0.01, -0.02, 0.03)
 
@@ -84,8 +84,8 @@ SIZE = (24, 12, 12)
 
 
 def wall(at):
-    """Returns a slope along x of the file that is 5 at `at` [mm], for images of SIZE with 2 mm; with integer values
-    if `at` is odd."""
+    """Returns a ramp along x of the file that is 5 at `at` [mm], for images of SIZE with voxels of 2 mm. The values
+    are whole numbers if `at` is odd."""
     row = [max(0, min(10, 5 + 0.5 * (at - 2 * (i - 11.5)))) for i in range(SIZE[0])]
     return row * (SIZE[1] * SIZE[2])
 
@@ -107,7 +107,7 @@ class Client:
         return data
 
     def next(self):
-        """Returns type, name and content of the next message, after checking all of its numbers."""
+        """Returns type, name and content of the next message. Checks all of its numbers."""
         version, kind, name, stamp, size, crc = HEAD.unpack(self.exactly(HEAD.size))
         body = self.exactly(size)
         if version != 1 or crc != crc64(body):
@@ -148,7 +148,7 @@ class Client:
                           lambda text: json.loads(text)["hands"][0]["state"] == word)
 
     def ended(self):
-        """Returns true if the server closes the connection."""
+        """Returns True if the server closes the connection."""
         end = time.monotonic() + PATIENCE / 2
         try:
             while time.monotonic() < end:
@@ -161,7 +161,7 @@ class Client:
 
 
 class Run:
-    """A process of palpate feel, with a server."""
+    """A process of palpate feel with an OpenIGTLink server."""
 
     def __init__(self, folder, *more, device="igtl", scene="scene.json"):
         self.lines = []   # all lines,
@@ -190,7 +190,7 @@ class Run:
         raise AssertionError(f"{pattern}: {self.errors}")
 
     def end(self):
-        """Ends the run and returns its summary."""
+        """Ends the run. Returns its summary."""
         self.child.send_signal(signal.SIGINT)
         out = self.child.stdout.read()
         self.status = self.child.wait(PATIENCE)
@@ -207,7 +207,7 @@ class Run:
 
 
 def in_file(x, y, z):
-    """Converts from W [m] to the file [mm]: the inverse of its placement."""
+    """Converts from W [m] to the file [mm]."""
     x, y, z = (a - b for a, b in zip((x, y, z), SHIFT))
     return (y / SCALE, -x / SCALE, z / SCALE)
 
@@ -251,11 +251,11 @@ class IgtlTest(unittest.TestCase):
         return client
 
     def press(self, client, x):
-        """Moves the hand to a place on the file's x axis. Returns hand, proxy and force when the hand rests."""
+        """Moves the hand to a position on the file's x axis. Returns hand, proxy and force once the hand rests."""
         client.send("TRANSFORM", "PalpateSteer", transform(x, 0, 0))
         begin = time.time()
         last, end = None, time.monotonic() + PATIENCE
-        # Messages that were sent earlier may still arrive.
+        # Skips messages from before the request.
         while not last or client.stamp < begin + 0.4:
             last = client.numbers("PalpateHand")
         while time.monotonic() < end:
@@ -268,7 +268,7 @@ class IgtlTest(unittest.TestCase):
 
     def test_sent_forces_and_positions_equal_the_trace(self):
         trace = self.folder / "trace.csv"
-        # The machine may be late: then the force is cut, and returns.
+        # If the machine is late, the force is cut, but returns.
         run = self.start("--trace", trace, "--reengage", "0.1", device="simulated")
         client = self.connect(run)
         told = []
@@ -290,7 +290,7 @@ class IgtlTest(unittest.TestCase):
         forces = [got for kind, name, got in told if name == "PalpateForce"]
         self.assertLessEqual(set(summary["faults"]), {"late"})
         self.assertGreater(pressed(), 5)
-        self.assertTrue(20 <= shown <= 66, shown)  # 30 a second; fewer on a busy machine
+        self.assertTrue(20 <= shown <= 66, shown)  # 30 per second; fewer on a busy machine
         ticks = {}
         for row in rows:
             probe = in_file(*(float(row["probe_" + a]) for a in "xyz"))
@@ -332,20 +332,20 @@ class IgtlTest(unittest.TestCase):
             hand, proxy, force = self.press(client, where - deep)
             self.assertAlmostEqual(proxy[0], where, delta=0.15, msg=which)
             self.assertLess(hand[0], where - 1, which)
-            # k (proxy - hand), in newtons.
+            # k (proxy - hand) [N]
             self.assertAlmostEqual(force[0], 500 * SCALE * (proxy[0] - hand[0]), delta=0.05, msg=which)
             self.assertGreater(force[0], 0.5, which)
         self.assertEqual(run.end()["igtl"]["images"], 6)
 
     def test_a_client_s_cut_does_not_wait_for_the_run_or_for_images(self):
-        # A client's cut does not wait for the run to begin.
+        # A cut works before the run has begun.
         run = self.start()
         early = self.connect(run)
         early.send("STRING", "PalpateCommand", string("cut"))
         self.assertEqual(early.until("STATUS")[0], 1)
         early.state("cut")
         self.assertEqual(run.end()["faults"], {"stopped": 1})
-        # A cut does not wait for images of other clients.
+        # A cut does not wait for another client's image.
         run = self.start()
         slow, client = self.connect(run), self.connect(run)
         client.state("felt")
@@ -426,7 +426,7 @@ class IgtlTest(unittest.TestCase):
         self.assertLess(summary["late_ticks"], 20)
         lines = [line for line in run.errors if "igtl: 127" in line and "is closed" in line]
         self.assertTrue(lines)
-        self.assertLess(len(lines), len(hostile))  # a line each second; the other closures are counted,
+        self.assertLess(len(lines), len(hostile))  # one line per second, which counts the others
         counted = re.findall(r"\((\d+) earlier not shown\)", "".join(lines))
         self.assertEqual(len(lines) + sum(map(int, counted)), len(hostile))  # including the last ones
         for line in lines:
@@ -445,12 +445,12 @@ class IgtlTest(unittest.TestCase):
         for kind in ("GET_IMAGE", "STT_TDATA", "STP_TDATA"):
             client.send(kind, "x", b"")
             self.assertEqual(client.until("STATUS")[0], 12, kind)
-        # The hand is not led by a client, and the run is recorded.
+        # This run's hand is not led by a client, and the run is recorded.
         client.send("TRANSFORM", "PalpateSteer", transform(0, 0, 0))
         self.assertEqual(client.until("STATUS")[0], 15)
         client.send("IMAGE", "head", image([0], (1, 1, 1)))
         self.assertEqual(client.until("STATUS")[0], 15)
-        # Arbitrary names; a name of 20 bytes has no terminator.
+        # Arbitrary names. A name of 20 bytes has no terminator.
         for name in (b"\xff\x1b[2J\n" * 3, b"12345678901234567890"):
             client.send("TRANSFORM", name, transform(0, 0, 0))
         run.end()
@@ -459,7 +459,7 @@ class IgtlTest(unittest.TestCase):
         client.send("IMAGE", b"\x1b[2J", image([0], (1, 1, 1)))
         self.assertEqual(client.until("STATUS")[0], 4)
         self.assertNotIn("\x1b", "".join(run.errors))
-        # The image's values are checked when the scene is built; the previous scene continues.
+        # The values of an image are checked when the scene is built. On an error the previous scene stays.
         values = wall(0)
         values[7] = float("nan")
         client.send("IMAGE", "head", image(values, SIZE, scalar=10))
@@ -468,7 +468,7 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(run.end()["igtl"]["ended"], 0)
 
     def test_a_slow_client_delays_no_other_client(self):
-        # The hand rests far from all surfaces, so that only other causes make ticks late.
+        # The hand rests far from surfaces, so ticks are not late because of them.
         rest = self.folder / "rest.csv"
         rest.write_text("t,x,y,z\n0,1,1,1\n60,1,1,1\n")
         run = self.start("--igtl-rate", "100", device=f"path:{rest}")
@@ -476,7 +476,7 @@ class IgtlTest(unittest.TestCase):
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         self.addCleanup(deaf.close)
         deaf.connect(("127.0.0.1", run.port))
-        # The client does not read the answers to its requests.
+        # This client does not read the answers.
         deaf.sendall(message("GET_STATUS", "x", b"") * 2000)
         loris = self.connect(run)
         loris.socket.sendall(message("TRANSFORM", "PalpateSteer", transform(0, 0, 0))[:30])
@@ -488,7 +488,7 @@ class IgtlTest(unittest.TestCase):
         self.assertGreater(hands, 150)
         self.assertTrue(loris.ended())
         summary = run.end()
-        self.assertEqual(summary["igtl"]["ended"], 2)  # including the deaf client
+        self.assertEqual(summary["igtl"]["ended"], 2)  # one of them is the deaf client
         self.assertGreater(summary["igtl"]["skipped"], 100)
         self.assertEqual(summary["faults"], {})
         self.assertLess(summary["late_ticks"], 0.005 * summary["ticks"])
@@ -497,14 +497,14 @@ class IgtlTest(unittest.TestCase):
         run = self.start(device="simulated")
         silent = [self.connect(run) for _ in range(4)]
         silent[0].until("TRANSFORM", "PalpateProxy")
-        # The server closes the clients that have waited longest when too many wait.
+        # If too many clients wait, the server closes those that have waited longest.
         waiting = [self.connect(run) for _ in range(20)]
         self.assertTrue(all(one.ended() for one in waiting[:4]))
         late = waiting[-1]
         late.send("TRANSFORM", "PalpateSteer", transform(0, 0, 0))
         late.send("STRING", "PalpateCommand", string("cut"))
-        # The server sends a waiting client only answers.
-        # A late tick cuts the force as well, so the answer shows which cut was first.
+        # A waiting client gets only answers. Because a late tick also cuts the force, the answer's code shows whether
+        # the client's cut came first.
         kind, _, (code, _) = late.next()
         self.assertEqual((kind, code), ("STATUS", 1))
         self.assertEqual(json.loads(silent[0].state("cut"))["hands"][0]["state"], "cut")

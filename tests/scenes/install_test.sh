@@ -10,7 +10,7 @@ palpate=$place/usr/bin/palpate
 echo '{"stiffness":500,"probe":[0,0,-0.001],"primitives":[]}' >balance.jsonl
 printf 'x,y,z\n0,0,0\n' >points.csv
 "$palpate" make two-bodies bodies.vdb >/dev/null
-# The verbs, each with text that only its output contains. The loop below reports verbs that are missing here.
+# The verbs, each with text that only its output has. The loop below reports verbs that are missing here.
 declare -A says=(
     [info]=voxels [brick]=stored [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"'
@@ -26,7 +26,7 @@ run() {
         explain) "$palpate" explain bodies.vdb --at 0,0,0.02 --push 0,0,-0.001 ;;
         press) "$palpate" press bodies.vdb --at 0,0,0.06 --along 0,0,-0.02 ;;
         feel) "$palpate" feel bodies.vdb --seconds 1 ;;
-        # If the window is not installed, the verb prints which package to install.
+        # Without the window, the verb names the package to install.
         view) if [ -x usr/bin/palpate-view ]; then
                 "$palpate" view bodies.vdb --seconds 1 --picture view.png && test -s view.png
             else
@@ -59,14 +59,14 @@ for verb in $("$palpate" --help | sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*
     grep -qF -- "${says[$verb]}" "said.$verb" || { echo "install: $verb says:"; head "said.$verb"; exit 1; }
 done
 
-# The installed prepare makes an example below the current folder.
+# The installed script `prepare` makes an example in the current folder.
 usr/share/palpate/examples/prepare two_bodies >prepared
 "$palpate" check out/examples/two_bodies.json >checked
 
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
-# Features that only some users need are in modules.
+# Features for few users are in modules.
 ldd "$palpate" >libraries
 [ "$(wc -l <libraries)" -le 25 ] || { echo "install: palpate loads more than 25 libraries:"; cat libraries; exit 1; }
 ! grep -E "curl|ddsc|iceoryx|hdf5|mpi|rados|ceph" libraries || { echo "install: these belong in modules"; exit 1; }
@@ -76,7 +76,7 @@ for library in usr/lib/palpate/*.so; do
 done
 PALPATE_MODULES=$place/none "$palpate" info http://localhost/none 2>without || true
 grep -q "install the package palpate-network" without
-# The scripts that draw are not in the user's PATH.
+# Drawing scripts must not be in PATH.
 for script in feel stability trace; do test -x usr/share/palpate/${script}_picture.py; done
 ! ls usr/bin/*.py 2>/dev/null || { echo "install: scripts in the user's PATH"; exit 1; }
 if [ -d usr/share/man/man1 ]; then
@@ -90,7 +90,7 @@ if [ -d usr/share/man/man1 ]; then
         [ ! -s pages ] || { echo "install: of the manual:"; cat pages; exit 1; }
     fi
 fi
-# A host in C finds the header and the library. With sanitizers the host would need them too.
+# A C host finds the header and the library. With sanitizers the host would have to link them, too.
 shared=$(dirname "$(find "$place/usr" -name libpalpate_c.so)")
 if ! ldd "$shared/libpalpate_c.so" | grep libasan >/dev/null; then
     "${CC:-cc}" -std=c99 -Wall -Wextra -Wpedantic -Werror -Iusr/include "$here/embed/host.c" -o host \

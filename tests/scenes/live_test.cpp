@@ -1,4 +1,4 @@
-/// Compares what a window reads from a loop with the loop's own numbers.
+/// Compares the numbers that a window reads from a loop with the loop's own.
 #include "palpate/scenes/library/live.h"
 
 #include <array>
@@ -21,7 +21,7 @@ namespace palpate::live_test {
 
 namespace {
 
-/// A ball of 4 cm with friction, and a viscosity mode.
+/// Returns a scene with a ball of radius 4 cm with friction, and a viscosity mode.
 SceneSpec ballAndDrag() {
   SceneSpec spec;
   spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
@@ -82,7 +82,7 @@ TEST_CASE(
 TEST_CASE("the shared memory has the same loads of primitives as the command explain", "[live]") {
   const BuiltScene built = buildScene(ballAndDrag());
   LiveShare share;
-  LiveWriter writer(share.block(), 100.0);  // every tick whole
+  LiveWriter writer(share.block(), 100.0);  // every tick is written in full
   writer.expect(*built.scene);
   Reader reader;
   ProxyState state;
@@ -130,7 +130,6 @@ TEST_CASE("the shared memory has the same loads of primitives as the command exp
   CHECK(row.force == Approx(tick.report.force.norm()));
   CHECK(row.apart == Approx((tick.probe - tick.report.proxy).norm()));
 
-  // Another process sees the memory through this descriptor.
   const LiveShare other(dup(share.descriptor()));
   LiveTick same;
   REQUIRE(other.block().tick.read(same));

@@ -1,5 +1,4 @@
-/// Tests that the procedural volumes that `palpate make` writes have the properties that the
-/// documents state.
+/// Tests that the volumes that `palpate make` computes have the documented properties.
 #include "palpate/scenes/library/made.h"
 
 #include <cmath>
@@ -19,7 +18,7 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-/// Returns J_ab = d v_a / d x_b of the wind's formula, from differences over a step.
+/// Returns J_ab = d v_a / d x_b of the wind, by central differences.
 Mat3 jacobian(const made::Wind& wind, const Vec3& p, double step) {
   Mat3 J;
   for (int b = 0; b < 3; ++b) {
@@ -29,7 +28,7 @@ Mat3 jacobian(const made::Wind& wind, const Vec3& p, double step) {
   return J;
 }
 
-/// Returns the sum of v dl along a circle about (y, z) in the plane x = const.
+/// Returns the integral of v dl along a circle about `centre` in a plane x = const.
 template <class Velocity>
 double circulation(const Velocity& velocity, const Vec3& centre, double radius) {
   constexpr int kSteps = 720;
@@ -43,7 +42,7 @@ double circulation(const Velocity& velocity, const Vec3& centre, double radius) 
   return sum;
 }
 
-/// Reads a grid of a file as a scene does, with one metre per unit of the file.
+/// Reads a grid as a scene does, with one metre per unit of the file.
 std::shared_ptr<const VectorField> vectorOf(const std::filesystem::path& file,
                                             const std::string& grid, bool axial) {
   Sampling sampling;
@@ -65,7 +64,7 @@ TEST_CASE("the procedural wind has no divergence, and its vortices have the stat
     const Mat3 J = jacobian(wind, p, 1e-5);
     CHECK(std::abs(J.trace()) < 1e-4 * (1.0 + J.norm()));
   }
-  // Far behind the wing, around one vortex: the circulation inside the circle.
+  // Far behind the wing, the circulation around one vortex is the share inside the circle.
   const auto velocity = [&](const Vec3& p) { return wind.velocity(p); };
   const Vec3 right(5.0, 0.5 * wind.span, 0.0);
   const Vec3 left(5.0, -0.5 * wind.span, 0.0);
@@ -74,12 +73,12 @@ TEST_CASE("the procedural wind has no divergence, and its vortices have the stat
     CHECK(circulation(velocity, right, radius) == Approx(share * wind.circulation).epsilon(0.01));
     CHECK(circulation(velocity, left, radius) == Approx(-share * wind.circulation).epsilon(0.01));
   }
-  // In its core the vorticity is circulation / (pi core^2), along the stream.
+  // On its axis, a vortex has vorticity circulation / (pi core^2), along the stream.
   const Mat3 J = jacobian(wind, right, 1e-5);
   const Vec3 curl(J(2, 1) - J(1, 2), J(0, 2) - J(2, 0), J(1, 0) - J(0, 1));
   CHECK(curl.x() == Approx(wind.circulation / (M_PI * wind.core * wind.core)).epsilon(0.01));
   CHECK(std::hypot(curl.y(), curl.z()) < 1e-3 * curl.x());
-  // The wing has lift: the air is faster above than below, and the air behind moves down.
+  // The wing has lift: the air is faster above it than below, and moves down behind it.
   CHECK(wind.velocity({0, 0, 0.03}).x() > wind.stream + 1.0);
   CHECK(wind.velocity({0, 0, -0.03}).x() < wind.stream - 1.0);
   CHECK(wind.velocity({0.2, 0, 0}).z() < -1.0);
@@ -109,7 +108,7 @@ TEST_CASE("the procedural wind's voxels equal its formula with a divergence belo
     divergence2 += J.trace() * J.trace();
     jacobian2 += J.squaredNorm();
   }
-  CHECK(worst < 1e-5);  // [m/s], rounding of floats
+  CHECK(worst < 1e-5);  // [m/s]; rounding of floats
   CHECK(std::sqrt(divergence2 / jacobian2) < 0.02);
   const auto velocity = [&](const Vec3& p) { return field->sample(p, cache).value; };
   for (const double sign : {1.0, -1.0}) {
@@ -137,7 +136,7 @@ TEST_CASE("procedural level sets equal the distance to their surface", "[made]")
     const Vec3 at_bowl = 40.0 * p;
     const Vec3 at_wing = p.cwiseProduct(Vec3(0.06, 0.17, 0.03));
     CAPTURE(p.transpose());
-    // At the ridges of a distance, the differences mix two sides.
+    // At the ridges of a distance field, differences mix two sides.
     if (made::bowl(at_bowl) > 0.0 && at_bowl.norm() > 1.0) {
       CHECK(slope(made::bowl, at_bowl, 1e-4) == Approx(1.0).epsilon(1e-3));
     }
@@ -160,7 +159,7 @@ TEST_CASE("procedural fibres have random signs, and a lower anisotropy where the
   CHECK(std::abs(made::fibre({20, 0, 0}).direction.x()) == Approx(1.0));
   CHECK(made::fibre({0, 0, 0}).anisotropy == Approx(0.484).margin(0.001));
   CHECK(made::fibre({0, 20, 12}).anisotropy == 0.0);
-  // On the bend, the direction is perpendicular to the radius about (-24, 0).
+  // On the bend, the fibres are perpendicular to the radius about (-24, 0).
   const Vec3 on_bend(-24 + 24 * std::cos(1.0), 24 * std::sin(1.0), 0.0);
   CHECK(std::abs(made::fibre(on_bend).direction.dot(Vec3(-std::sin(1.0), std::cos(1.0), 0))) ==
         Approx(1.0));
@@ -213,7 +212,7 @@ TEST_CASE("a procedural volume is reproducible, and a coarser one is as large to
       CHECK(a[i].mean == b[i].mean);
       CHECK(a[i].lowest == b[i].lowest);
       CHECK(a[i].highest == b[i].highest);
-      if (first[i].frames > 1) continue;  // displacement grids keep their voxels
+      if (first[i].frames > 1) continue;  // displacement grids keep their voxel size
       CHECK(coarse[i].voxel == Approx(2.0 * first[i].voxel));
       CHECK((c[i].bounds.size() - a[i].bounds.size()).cwiseAbs().maxCoeff() <
             4.0 * coarse[i].voxel);

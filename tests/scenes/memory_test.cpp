@@ -1,4 +1,4 @@
-/// Tests the loading of a scene without enough memory.
+/// Tests that a scene's load survives a failure of any allocation.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -35,7 +35,7 @@ TEST_CASE("a scene load that runs out of memory leaves the force of the current 
   std::ofstream(file)
       << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.1}}},
     "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 2, "solid": "below"}]})";
-  // Uses a cache, as for a watched file: the next scene shares parts of the previous one.
+  // With a cache, as for a watched file, the next scene shares parts of the last one.
   SceneCache cache;
   const auto load = [&](SceneCache* kept) {
     return buildScene(openScene(file), nullptr, kept).scene;
@@ -58,24 +58,23 @@ TEST_CASE("a scene load that runs out of memory leaves the force of the current 
   REQUIRE(before.norm() > 0.9);
 
   long all = 0;
-  for (int i = 0; i < 2; ++i) {  // the first pass makes data that later loads share
+  for (int i = 0; i < 2; ++i) {  // the first pass creates data that later loads share
     const FailScope none(-1);
     REQUIRE(load(nullptr) != nullptr);
     all = FailScope::seen();
   }
-  // Fails each of the first 200 allocations, then every `step`-th.
+  // Lets each of the first 200 allocations fail, then every `step`-th.
   long refused = 0;
   long told = 0;
   long loaded = 0;
   const long step = std::max(1L, all / test::cases(300));
   for (long n = 1; n <= all; n += n < 200 ? 1 : step) {
     CAPTURE(n, all);
-    // This variable is declared outside of the FailScope, because freeing OpenVDB's trees allocates
-    // memory.
+    // Declared outside the FailScope, because freeing OpenVDB's trees allocates memory.
     std::shared_ptr<const Scene> scene;
     try {
       const FailScope fails(n);
-      // Every second load shares its volume with the scene in use.
+      // Every second load shares its volume with the current scene.
       scene = load(n % 2 == 0 ? &cache : nullptr);
       tick(z);
       ++loaded;
@@ -92,9 +91,9 @@ TEST_CASE("a scene load that runs out of memory leaves the force of the current 
       "of %ld allocations: %ld loads without one were refused, %ld told by an error, %ld did "
       "without\n",
       all, refused, told, loaded);
-  // The number of failed allocations is at least a quarter of the attempted loads.
+  // At least a quarter of the loads must have failed.
   CHECK(refused > (refused + told + loaded) / 4);
-  // If a stream gets no memory, the load reports a file that cannot be read.
+  // If a stream gets no memory, the load reports an unreadable file instead.
   CHECK(told <= 2);
   CHECK(load(&cache) != nullptr);
   fs::remove_all(folder);

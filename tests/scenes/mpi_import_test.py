@@ -34,7 +34,7 @@ os.environ.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1"
 
 
 def command(ranks, *words):
-    """Returns the command. With 0 ranks, it starts one process without mpirun."""
+    """Returns the command; with 0 ranks without mpirun."""
     begin = [MPIRUN, *HERE, "-n", str(ranks)] if ranks else []
     return [*begin, IMPORT, *map(str, words)]
 
@@ -47,7 +47,7 @@ def run(ranks, *words, status=0):
 
 
 def lines_of(done):
-    """Returns palpate's lines: mpirun prints more about a failed rank."""
+    """Returns palpate's lines: mpirun adds lines about failed ranks."""
     return [line for line in done.stderr.splitlines() if line.startswith("palpate: ")]
 
 
@@ -56,11 +56,11 @@ def files_in(folder):
             if one.is_file()}
 
 
-SIZE = (30, 26, 250)  # 4 slabs of bricks, the last one not full
+SIZE = (30, 26, 250)  # 4 layers of bricks, the last one incomplete
 
 
 def blob(scale=1.0):
-    """Returns a wavy rod along k in an empty image. Its values vary everywhere, and it ends before the last slab."""
+    """Returns a wavy rod along k in an empty image. It ends before the last layer, and its values vary everywhere."""
     values = array.array("f")
     for k in range(SIZE[2]):
         x0, y0 = 14 + 6 * math.sin(k / 17), 12 + 5 * math.cos(k / 23)
@@ -98,7 +98,7 @@ class Case(unittest.TestCase):
         self.assertEqual([name for name in alone if alone[name] != other[name]], [])
 
     def check(self, ranks, file, *words):
-        """All numbers of ranks must give the same bytes and the same report, except for memory."""
+        """Checks that any number of ranks gives the same bytes and the same report, except for memory."""
         name = f"{file.name}{len(list(self.dir.iterdir()))}"
         alone = self.dir / f"{name}_alone"
         report = json.loads(run(0, file, alone, "--bricks", "--json", *words).stdout)
@@ -125,7 +125,7 @@ class Bytes(Case):
         self.check([2], self.raw, *self.layout, "--tolerance", "3")
 
     def test_an_import_with_data_on_one_rank_only_equals_that_of_a_single_process(self):
-        # Only the third slab is active, so its rank has no active neighbours.
+        # Only the third layer is active, so its rank has no active neighbours.
         values = array.array("f", self.values)
         slab = SIZE[0] * SIZE[1] * 64
         for n in list(range(2 * slab)) + list(range(3 * slab, len(values))):
@@ -233,7 +233,7 @@ class Trouble(Case):
             done = subprocess.run([IMPORT, str(self.raw), str(self.dir / f"{name}.vdb"), *map(str, self.layout)],
                                   env={**os.environ, name: "0"}, capture_output=True, text=True, timeout=PATIENCE)
             self.assertEqual(done.returncode, 0, done.stderr)
-        # If mpirun belongs to a different MPI, every process considers itself the first rank.
+        # If mpirun is from another MPI, every process believes that it is the first rank.
         done = subprocess.run([IMPORT, str(self.raw), str(self.dir / "many"), "--bricks", *map(str, self.layout)],
                               env={**os.environ, "PMI_RANK": "1", "PMI_SIZE": "2"}, capture_output=True, text=True,
                               timeout=PATIENCE)
@@ -258,7 +258,7 @@ class Trouble(Case):
         fcntl.flock(held, fcntl.LOCK_EX)
         self.refused(run(3, self.raw, out, "--bricks", *self.layout, status=2), "held")
         os.close(held)
-        # Only the last rank cannot write a brick to its place.
+        # Only the last rank cannot write a brick.
         words = [self.raw, out, "--bricks", *self.layout]
         run(2, *words)
         (out / "palpate.bricks").unlink()
@@ -274,8 +274,7 @@ class Trouble(Case):
         self.assert_same(files_in(alone), files_in(out))
 
     def processes(self, out, rank):
-        """Returns the two processes of a rank: the one that mpirun has started, and its child process, which does the
-        work."""
+        """Returns the two processes of a rank: the one that mpirun started, and its child, which works."""
         found = {}
         for one in Path("/proc").iterdir():
             try:

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Installs the .debs on an empty Debian of the same release, made by debootstrap: packages_test.sh BUILD
-# Installs them with apt, imports and feels a head, steps it from Python; prints the minutes and the megabytes.
-# Needs root, debootstrap and the network; otherwise skipped (77). For ./test.sh --long.
+# Installs the .debs with apt on an empty Debian of this release, made by debootstrap: packages_test.sh BUILD. Then
+# imports and feels a head, and steps it from Python. Prints minutes and megabytes. Needs root, debootstrap and the
+# network; otherwise exits with 77. For ./test.sh --long.
 set -euo pipefail
 [ "$(id -u)" -eq 0 ] && command -v debootstrap >/dev/null || { echo "packages: needs root and debootstrap"; exit 77; }
 image=/usr/share/mricron/templates/ch2.nii.gz
@@ -9,7 +9,7 @@ image=/usr/share/mricron/templates/ch2.nii.gz
 place=$(mktemp -d)
 root=$place/root
 debs=$place/debs
-# No file system that could lose data is mounted below the folder.
+# No file system with data is mounted below the folder, so removing it is safe.
 cleanup() {
     umount "$root/proc" 2>/dev/null || true
     rm -rf --one-file-system "$place"

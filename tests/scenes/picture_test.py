@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Tests the picture of a run: picture_test.py BIN_DIR VOLUMES_PROGRAM. The tests intercept the program's input for
-the drawing script, and read the drawn content from an SVG and from the figure."""
+"""Tests the picture of a run: picture_test.py BIN_DIR VOLUMES_PROGRAM. The tests capture the drawing script's input,
+and read what it has drawn from an SVG and from the figure."""
 import json
 import math
 import os
@@ -23,7 +23,7 @@ from cli_test import BIN, Case, run  # noqa: E402
 SCENES = Path(__file__).resolve().parents[2] / "scenes" / "apps" / "cli"
 SVG = "{http://www.w3.org/2000/svg}"
 PLANES = [[0, 1], [0, 2], [1, 2]]
-# Properties of feel_picture.py's figure: greys, alphas of the path, positions of axes and legend.
+# Prints properties of feel_picture.py's figure: greys, alphas of the path, positions of axes and legend.
 LOOK = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
@@ -44,7 +44,7 @@ json.dump({
 
 
 def nrrd(file, size, values, *head, kind="float"):
-    """Writes values by (i, j, k), i fastest, with these lines in the header."""
+    """Writes values(i, j, k), i fastest, with these header lines."""
     lines = ["NRRD0004", f"type: {kind}", "endian: little", "encoding: raw", *head]
     numbers = [values(i, j, k) for k in range(size[2]) for j in range(size[1])
                for i in range(size[0])]
@@ -53,7 +53,7 @@ def nrrd(file, size, values, *head, kind="float"):
 
 
 def ball(i, j, k):
-    """1000 in a ball, -1000 around it; a bright spot in direction +i from its centre."""
+    """Returns 1000 in a ball, -1000 around it, and 2000 in a spot that is off centre towards +i."""
     if math.dist((i, j, k), (24, 15, 15)) < 3:
         return 2000.0
     return 1000.0 if math.dist((i, j, k), (15, 15, 15)) < 12 else -1000.0
@@ -70,8 +70,8 @@ class Pictures(Case):
         cls.fork = drawing.Fork(cls.addClassCleanup, BIN)
         (cls.fork.folder / "look.py").write_text(LOOK, encoding="utf-8")
         cls.looker = cls.fork.add("look", cls.fork.folder / "look.py")
-        cls.shared = {}  # Drawings and inputs that tests share.
-        # The program with a drawing script that keeps its input.
+        cls.shared = {}  # drawings and inputs that tests share
+        # A copy of the program with a drawing script that stores its input.
         cls.tee = cls.dir / "tee"
         cls.tee.mkdir()
         shutil.copy2(BIN / "palpate", cls.tee)
@@ -98,7 +98,7 @@ class Pictures(Case):
                 raise AssertionError(done.stderr)
 
     def path(self, *rows):
-        """Makes a hand that goes from place to place, one second each."""
+        """Makes a hand that moves through these positions, one second each."""
         file = self.dir / "path.csv"
         file.write_text("t,x,y,z\n" + "".join(f"{t},{x},{y},{z}\n"
                                               for t, (x, y, z) in enumerate(rows)))
@@ -111,19 +111,19 @@ class Pictures(Case):
         return file
 
     def once(self, make, *words):
-        """Returns the result of the first call with these arguments. The caller must not change it."""
+        """Returns the result of the first call with these arguments. Callers must not change it."""
         if (make.__name__, words) not in self.shared:
             self.shared[make.__name__, words] = make(*words)
         return self.shared[make.__name__, words]
 
     def given_head(self):
-        """Returns the input of the drawing script for head("lps")."""
+        """Returns the drawing script's input for head("lps")."""
         if "head" not in self.shared:
             self.shared["head"] = self.given("feel", *self.head("lps"))
         return json.loads(json.dumps(self.shared["head"]))
 
     def given(self, *words):
-        """Returns the input of the drawing script."""
+        """Returns the drawing script's input for a command."""
         kept = self.dir / "kept.json"
         place = self.dir / "kept.svg"
         subprocess.run([str(self.tee / "palpate"), *map(str, words), "--picture", place],
@@ -168,7 +168,7 @@ class Pictures(Case):
         self.assertIn("force on the hand [N]", words)
 
     def test_orientation_letters_are_at_the_correct_sides_of_a_picture(self):
-        ends = [("L", "R"), ("P", "A"), ("I", "S")]  # of -x and +x, and so on
+        ends = [("L", "R"), ("P", "A"), ("I", "S")]  # at -x, +x, and so on
         letters = self.look(self.given_head())["letters"]
         for seen, (a, b) in zip(letters, PLANES):
             (left, right), (low, high) = ends[a], ends[b]
@@ -179,12 +179,12 @@ class Pictures(Case):
             self.assertGreater(seen[high][1], 0.9)
 
     def test_positions_in_a_picture_of_a_patient_are_in_patient_space(self):
-        # LPS to RAS: the centre, 15 voxels of 2 mm from (10, 20, 30), is at (-40, -50, 60). The bright spot, at larger
-        # i, is to the patient's left.
+        # LPS to RAS: the centre, 15 voxels of 2 mm from (10, 20, 30), is (-40, -50, 60). The bright spot, at larger i,
+        # is on the patient's left.
         half = math.sqrt(0.5)
         for turned in (False, True):
             words = self.head("lps")
-            if turned:  # a quarter turn about z: the patient's front is at W's -x
+            if turned:  # a quarter turn about z: the patient's front is W's -x
                 scene, *_ = self.head("lps", rotation_wxyz=[half, 0, 0, half],
                                       translate=[-0.05, 0.04, -0.06])
                 way = self.path((-0.04, 0, 0), (-0.02, 0, 0), (-0.04, 0, 0))
@@ -195,7 +195,7 @@ class Pictures(Case):
                 for shown, place in zip(row[1:4], (-40, -10, 60)):
                     self.assertAlmostEqual(shown, place, delta=0.5)
             strongest = max(data["ticks"], key=lambda row: math.hypot(*row[4:7]))
-            self.assertGreater(strongest[5], 1.0)  # pushed out to the front
+            self.assertGreater(strongest[5], 1.0)  # the force points to the front
             for got, place in zip(data["extent"], ((-62, -72, 38), (-18, -28, 82))):
                 for a in range(3):
                     self.assertAlmostEqual(got[a], place[a], delta=1e-3)
@@ -253,8 +253,7 @@ class Pictures(Case):
             self.assertNotIn(f'id="{there}"', text)
             field = self.given(*words)["fields"][0]
             self.assertEqual(field["kind"], "axial" if axial else "vector")
-            # The flow points to the right and grows with y. In the slice across x the vectors show the flow's y
-            # component.
+            # The flow points right and grows with y. In the slice across x, the vectors show its y component.
             for x, y in (v for line in field["slices"][0]["vectors"] for v in line if v):
                 self.assertGreater(abs(x), 0.9)
                 self.assertAlmostEqual(abs(y), 0.5, delta=1e-6)
@@ -272,7 +271,7 @@ class Pictures(Case):
         drag = {"name": "drag", "mode": "viscosity", "of": "a", "strength": 0.05}
         wall = {"name": "wall", "mode": "isosurface", "of": "b", "value": 0, "solid": "above",
                 "strength": 5}
-        # The drag acts all the time; the hand meets the wall for a second.
+        # The drag acts all the time; the wall acts for a second.
         device = self.path((0, 0.029, 0), (0.005, 0.029, 0), (-0.005, 0.029, 0), (0, 0.029, 0),
                            (0, 0.018, 0), (0, 0.029, 0))
         data = self.given("feel", self.scene("two", volumes, drag, wall), "--device", device)
@@ -287,9 +286,9 @@ class Pictures(Case):
         far = 0.5 * (data["extent"][1][0] - data["extent"][0][0])
         data["ticks"] = [[0.1 * i, x + 0.02 * i, y, z + (0 if i < 100 else far), 0, 0, 0.01 * i]
                          for i in range(200)]
-        for colours in self.look(data)["alphas"][0]:  # the slice across z: rim and line
+        for colours in self.look(data)["alphas"][0]:  # slice across z: rim and line
             self.assertGreater(max(colours), 3 * min(colours))
-            self.assertEqual(colours, sorted(colours))  # near stretches are on top
+            self.assertEqual(colours, sorted(colours))  # near pieces are drawn last
 
     @suite.smoke
     def test_a_moving_volume_is_drawn_at_the_time_of_most_force(self):
@@ -300,8 +299,8 @@ class Pictures(Case):
                 "strength": 5}
         scene = self.scene("moves", {"body": {"file": "lps.vdb", "place": place}}, wall)
         data = self.given("feel", scene, "--device", self.path(*[(0, 0.035, 0)] * 3))
-        self.assertFalse(data["space"]["patient"])  # the patient's space does not move
-        # The volume moves to the hand. The force is largest at the end, when the front is at 0.024 + 0.02.
+        self.assertFalse(data["space"]["patient"])  # no patient space, because the volume moves
+        # The volume moves towards the hand. The force is largest at the end, when its front is at 0.024 + 0.02.
         self.assertAlmostEqual(data["stands_at"], 2.0, delta=0.1)
         column = [line[len(line) // 2] for line in data["fields"][0]["slices"][0]["values"]]
         low, high = data["extent"][0][1], data["extent"][1][1]
@@ -322,7 +321,7 @@ class Pictures(Case):
     def test_a_picture_is_written_in_every_format(self):
         words = ("feel", self.dir / "ball.vdb", "--seconds", 0.5, "--picture")
         pictures = {"svg": self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1).encode()}
-        run(*words, self.dir / "p.png")  # the program and its script, without the fork
+        run(*words, self.dir / "p.png")  # with the real script, not its fork
         self.drawn(*words, self.dir / "p.pdf")
         for ending in ("png", "pdf"):
             place = self.dir / f"p.{ending}"

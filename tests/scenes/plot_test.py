@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Tests plots of traces: plot_test.py BIN_DIR VOLUMES_PROGRAM. Compares the numbers that a picture reports (--json)
-with the trace's own numbers, computed here without the drawing script."""
+"""Tests plots of traces: plot_test.py BIN_DIR VOLUMES_PROGRAM. Compares the numbers that a plot reports (--json) with
+numbers that this test computes from the trace."""
 import csv
 import json
 import math
@@ -48,7 +48,7 @@ class Numbers:
         self.force = [math.hypot(*f) for f in forces]
         self.gap = [1e3 * math.dist(*pair) for pair in zip(self.probe, self.proxy)]
         self.bound = [float(row["error_bound"]) for row in rows]
-        self.energy = [0.0]  # [mJ]: a tick's force works until the next tick
+        self.energy = [0.0]  # [mJ]; each tick's force works until the next tick
         for f, a, b in zip(forces, self.probe, self.probe[1:]):
             self.energy.append(self.energy[-1] + 1e3 * sum(n * (y - x) for n, x, y in zip(f, a, b)))
         self.ticks = sorted(int(row["tick_ns"]) for row in rows)
@@ -56,7 +56,7 @@ class Numbers:
         self.limited = sum(row["limited"] == "1" for row in rows)
 
     def percentile(self, share):
-        """Returns the smallest time that this share of ticks does not exceed [us]."""
+        """Returns the shortest time that this share of ticks does not exceed [us]."""
         return 1e-3 * self.ticks[math.ceil(share * len(self.ticks)) - 1]
 
 
@@ -66,7 +66,7 @@ class Plot(unittest.TestCase):
         cls.holder = tempfile.TemporaryDirectory()
         cls.dir = Path(cls.holder.name)
         cls.fork = drawing.Fork(cls.addClassCleanup, BIN)
-        cls.shared = {}  # Drawings that tests share.
+        cls.shared = {}  # drawings that tests share
         process.run([VOLUMES, str(cls.dir)], check=True)
         cls.traces, cls.numbers, cls.felt = [], [], []
         for name, strength in STRENGTHS.items():
@@ -86,7 +86,7 @@ class Plot(unittest.TestCase):
         cls.holder.cleanup()
 
     def drawn(self, *traces, out="runs.png", stdin=""):
-        """Returns the reported content and the picture. Removes its file."""
+        """Returns the reported content and the picture. Removes the picture's file."""
         place = self.dir / out
         done = run("plot", *traces, "--out", place, "--json", stdin=stdin, programs=self.fork.folder)
         self.assertEqual(done.stderr, "")
@@ -105,7 +105,7 @@ class Plot(unittest.TestCase):
         return self.drawn_once("both", lambda: self.drawn(*self.traces))
 
     def both_printed(self):
-        """Draws both traces by a new process, without --json. Returns the printed lines and the picture."""
+        """Draws both traces in a new process without --json. Returns the printed lines and the picture."""
         def draw():
             place = self.dir / "words.png"
             said = run("plot", *self.traces, "--out", place).stdout.splitlines()
@@ -156,7 +156,7 @@ class Plot(unittest.TestCase):
             self.near(shown["energy_mJ"], 1e3 * felt["net_energy"])
             for word, share in (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0)):
                 self.near(shown["tick_us"][word], own.percentile(share))
-                if 1e3 * shown["tick_us"][word] < 65000:  # above, the summary is coarser
+                if 1e3 * shown["tick_us"][word] < 65000:  # larger times are coarser in the summary
                     self.near(shown["tick_us"][word], 1e-3 * felt["tick_ns"][word])
             self.assertEqual(shown["status"], {w: own.words.count(w) for w in set(own.words)})
             self.assertEqual(shown["limited"], own.limited)
@@ -175,7 +175,8 @@ class Plot(unittest.TestCase):
                 self.assertEqual(shown["y"]["scale"], "log" if panel == "bound" else "linear")
                 self.assertLessEqual(shown["x"]["limits"][0], own.t[0])
                 self.assertGreaterEqual(shown["x"]["limits"][1], own.t[-1])
-                # Fewer points than ticks, including the least and the largest; an error of zero is drawn at the bottom.
+                # The line has fewer points than ticks, but the smallest and the largest value. An error of zero is
+                # drawn at the bottom.
                 least, most, count = shown["line"]
                 self.assertLessEqual(count, 2002)
                 self.near(most, max(lines[panel]))
@@ -203,7 +204,7 @@ class Plot(unittest.TestCase):
             self.assertEqual(panels[name, "status"]["texts"], [str(c) for c in counts])
             self.assertEqual(panels[name, "force"]["legend"][0], "sent")
             self.assertIn(f"limited ({own.limited} tick", panels[name, "force"]["legend"][1])
-        # Runs can be compared: a panel has one range for all runs.
+        # A panel has the same range for all runs, so that they can be compared.
         for panel in (*PLANES, *OVER_TIME, "status", "times"):
             ranges = {json.dumps(panels[name, panel]["y"]["limits"]) for name in STRENGTHS}
             self.assertEqual(len(ranges), 1, panel)
@@ -214,7 +215,7 @@ class Plot(unittest.TestCase):
             told, picture = self.both() if kind == "png" else self.drawn(*traces, out=f"runs.{kind}")
             self.assertEqual((told["format"], told["dpi"]), (kind, 300))
             again = self.both_printed() if kind == "png" else self.drawn(*traces, out=f"runs.{kind}")
-            self.assertEqual(again[1], picture)  # without dates
+            self.assertEqual(again[1], picture)  # has no dates
             self.assertNotIn(str(self.dir).encode(), picture)
             self.assertLess(len(picture), 3e6)
             if kind == "png":
@@ -227,7 +228,7 @@ class Plot(unittest.TestCase):
                     self.assertAlmostEqual(pixels, 300 * inches, delta=1)
             elif kind == "pdf":
                 self.assertEqual(picture[:5], b"%PDF-")
-                self.assertIn(b"/FontFile2", picture)  # fonts as journals require them
+                self.assertIn(b"/FontFile2", picture)  # fonts that journals accept
                 self.assertNotIn(b"/Type3", picture)
             else:
                 words = " ".join(" ".join(text.itertext()) for text in ET.fromstring(picture).iter(
@@ -258,13 +259,13 @@ class Plot(unittest.TestCase):
                          {"converged": "150000", "hairpin": "149999", "substep-limit": "0", "fault": "1",
                           "limited": "1"})
         self.assertEqual(panels["force"]["legend"], ["sent", "limited (1 tick)"])
-        # All marks are drawn: the intervals of the two statuses, one of fault, one of limited.
+        # All marks are drawn: intervals of the two statuses, one fault, one limited force.
         self.assertEqual(panels["status"]["marks"], 4)
 
     def test_a_plot_reads_traces_with_more_columns_in_another_order(self):
-        """A trace from a pipe, too."""
+        """One of the traces comes from a pipe."""
         told, _ = self.six()
-        _, usual, *_, other, piped = [  # only the first has a legend of the paths
+        _, usual, *_, other, piped = [  # only the first run has a legend of the paths
             ({**run, "name": ""}, [{**panel, "run": ""} for panel in told["panels"] if panel["run"] == run["name"]])
             for run in told["runs"]]
         self.assertEqual([run["name"] for run in told["runs"][4:]], ["other", "stdin"])
@@ -342,7 +343,7 @@ class Plot(unittest.TestCase):
         bad("\n".join([head, first.replace("converged", "fine")]), says='"fine" is not a status')
         bad("\n".join([head, second, first]), says="bad.csv line 3: its time is earlier")
         bad(head + "\n" + "1," * 40000, says="bad.csv line 2: it is longer than")
-        # Existing files are kept: an input, and the previous picture.
+        # Existing files are kept: an input and the previous picture.
         trace = self.written("trace.png", text)
         refused(trace, "--out", trace, says="it is an input of this run")
         link = self.dir / "link.svg"

@@ -14,7 +14,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 
 def script(path, folder, *words):
-    """Returns the script's output. Runs it without a display, so that it waits for no window."""
+    """Runs a script without a display, so that it waits for no window. Returns its output."""
     env = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
     done = subprocess.run([sys.executable, str(ROOT / path), *map(str, words)], cwd=folder, text=True,
                           env={**env, "MPLBACKEND": "Agg"}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -42,7 +42,7 @@ def test_the_python_benchmark_measures_speed_and_accuracy(tmp_path):
     assert len(of) == 27
     assert all(ns > 0 for ns, _, _ in of.values())
     off = [of[how, 1e-4, 64][1] for how in ("trilinear", "quadratic", "cubic")]
-    # The interpolant's own error is at most (k1 + k2) / 8: for a ball of 8 voxels 1 / 32.
+    # The interpolation error is at most (k1 + k2) / 8, which is 1 / 32 for a ball of 8 voxels.
     assert off[0] == pytest.approx(1 / 32, rel=0.1)
     assert off[1] < off[0] / 4 and off[2] < off[1] / 10
     for how in ("trilinear", "quadratic", "cubic"):

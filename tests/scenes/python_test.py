@@ -28,7 +28,7 @@ def program(*words, **more):
 
 
 def ball(n=49, dtype="f4"):
-    """Returns the depth under the surface of a ball of radius 0.8, in a cube of edge 2."""
+    """Returns the depth below the surface of a ball of radius 0.8, in a cube of edge 2."""
     x = np.linspace(-1, 1, n)
     r = np.sqrt(x[:, None, None]**2 + x[:, None]**2 + x**2)
     return palpate.volume((0.8 - r).astype(dtype), spacing=2 / (n - 1), origin=(-1, -1, -1), name="ball")
@@ -36,14 +36,14 @@ def ball(n=49, dtype="f4"):
 
 @pytest.fixture(scope="module")
 def bodies(tmp_path_factory):
-    """Writes a scene with files: the procedural volume two-bodies."""
+    """Writes a scene with files: the volume two-bodies of `palpate make`."""
     folder = tmp_path_factory.mktemp("bodies")
     program("make", "two-bodies", folder / "bodies.vdb")
     return folder / "bodies.vdb"
 
 
 def press(ticks=2000):
-    """Returns the path of a hand that approaches along z, and slides."""
+    """Returns the path of a hand that approaches along z, then slides."""
     path = np.zeros((ticks, 3))
     path[:, 2] = np.interp(np.arange(ticks), [0, ticks / 2, ticks], [0.05, 0.0375, 0.036])
     path[:, 0] = np.interp(np.arange(ticks), [0, ticks / 2, ticks], [0, 0, 0.01])
@@ -143,7 +143,7 @@ def test_a_run_from_python_equals_that_of_palpate_feel(bodies, tmp_path):
     program("feel", bodies, "--device", f"path:{tmp_path}/path.csv", "--rate", 2000, "--trace", tmp_path / "t.csv")
     told = [line.split(",") for line in (tmp_path / "t.csv").read_text().splitlines()]
     rows = scene.run(path, 2000)
-    # The trace's additional columns are loads of modes.
+    # Additional columns of the trace are loads of modes.
     columns = [name for name in told[0] if not name.startswith("load_")]
     assert list(rows.dtype.names) == columns == told[0][:len(columns)]
     assert len(rows) == len(told) - 1 == 3201
@@ -178,7 +178,7 @@ def test_single_steps_from_python_give_the_same_forces_as_a_run():
     assert forces[-1, 2] > 0.5
     assert hand.report["status"] == "converged" and hand.fault == ""
     assert hand.proxy == hand.report["proxy"]
-    # The scene's own hand, at 1 kHz.
+    # The scene's hand runs at 1 kHz.
     assert np.array([scene.step(*p) for p in path]) == pytest.approx(forces, abs=0)
 
 
@@ -198,7 +198,7 @@ def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
     hand = np.zeros((401, 3))
     hand[:, 0] = np.interp(np.arange(401), [0, 80], [0.015, 0.007])
     rows = palpate.Scene.parse(scene).run(hand)
-    # From 0.1 s on at half the speed: 5 mm a second, starting at 9 mm.
+    # From 0.1 s at half speed: 5 mm/s, from 9 mm.
     for t in (0.1, 0.2, 0.3, 0.4):
         assert rows["proxy_x"][round(1000 * t)] == pytest.approx(0.009 + 0.005 * t, abs=5e-5)
     by_steps = palpate.Scene.parse(scene)
@@ -226,7 +226,7 @@ def test_a_scene_accepts_the_numbers_of_numpy():
     volumes = {"ball": ball(9)}
     told = [palpate.Scene.parse(scene, volumes).explain((0, 0, 0.05), (0, 0, -0.002)) for scene in (plain, numpys)]
     assert told[0] == told[1]
-    assert list(numpys["volumes"]["ball"]) == ["place"]  # the script's own dict is not changed
+    assert list(numpys["volumes"]["ball"]) == ["place"]  # the script's dict must not change
 
 
 def deep(levels=100000):
@@ -255,7 +255,7 @@ def test_an_invalid_scene_is_refused_with_its_reason(wrong, why, with_volume):
 
 
 def alone(script):
-    """Returns the output of a script that runs in its own Python process."""
+    """Returns the output of a script in a new Python process."""
     return subprocess.run([sys.executable, "-c", SCRIPT + script], check=True, capture_output=True, text=True,
                           timeout=300).stdout
 
@@ -301,7 +301,7 @@ except palpate.Error as e:
     "s.run([(0, 0, 0, 0.05), (8000, 0, 0, 0.05)])",
 ])
 def test_ctrl_c_ends_a_long_call(work):
-    # Measures the processor time that the thread uses after the interruption, independent of the machine's load.
+    # Measures the thread's processor time after the interruption, which does not depend on the machine's load.
     told = alone(f"""
 s = scene()
 values = np.random.default_rng(1).normal(size=(112, 112, 112)).astype("f4")

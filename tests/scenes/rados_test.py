@@ -26,7 +26,7 @@ except ImportError:
 
 
 class Cluster:
-    """One monitor, one store (OSD), one pool."""
+    """A cluster of one monitor, one store (OSD) and one pool."""
 
     def __init__(self, home):
         self.programs, self.as_admin = [], None
@@ -106,7 +106,7 @@ class Cluster:
         return json.loads(out) if out else None
 
     def copy(self, folder):
-        """Copies a folder as docs/servers.md describes: the manifest last."""
+        """Copies a folder as docs/servers.md describes, with the manifest last."""
         files = [file for file in folder.rglob("*") if file.is_file()]
         for file in sorted(files, key=lambda file: file.name == "palpate.bricks"):
             self.pool.write_full(str(file.relative_to(folder.parent)), file.read_bytes())
@@ -115,7 +115,7 @@ class Cluster:
         for program in self.programs:
             program.kill()
             program.wait()
-        # Not earlier: shutdown waits for stopped processes.
+        # Must be last: shutdown() waits for stopped processes.
         if self.as_admin is not None:
             self.as_admin.shutdown()
 
@@ -150,8 +150,7 @@ class Killed(Ended, Server):
 
 
 def load_tests(_loader, tests, _pattern):
-    """Orders the tests: the test that kills the cluster is the last one, so that no other test has to make another
-    cluster."""
+    """Runs the test that kills the cluster last, so that no other test needs a new cluster."""
     return unittest.TestSuite(sorted(suite.cases_of(tests), key=lambda test: "is_killed" in test.id()))
 
 

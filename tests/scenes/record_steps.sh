@@ -1,5 +1,5 @@
 #!/bin/bash
-# Records a run, kills it, replays it and compares the recordings, step by step: record_steps.sh BIN PYTHON
+# Records a run, kills it, replays it and compares the recordings: record_steps.sh BIN PYTHON
 set -eu
 bin=$1
 python=$2
@@ -10,13 +10,13 @@ PATH=$bin:$PATH
 
 step() { printf '\n%s\n' "## $*"; }
 try() { printf '$ %s\n' "$*"; "$@"; }
-# If the loop of the recorded run was late, the replay repeats that fault and ends with status 1. `compare` judges it.
+# If the recorded loop was late, the replay repeats the fault and ends with status 1. `compare` checks the result.
 hush() {
     printf '$ %s\n' "$*"
     "$@" >hushed.txt 2>&1 && return
     [ $? -eq 1 ] && grep 'the force was cut: the loop was late' hushed.txt || { cat hushed.txt; exit 1; }
 }
-# For commands that must exit with status 1, because the recordings differ.
+# Runs a command that must exit with status 1, because recordings differ.
 differ() { printf '$ %s\n' "$*"; if "$@"; then echo "they do not differ"; exit 1; fi; }
 
 step "a scene"

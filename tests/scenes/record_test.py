@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Tests recordings through the command line: record_test.py BIN_DIR VOLUMES_PROGRAM [--host] [--without-hdf5]. With
---host runs the tests that depend on how the machine schedules, without it all others. With --without-hdf5 tests a
-program that was built without HDF5."""
+--host runs the tests that depend on the scheduler, otherwise all others. With --without-hdf5 tests a program that was
+built without HDF5."""
 import csv
 import json
 import os
@@ -44,7 +44,7 @@ def run(*words, status=0):
 
 
 def rows_of(file):
-    """Reads a recording with the code of docs/recording.md."""
+    """Reads a recording with the code in docs/recording.md."""
     text = (ROOT / "docs/recording.md").read_text(encoding="utf-8")
     lines = re.search(r"```python\n(.*?)```", text, re.DOTALL).group(1)
     names = {}
@@ -83,7 +83,7 @@ class Recorded(Case):
             self.assertTrue(told["identical"])
             self.assertEqual(told["ticks"], [4000, 4000])
         self.assertIn("identical to the last bit, 4000 ticks", run("compare", a, a).stdout)
-        # Traces and summaries of the replay equal those of the run, except for times.
+        # The replay's summary equals the run's, except for times.
         told = [json.loads(run("feel", self.scene, "--json", *words).stdout)
                 for words in (("--seconds", 4), ("--device", f"replay:{a}"))]
         for key in ("force_max", "samples", "status", "net_energy"):
@@ -95,14 +95,14 @@ class Recorded(Case):
         wind.write_text(run("scene", self.dir / "wind.vdb").stdout, encoding="utf-8")
         for scene in (self.scene, wind):
             a = self.record("a.rec", scene, "--seconds", 3)
-            # One core loads and derives instead of two; the C library uses its variants without FMA.
+            # First one core instead of all, then the C library without FMA.
             for words, more in ((["taskset", "-c", "0"], {}),
                                 ([], {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2"})):
                 subprocess.run([*words, PALPATE, "feel", scene, "--device", f"replay:{a}",
                                 "--record", self.dir / "b.rec"], env={**os.environ, **more},
                                capture_output=True, check=True)
                 self.assertTrue(self.compare("a.rec", "b.rec")["identical"], (scene, words))
-        # Rotations of moving volumes use the C library's sines, whose differences are far below a tick's error bound.
+        # Rotations of moving volumes use the C library's sine, whose differences are far below the error bound.
         moving = json.loads(json.dumps(SCENE))
         moving["volumes"]["ball"]["place"] = {
             "fit": 0.1, "repeat": True, "keyframes": [
@@ -129,7 +129,7 @@ class Recorded(Case):
         words = run("compare", a, self.dir / "b.rec", status=1).stdout
         self.assertIn(f"first in tick {told['first']['tick']} ", words)
         self.assertIn("largest   in tick", words)
-        # The output has a command that explains this tick: it gives the force of A.
+        # The output has a command that explains this tick with A's force.
         line = re.search(r"explain +palpate (explain .*)", words).group(1)
         self.assertEqual("palpate " + line, told["explain"])
         explained = json.loads(run(*line.split(), "--json").stdout)
@@ -151,7 +151,7 @@ class Recorded(Case):
         self.record("b.rec", self.scene, "--device", f"replay:{a}@0.25")
         _, rows = rows_of(self.dir / "b.rec")
         self.assertEqual(list(rows["tick"]), list(range(251, 2001)))
-        # Ticks are compared by their numbers, with the ticks that they repeat.
+        # Ticks are compared with those of the same number.
         told = self.compare("a.rec", "b.rec", status=1)
         self.assertEqual(told["alone"], [250, 0])
         self.assertEqual(told["lost"], [0, 0])
@@ -203,7 +203,7 @@ class Recorded(Case):
 
     @suite.smoke
     def test_a_recording_that_is_converted_to_hdf5_is_readable_by_h5py(self):
-        # More than two blocks, and not an integer number of blocks.
+        # Several blocks, the last one incomplete.
         a = self.record("a.rec", self.scene, "--seconds", 2.5)
         out = self.dir / "a.h5"
         if WITHOUT_HDF5:
@@ -236,11 +236,11 @@ class Recorded(Case):
             self.assertEqual(list(scenes["id"]), sorted(set(rows["scene"]) - {0}))
             told = json.loads(scenes["text"][0])
             self.assertEqual(json.loads(told["text"]), SCENE)
-        # Again, with equal bytes: with the other file extension, over an existing file.
+        # Again with the other file extension, over an existing file: the bytes must be equal.
         (self.dir / "b.hdf5").write_bytes(b"another")
         run("convert", a, self.dir / "b.hdf5")
         self.assertEqual((self.dir / "b.hdf5").read_bytes(), out.read_bytes())
-        # A recording without ticks gives only its description.
+        # A recording without ticks gives only the description.
         none = self.dir / "none.rec"
         none.write_bytes(a.read_bytes()[:head["offset"]])
         run("convert", none, out)
@@ -263,7 +263,7 @@ class Recorded(Case):
             self.assertIn(says, line)
             self.assertEqual(out.read_bytes(), b"what stood there")
 
-        # The disk has room for no data, a part, or all except the end.
+        # The disk has room for nothing, a part, or all but the end.
         size = self.dir / "whole.h5"
         run("convert", a, size)
         for blocks in (0, 4, size.stat().st_size // 2048, size.stat().st_size // 1024 - 1):
@@ -317,7 +317,7 @@ class Recorded(Case):
         refused("feel", self.scene, "--speed", 1, says="only to recorded hands")
         refused("feel", self.scene, "--device", replay, "--speed", 0, says="0 is not in 0.001 to 1000")
         refused("feel", self.scene, "--device", replay, "--rate", 500, says="recorded at 1000 Hz")
-        # If a run is refused, existing files are kept.
+        # A refused run keeps existing files.
         (self.dir / "b.2.rec").mkdir()
         (self.dir / "b.rec").write_bytes(a.read_bytes())
         refused("feel", self.scene, "--device", "simulated", "--device", "simulated", "--record",
@@ -343,7 +343,7 @@ class Recorded(Case):
             first = rows["tick"][rows["fault"] != 0][0]
             self.assertEqual(first, 1551 if word == "late" else 1501, word)
             self.assertTrue((rows["force"][rows["fault"] != 0] == 0).all())
-            # The fault is in the tick's input, so that the replay repeats it.
+            # The fault is in the recorded input, so the replay repeats it.
             run("feel", self.scene, "--device", f"replay:{self.dir / 'a.rec'}", "--record",
                 self.dir / "b.rec", status=1)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
@@ -366,7 +366,7 @@ class Recorded(Case):
 
 
 class OnTime(Case):
-    """Tests with a clock."""
+    """Tests with a real clock."""
     HOST = True
 
     def test_simulated_delays_cut_the_force_of_a_realtime_run(self):
@@ -385,19 +385,19 @@ class OnTime(Case):
         return program
 
     def wait_for_ticks(self, feeling, name, ticks):
-        """Returns when a running program has recorded this many ticks."""
+        """Waits until a running program has recorded this many ticks."""
         file = self.dir / name
         while not file.exists() or file.stat().st_size < 100000 or len(rows_of(file)[1]) < ticks:
             self.assertIsNone(feeling.poll())
             time.sleep(0.01)
 
     def test_a_replay_repeats_the_edits_of_the_scene(self):
-        # A hand that slides to and fro on the ball, in all scenes.
+        # The hand slides back and forth on the ball, in all scenes.
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n" + "".join(
             f"{0.5 * i},{0.01 * (i % 2)},0,0.045\n" for i in range(1, 9)), encoding="utf-8")
         feeling = self.feel("a.rec", 4, words=["--watch", "--device", f"path:{path}"])
-        # Each scene lasts for a second or more of the hand's path.
+        # Each scene lasts at least a second.
         for strength, name, ticks in ((2, "skin", 1200), (1, "hide", 2400)):
             self.wait_for_ticks(feeling, "a.rec", ticks)
             edited = json.loads(json.dumps(SCENE))
@@ -409,7 +409,7 @@ class OnTime(Case):
         run("feel", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}", "--record",
             self.dir / "b.rec", "--trace", self.dir / "b.csv")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
-        # The trace has a mode's load as long as its name exists.
+        # The trace has a mode's load while a mode of that name exists.
         with open(self.dir / "b.csv", encoding="utf-8") as file:
             trace = list(csv.DictReader(file))
         self.assertEqual([name for name in trace[0] if name.startswith("load_")], ["load_skin"])
@@ -418,7 +418,7 @@ class OnTime(Case):
             of_scene = [row for row, number in zip(trace, rows["scene"]) if number == scene]
             self.assertTrue(any(float(row["force_z"]) != 0 for row in of_scene))
             self.assertEqual(any(float(row["load_skin"]) > 0.1 for row in of_scene), bears)
-        # The recording of a replay contains the scenes too, so it can be replayed.
+        # The replay's recording has the scenes, too, so it can be replayed.
         run("feel", self.dir / "b.rec", "--device", f"replay:{self.dir / 'b.rec'}", "--record",
             self.dir / "c.rec")
         self.assertTrue(self.compare("a.rec", "c.rec")["identical"])
@@ -428,7 +428,7 @@ class OnTime(Case):
         chance = random.Random(12)
         worst = 0.0
         torn = 0
-        # The next program starts while the present one runs.
+        # The next program starts while this one runs.
         waiting = self.feel("0.rec", 60)
         for kill in range(kills):
             name, feeling = f"{kill}.rec", waiting
@@ -437,12 +437,12 @@ class OnTime(Case):
             if kill + 1 < kills:
                 waiting = self.feel(f"{kill + 1}.rec", 60)
             time.sleep(chance.uniform(0.0, 1.0))
-            # Computes from the growing file when the loop began.
+            # Computes the start of the loop from the growing file.
             begun = time.monotonic() - len(rows_of(file)[1]) / 1000.0
             feeling.send_signal(signal.SIGKILL)
             killed = time.monotonic() - begun
             feeling.communicate()
-            # A kill during a write leaves an incomplete chunk. The complete chunks before count.
+            # A kill during a write leaves an incomplete chunk. The chunks before it count.
             told = self.compare(name, name)
             torn += told["torn"][0] > 0
             worst = max(worst, killed - told["ticks"][0] / 1000.0)

@@ -28,7 +28,7 @@ using Json = nlohmann::json;
 
 namespace {
 
-/// A scene with all features of this version, over linear.vdb.
+/// Returns a scene with every feature of the format, on linear.vdb.
 Json fullScene() {
   return Json::parse(R"({
     "$schema": "scene.schema.json", "description": "all of it", "palpate": 1,
@@ -63,7 +63,8 @@ Json fullScene() {
     ]})");
 }
 
-/// Writes flow.vdb: a vortex about z, speed r exp(-r^2 / 2), 41^3 voxels of 0.1 about the origin.
+/// Writes flow.vdb: a vortex about z with speed r exp(-r^2 / 2), 41^3 voxels of 0.1 about the
+/// origin.
 void writeVortex(const std::filesystem::path& folder) {
   const auto transform = openvdb::math::Transform::createLinearTransform(0.1);
   transform->postTranslate(openvdb::Vec3d(-2.0));
@@ -77,7 +78,7 @@ void writeVortex(const std::filesystem::path& folder) {
   writeVdb(folder / "flow.vdb", {flow});
 }
 
-/// A scene of one isosurface in the vortex; 10 mm per unit.
+/// Returns a scene of one isosurface in the vortex, at 10 mm per unit.
 Json vortexScene(const char* of, double value, const char* solid) {
   Json scene = Json::parse(R"({
     "palpate": 1, "coupling": {"stiffness": 500},
@@ -130,7 +131,7 @@ TEST_CASE("a scene file with every kind of entry is read, placed and compiled", 
   CHECK(built.scene->graph.modes.size() == 8);
   CHECK(built.scene->graph.unused == std::vector<std::string>{"many", "true", "turned"});
 
-  // fit: 4 units become 0.1 m, centred.
+  // "fit": 4 units become 0.1 m, centred at the origin.
   CHECK(built.placements.at("head").scale == Approx(0.1 / 4.0));
   CHECK(built.placements.at("head")(Vec3::Constant(2.0)).norm() < 1e-15);
   CHECK(built.placements.at("flow")({1, 2, 3}) == built.placements.at("head")({1, 2, 3}));
@@ -242,8 +243,7 @@ TEST_CASE("the shipped schema of scenes equals the one that the program prints",
   std::ifstream in(sourceDir() + "/scenes/scene.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
-  // Compares with the output of: build/release/bin/palpate schema scene >
-  // scenes/scene.schema.json
+  // If this check fails, run: build/release/bin/palpate schema scene > scenes/scene.schema.json
   CHECK(shipped.str() == sceneSchema());
 }
 
@@ -253,7 +253,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
   openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.1);
   ball->setName("ball");
   writeVdb(folder.path() / "ball.vdb", {ball});
-  // Balls of 2 cm, 10 cm apart, with a drag inside, and one ball alone.
+  // Balls of radius 2 cm, 10 cm apart, with a drag inside, and one more ball.
   Json scene = Json::parse(R"({"palpate": 1, "volumes": {
       "ball": {"file": "ball.vdb", "instances": []},
       "again": {"file": "ball.vdb", "place": {"like": "ball"}},
@@ -312,7 +312,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
   Json bad = scene;
   bad["modes"][0]["by"] = "alone";
   CHECK_THAT(error(bad), Contains("s.json: /modes/0") && Contains("which has instances"));
-  // The error names the mode that joins the volumes, not the first mode.
+  // The error must name the mode that joins the volumes, not the first mode.
   bad["modes"][0].erase("by");
   bad["modes"].push_back({{"mode", "viscosity"}, {"of", "alone"}, {"by", "ball"}, {"strength", 1}});
   CHECK_THAT(error(bad), Contains("s.json: /modes/" + std::to_string(bad["modes"].size() - 1)) &&
@@ -332,7 +332,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
   bad = scene;
   bad["modes"][0]["of"] = "bal";
   CHECK_THAT(error(bad), Contains("/modes/0/of") && Contains("did you mean \"ball\"?"));
-  // Only C++ can specify "like" and instances together.
+  // Possible only in C++: "like" together with instances.
   SceneSpec both = parseScene(scene.dump(), "s.json", folder.path());
   for (auto& [name, volume] : both.volumes) {
     if (!volume.instances.empty()) continue;
@@ -343,7 +343,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
   }
   CHECK_THROWS_WITH(buildScene(both),
                     Contains("/instances: the volume has instances and is also placed"));
-  // The caller can cancel while parts are built, too.
+  // The caller can also cancel while parts are built.
   int calls = 0;
   CHECK_THROWS_AS(buildScene(parseScene(scene.dump(), "s.json", folder.path()),
                              [&](double) {
@@ -355,7 +355,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
 TEST_CASE("a folder of many volumes gives a scene in which each volume is a part",
           "[scene][scale]") {
   const TemporaryFolder folder;
-  constexpr int kFiles = 80;  // more than one graph reads
+  constexpr int kFiles = 80;  // more than a graph may have
   for (int i = 0; i < kFiles; ++i) {
     openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.2);
     ball->transform().postTranslate(openvdb::Vec3d(5.0 * i, 0, 0));
@@ -366,7 +366,7 @@ TEST_CASE("a folder of many volumes gives a scene in which each volume is a part
   const BuiltScene built = buildScene(sceneFromVdb(folder.path()));
   CHECK(built.scene->parts.size() == kFiles);
   CHECK(built.scene->graph.modes.empty());
-  // The first grid fits into 0.1 m. The others keep the positions of their files.
+  // The first grid fits into 0.1 m. The others keep their positions in their files.
   const double unit = built.placements.at("1000.ball").scale;
   CHECK(built.bounds.size().x() == Approx(unit * 5.0 * (kFiles - 1) + 0.1).epsilon(0.1));
   Reader reader;
@@ -396,7 +396,7 @@ TEST_CASE("isosurfaces of derived fields hold the hand at their exact radius", "
       {"vortex", 0.5, "below", [](double r) { return (1.0 - r * r) * std::exp(-r * r); }}};
   for (const Wall& wall : walls) {
     CAPTURE(wall.of);
-    // All the fields are monotonic up to r = 1.
+    // All fields are monotonic up to r = 1.
     double low = 0.0;
     double high = 1.0;
     while (high - low > 1e-9) {
@@ -413,7 +413,7 @@ TEST_CASE("isosurfaces of derived fields hold the hand at their exact radius", "
     CHECK(built.scene->graph.scalar_names == std::vector<std::string>{wall.of});
     CHECK(built.scene->graph.vector_reads.empty());
 
-    // The hand moves from inside the vortex 0.5 mm through the wall: 0.25 N towards the axis.
+    // The hand moves outwards, to 0.5 mm beyond the wall: 0.25 N towards the axis.
     Reader reader;
     ProxyState state;
     const double wall_at = 0.01 * low;
@@ -423,7 +423,7 @@ TEST_CASE("isosurfaces of derived fields hold the hand at their exact radius", "
       if (x < wall_at - 1e-4) CHECK(r.force.norm() < 1e-9);
     }
     r = hapticStep(*built.scene, reader, {{wall_at + 5e-4, 0, 1e-4}}, state, 1e-3);
-    // A voxel is 1 mm. The wall is at its place to within a tenth of a voxel.
+    // The wall may be off by a tenth of a voxel, 0.1 mm.
     CHECK(r.force.x() == Approx(-0.25).margin(0.05));
     CHECK(std::abs(r.force.y()) + std::abs(r.force.z()) < 0.02);
   }
@@ -451,8 +451,8 @@ TEST_CASE("a derived field is computed at load only if a mode needs its derivati
   CHECK(build(scene).computed.empty());
   scene["modes"].push_back({{"mode", "surface"}, {"of", "speed"}, {"strength", 1}});
   CHECK(build(scene).computed.at("speed").why == "mode /modes/2 needs its gradient");
-  // A field is computed at load if another field needs its derivatives, because no volume has
-  // these.
+  // If another field needs a field's derivatives, the field is computed at load, because only grids
+  // have them.
   scene = vortexScene("speed", 0.4, "above");
   scene["fields"]["slope"] = {{"gradient", "swirl"}};
   scene["modes"] = Json::parse(R"([{"mode": "force", "of": "slope", "strength": 1}])");
@@ -460,7 +460,7 @@ TEST_CASE("a derived field is computed at load only if a mode needs its derivati
   CHECK(built.computed.at("swirl").why == "field \"slope\" needs its derivatives");
   CHECK(built.scene->graph.vector_properties == std::vector<std::string>{"gradient of swirl"});
 
-  // The limit is the number that a message from another site may name.
+  // The limit is the largest number that a message to another site can carry.
   scene = vortexScene("f63", 0.4, "above");
   for (int i = 0; i < 65; ++i) {
     const std::string of = i == 0 ? "flow" : "f" + std::to_string(i - 1);
@@ -484,7 +484,7 @@ TEST_CASE("a derived field is computed at load only if a mode needs its derivati
   scene["modes"][0]["of"] = "speed";
   CHECK(error(scene) == "no error");
 
-  // A user-defined field has no voxels at which to compute it.
+  // A user's own field has no voxels, so it cannot be computed at load.
   SceneSpec spec;
   spec.volumes["flow"].field = makeVortex(Vec3::Zero(), {0, 0, 2}, 0.1, 0.1);
   spec.graph.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
@@ -509,8 +509,8 @@ TEST_CASE("a scene file with invalid JSON or duplicate keys is rejected", "[scen
 }
 
 TEST_CASE("the time to read JSON is proportional to its length", "[scene]") {
-  // Takes the fastest of three readings. A parser of quadratic cost takes 64 times as long for 8
-  // times the text.
+  // Takes the fastest of three runs. A parser of quadratic cost takes 64 times as long for 8 times
+  // the text.
   const auto seconds = [](int objects) {
     std::string text = "[{\"a\": [1, 2]}";
     for (int i = 1; i < objects; ++i) text += ", {\"a\": [1, 2]}";
@@ -584,7 +584,7 @@ TEST_CASE("smoothing of a volume is applied and stated in the scene's notes", "[
   CHECK_THAT(built.notes.front(),
              Contains("s.json: /volumes/head: smoothed with a Gaussian of 1.5 voxels"));
   CHECK(built.volumes.at("head")->info().smoothing.sigma == 1.5);
-  // The volume stays where it is without smoothing.
+  // Smoothing must not change the placement.
   CHECK(built.placements.at("head").scale == Approx(0.1 / 4.0));
 }
 
@@ -603,7 +603,7 @@ TEST_CASE("a whole number of voxels to smooth is noted, because older versions s
   CHECK_THAT(notes("1").front(), Contains("write 1.63"));
   CHECK(notes("0").empty());
   CHECK(notes("2.0").empty());
-  CHECK(notes("17").empty());  // older versions rejected this width
+  CHECK(notes("17").empty());  // older versions refused this width
 }
 
 TEST_CASE("a length to smooth over becomes the file's unit by the volume's place", "[scene]") {
@@ -623,7 +623,7 @@ TEST_CASE("a length to smooth over becomes the file's unit by the volume's place
   CHECK(width("turned", "5 mm") == Approx(0.5));
   CHECK(width("turned", "20000 um") == Approx(2.0));
   CHECK(width("turned", "0.02 m") == Approx(2.0));
-  // The place of another volume counts, a size that depends on the bounds does not.
+  // A placement like another volume's is usable, a size that depends on the bounds is not.
   Json scene = fullScene();
   scene["volumes"]["head"]["place"] = {{"unit", "cm"}};
   scene["volumes"]["flow"]["smooth"] = "5 mm";
@@ -676,7 +676,7 @@ TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[s
     return buildScene(parseScene(json.dump(), "s.json", folder.path()), nullptr, &cache);
   };
   const BuiltScene first = build();
-  // Only numbers change: an edit. Volumes and computed fields are the same ones.
+  // If only numbers change, volumes and computed fields are reused.
   json["modes"][0]["strength"] = 2;
   json["coupling"]["stiffness"] = 300;
   const BuiltScene edited = build();
@@ -685,12 +685,12 @@ TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[s
   CHECK(edited.volumes == first.volumes);
   CHECK(edited.fields == first.fields);
   CHECK(edited.computed.size() == first.computed.size());
-  // The volume is moved. It is not loaded again, but the hand is at another place in the volume.
+  // The volume is moved. It is not loaded again, but the scene's shape changes.
   json["volumes"]["flow"]["place"]["scale"] = 0.02;
   const BuiltScene moved = build();
   CHECK(moved.volumes == first.volumes);
   CHECK(moved.scene->shape != first.scene->shape);
-  // An invalid scene in between costs nothing, and leaves no entry in the cache.
+  // An invalid scene in between loads nothing and adds nothing to the cache.
   const std::size_t kept = cache.size();
   json["fields"]["more"] = {{"gradient", "swirl"}};
   json["fields"]["most"] = {{"magnitude", "more"}};
@@ -704,7 +704,7 @@ TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[s
   json["modes"].erase(1);
   CHECK(build().volumes == moved.volumes);
   CHECK(cache.size() == kept);
-  // The file is written again.
+  // The file is overwritten.
   const auto file = folder / "flow.vdb";
   const auto time = std::filesystem::last_write_time(file);
   writeVortex(folder.path());
@@ -712,7 +712,7 @@ TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[s
   BuiltScene renewed = build();
   CHECK(renewed.volumes.at("flow") != first.volumes.at("flow"));
   CHECK(renewed.scene->shape != moved.scene->shape);
-  // Volumes that no scene uses any more are freed.
+  // Volumes that no scene uses are freed.
   const std::weak_ptr<const Volume> gone = renewed.volumes.at("flow");
   renewed = {};
   SceneCache::Building(cache).done();
@@ -751,7 +751,7 @@ TEST_CASE("keyframes of a volume also move volumes that are placed like it and i
   CHECK(graph.mode_motions == std::vector<int>{0, 0, 0});
   CHECK(built.bounds.size().x() == Approx(built.bounds.size().y() + 0.3));
 
-  // A user-defined field moves as well. A volume without keyframes stands still.
+  // A user's own field moves, too. A volume without keyframes is at rest.
   SceneSpec spec;
   spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
   spec.volumes["ball"].place.keyframes = {{0.0, {1, 0, 0, 0}, Vec3::Zero()},
@@ -778,7 +778,7 @@ TEST_CASE("keyframes of a volume also move volumes that are placed like it and i
   CHECK_THROWS_WITH(buildScene(spec), Contains("/volumes/rock/place/repeat"));
 }
 
-/// Returns a valid scene with numbers of any size.
+/// Returns a valid scene with numbers of extreme magnitudes.
 Json extremeScene(Random& random) {
   const auto number = [&](double usual) {
     if (random.integer(4) != 0) return usual;
@@ -920,7 +920,7 @@ TEST_CASE("a valid scene with extreme numbers gives finite forces without a faul
     Reader reader;
     ProxyState state;
     const Box& box = built.bounds;
-    // Two ticks at the middle of the bounds, then two at the origin of the head's data.
+    // Two ticks at the centre of the bounds, then two at the origin of the head's data.
     const Vec3 from = built.placements.at("head").translate;
     const Vec3 step = 1e-4 * (box.centre() - from).stableNormalized();
     for (int tick = 0; tick < 4; ++tick) {
@@ -959,11 +959,11 @@ TEST_CASE("the default coupling is lowered to the stiffness that the device can 
                                           Contains("\"arm\"") && Contains("untested"));
   CHECK(spec.coupling.stiffness == 100);
   CHECK_NOTHROW(checkDevice(spec, weak));
-  // A stronger device does not raise the stiffness again.
+  // A stronger device must not raise the stiffness again.
   CHECK(fitCoupling(spec, arm(1000)).empty());
   CHECK(spec.coupling.stiffness == 100);
-  // A stiffness that the scene states is not changed. If it is too large, the scene is refused;
-  // this includes a stiffness that varies.
+  // A stiffness in the scene's file is not changed. If it can exceed the device's limit, the scene
+  // is refused.
   Json scene = vortexScene("speed", 0.5, "above");
   scene.erase("coupling");
   CHECK(parseScene(scene.dump(), "s.json", ".").any_stiffness);
@@ -986,8 +986,8 @@ TEST_CASE("a .vdb file without a scene gets a suitable mode for each grid", "[sc
   REQUIRE(spec.notes.size() == 1);
   CHECK_THAT(spec.notes[0], Contains("grid \"labels\"") && Contains("int32"));
 
-  // A flow, and a ramp from -4 to 12. The ramp is so short that it may be a blurred step, so its
-  // middle gets a surface.
+  // A flow, and a ramp from -4 to 12. The ramp is so short that it could be a blurred step, so it
+  // gets a surface at its middle value.
   spec = openScene(folder / "linear.vdb");
   REQUIRE(spec.graph.modes.size() == 3);
   CHECK(spec.graph.modes[0].kind == ModeKind::kFollow);
@@ -996,7 +996,7 @@ TEST_CASE("a .vdb file without a scene gets a suitable mode for each grid", "[sc
   CHECK(spec.graph.modes[1].solid == Solid::kAbove);
   CHECK(spec.graph.modes[2].kind == ModeKind::kViscosity);
 
-  // A folder. The scene has every usable grid, in the order of the files, placed like the first.
+  // A folder: the scene has every usable grid, in the order of the files, placed like the first.
   spec = openScene(folder.path());
   CHECK(spec.volumes.size() == 4);
   CHECK(spec.volumes.count("linear.density") == 1);
@@ -1096,14 +1096,14 @@ TEST_CASE("the reader and the schema accept every mode and material property", "
   CHECK(std::get<SurfaceMode>(graph.modes[0]).friction(Properties{}) == 0.4);
   CHECK_FALSE(std::get<FrontShapeMode>(graph.modes[3]).two_sided);
   CHECK(std::get<FrontShapeMode>(graph.modes[3]).snap == Approx(4 * graph.vector_frames[0].voxel));
-  // In the head's units: the middle of the head is the middle of the world, and a unit is 25 mm.
+  // In the head's units: the head's centre is W's origin, and a unit is 25 mm.
   const auto& point = std::get<GuideMode>(graph.modes[5]);
   CHECK(point.position.norm() < 1e-15);
   CHECK(point.snap == Approx(0.025));
   CHECK(point.metres_per_unit == Approx(0.025));
   CHECK(std::get<GuideMode>(graph.modes[6]).direction == Vec3::UnitZ());
 
-  // Guides turn with their volume, here by a quarter turn about z.
+  // Guides turn with their volume, here by 90 degrees about z.
   Json turned = scene;
   turned["volumes"]["head"]["place"] = {{"scale", 0.025},
                                         {"rotation_wxyz", {std::sqrt(0.5), 0, 0, std::sqrt(0.5)}}};
@@ -1174,7 +1174,7 @@ TEST_CASE("the inputs of transfer functions do not depend on the size of a scene
   Properties b;
   int inside = 0;
   for (int i = 0; i < 1000; ++i) {
-    // p is in the file's space, so both scenes read the same place.
+    // p is in the file's space, so both scenes read the same point.
     const Vec3 p = 4.0 * Vec3(std::fmod(0.754877 * i, 1.0), std::fmod(0.569840 * i, 1.0),
                               std::fmod(0.381966 * i, 1.0));
     (void)small_reader.sample(*small.scene, small.placements.at("head")(p), a);

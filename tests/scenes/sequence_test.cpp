@@ -20,7 +20,7 @@ using Json = nlohmann::json;
 
 namespace {
 
-/// Writes balls of 10 to 15 voxels: one file per frame, and one file of all.
+/// Writes balls with radii of 10 to 15 voxels: one file per frame, and one file with all.
 void writeBalls(const std::filesystem::path& folder) {
   openvdb::GridPtrVec all;
   for (int i = 0; i < 6; ++i) {
@@ -39,8 +39,8 @@ Json ballScene() {
                "strength": 6}]})");
 }
 
-/// Returns the height at which the proxy rests at a play time, for a hand in the middle of the
-/// ball's flank [mm].
+/// Returns the height at which the proxy rests [mm]. The hand presses on the middle of the ball's
+/// side at play time `play` [s].
 double surfaceAt(const BuiltScene& scene, double play) {
   Reader reader;
   ProxyState state({1e3, 1e12});
@@ -70,7 +70,7 @@ TEST_CASE("the surface of a volume with frames follows the play time", "[scene][
   for (const double play : {0.0, 0.05, 0.23, 0.5}) {
     CHECK(surfaceAt(ball, play) == Approx(10.0 + 10.0 * play).margin(0.02));
   }
-  // The bounds are those of all frames. A picture shows the first frame.
+  // The scene's bounds contain all frames. `volumes` has the first frame.
   CHECK(ball.bounds.upper.x() > 15e-3);
   CHECK(ball.volumes.at("ball")->info().bounds.upper.x() < 14.0);
   CHECK(ball.scene->parts.empty());
@@ -104,15 +104,15 @@ TEST_CASE("a scene's play settings are read, checked and completed with defaults
   scene["volumes"]["ball"]["frames"] = {{"rate", 10}};
   scene["play"] = {{"from", 3}};
   CHECK_THAT(refusal(scene, folder.path()), Contains("/play/from") && Contains("ended"));
-  // Backward play starts at the end.
+  // Reverse play starts at the end.
   scene["play"] = {{"speed", -1}};
   CHECK(built(scene, folder.path()).play.begin == 0.5);
-  // A note reports that the memory is too small for a fast play.
+  // A note reports a memory budget that is too small for the speed.
   scene["play"] = {{"speed", 20}};
   scene["volumes"]["ball"]["frames"]["budget_mb"] = 1000.0;
   CHECK(built(scene, folder.path()).notes.empty());
   CHECK(built(scene, folder.path()).sequences.at("ball")->neededFor(20.0) == 16);
-  // The smallest budget that is accepted, within 5 %.
+  // Searches for the smallest accepted budget, to within 5 %.
   double& budget = scene["volumes"]["ball"]["frames"]["budget_mb"].get_ref<double&>();
   double refused = 0.1;
   double accepted = 1000.0;
@@ -153,7 +153,7 @@ TEST_CASE("an invalid sequence is rejected with its path in the scene file", "[s
              Contains("6 frames and 6 times: give 7"));
   CHECK_THAT(with("/volumes/ball/file", "none_%03d.vdb"),
              Contains("/volumes/ball") && Contains("no frame"));
-  // A name with a pattern for many files, but without "frames".
+  // A file name with a frame pattern requires "frames".
   Json scene = ballScene();
   scene["volumes"]["ball"].erase("frames");
   CHECK_THAT(refusal(scene, folder.path()),

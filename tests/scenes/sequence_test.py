@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests volumes that are played, through the command line: sequence_test.py BIN_DIR VOLUMES_PROGRAM."""
+"""Tests sequences through the command line: sequence_test.py BIN_DIR VOLUMES_PROGRAM."""
 import json
 import os
 import sys
@@ -20,7 +20,7 @@ FRAMES = 8
 
 
 def write_nrrd(file, values):
-    """Writes a scalar volume with voxels of 1 mm, centred."""
+    """Writes a centred scalar volume with voxels of 1 mm."""
     size = values.shape
     head = ("NRRD0004\ntype: float\ndimension: 3\nsizes: {} {} {}\nencoding: raw\nendian: little\n"
             "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
@@ -57,7 +57,7 @@ class Case(unittest.TestCase):
             "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 400,
                        "solid": "above", "strength": 6}]}
         cls.write("scene.json", cls.scene)
-        # At rest on the flank, 1 mm deep in the first frame.
+        # The hand rests on the ball's side, 1 mm deep in the first frame.
         (cls.dir / "hand.csv").write_text("t,x,y,z\n0,0.02,0,0\n0.2,0.009,0,0\n2,0.009,0,0\n")
 
     @classmethod
@@ -104,9 +104,9 @@ class Play(Case):
         rows, _, _ = self.felt(self.write("back.json", scene))
         settled = rows[rows["t"] > 0.4]
         self.assertLess(1e3 * settled["proxy_x"].min(), 10.7)
-        # The radius is 10.5 while the force fades in; playing continues, and runs back from 12.5.
+        # The radius is 10.5 while the force grows. Play continues, and after 12.5 starts again.
         self.assertGreater(1e3 * settled["proxy_x"].max(), 12.2)
-        # From the end to the beginning within 50 ms, not at once.
+        # At the jump from end to start, the force changes over 50 ms.
         self.assertLess(np.abs(np.diff(settled["force_x"])).max(), 0.1)
 
     def test_forces_do_not_depend_on_the_memory_for_frames(self):
@@ -161,7 +161,7 @@ class Play(Case):
         terminal.child.wait()
         rows = rows_of(record)
         play, rate = rows["play"], rows["play_rate"]
-        # Paused at 0; one step, two; play, at double speed; to the end; to the beginning, and play.
+        # Pause at 0, one step, another step, play, double speed, end, start, play.
         steps = play[np.flatnonzero(np.diff(play)) + 1]
         self.assertEqual(play[0], 0)
         np.testing.assert_allclose(steps[:2], [0.1, 0.2])

@@ -28,7 +28,7 @@ using test::Random;
 
 namespace {
 
-/// Returns an edit of the strength of mode `name`, stamped with `count` and `site`.
+/// Returns an edit of the strength of mode `name`, with stamp (`count`, `site`).
 SharedEdits edit(const std::string& name, const Json& value, std::uint64_t count,
                  const std::string& site) {
   return {{{"modes", name, "0"}, {{{"name", name}, {"strength", value}}, {count, site}}}};
@@ -40,7 +40,7 @@ std::uint64_t largest(const SharedEdits& edits) {
   return count;
 }
 
-/// A scene with a wall and followers without names. Its paths on the disk must not be sent.
+/// Returns a scene with a wall and unnamed modes. Its paths on the disk must not be sent.
 Json scene() {
   return parseJson(R"({
     "$schema": "/home/secret/schema.json", "palpate": 1, "description": "/home/secret/notes",
@@ -64,7 +64,7 @@ std::string withStrength(Json of, double strength) {
   return of.dump();
 }
 
-/// Returns a message of another site with one edit, which sets the strength of the wall to `is`.
+/// Returns the message of a site with one edit, which sets the wall's strength to `is`.
 std::string saying(const std::string& is, const std::string& of = R"(["modes", "wall", "0"])",
                    const std::string& at = R"([1, "boston"])") {
   return R"({"palpate_edits": 1, "rest": [], "edits": [{"of": )" + of + R"(, "at": )" + at +
@@ -90,13 +90,13 @@ TEST_CASE("sites have the same edits in the end despite lost, late and repeated 
       const auto at = static_cast<std::size_t>(random.integer(static_cast<int>(count)));
       const int what = random.integer(4);
       if (what == 0) {
-        // Sometimes a site forgets all edits and uses a stamp a second time.
+        // Some sites forget all edits and use a stamp twice.
         if (forgets && random.integer(20) == 0) {
           sites[at].clear();
           forgot = true;
         }
         const std::string name(1, static_cast<char>('a' + random.integer(3)));
-        // Includes numbers that are equal but written differently.
+        // Includes equal numbers that are written differently.
         const int whole = random.integer(3);
         const Json value = random.integer(2) == 0 ? Json(whole) : Json(0.5 * whole);
         SharedEdits made = edit(name, value, largest(sites[at]) + 1, "site" + std::to_string(at));
@@ -110,7 +110,7 @@ TEST_CASE("sites have the same edits in the end despite lost, late and repeated 
         merge(sites[at], made);
       } else if (what == 1) {
         const auto to = static_cast<std::size_t>(random.integer(static_cast<int>(count)));
-        // In the middle of the history, two groups of sites are disconnected.
+        // For a time, two groups of sites are disconnected.
         const bool apart = step > 10 && step < 30 && (at < parted) != (to < parted);
         if (!apart) flying.emplace_back(to, sites[at]);
       } else if (!flying.empty()) {
@@ -119,12 +119,12 @@ TEST_CASE("sites have the same edits in the end despite lost, late and repeated 
         if (what == 2) flying.erase(flying.begin() + static_cast<std::ptrdiff_t>(n));
       }
     }
-    // Late messages arrive, and then all sites receive each other's edits.
+    // Late messages arrive. Then all sites exchange their edits.
     for (const auto& [to, edits] : flying) merge(sites[to], edits);
     for (const SharedEdits& one : sites) merge(sites[0], one);
     for (SharedEdits& one : sites) merge(one, sites[0]);
     for (const SharedEdits& one : sites) REQUIRE(textOf({one, {}}) == textOf({sites[0], {}}));
-    // If a site forgets an edit before another site receives it, the edit is lost.
+    // If a site forgot an edit before any other site received it, the edit is lost.
     if (!forgot) REQUIRE(sites[0] == ever);
     const SharedEdits before = sites[0];
     CHECK_FALSE(merge(sites[0], before));
@@ -138,7 +138,7 @@ TEST_CASE("the edit with the largest stamp wins for each part of a shared scene"
   CHECK(edits == edit("wall", 1, 5, "boston"));
   CHECK_FALSE(merge(edits, edit("wall", 2, 5, "atlanta")));
   CHECK(merge(edits, edit("wall", 2, 5, "uppsala")));
-  // After a restart, a site makes a different edit with the same stamp.
+  // After a restart, a site uses the same stamp for a different edit.
   CHECK(merge(edits, edit("wall", 3, 5, "uppsala")));
   CHECK_FALSE(merge(edits, edit("wall", 2, 5, "uppsala")));
   CHECK(merge(edits, edit("floor", 1, 1, "boston")));
@@ -253,13 +253,13 @@ TEST_CASE("malformed edits from another site are rejected", "[site]") {
   for (std::size_t i = 0; i < bad.size(); ++i) {
     CAPTURE(i, bad[i].substr(0, 200));
     CHECK_THROWS_AS(sharedTextFrom(bad[i]), Error);
-    // Prints one line per site, and ignores the edits.
+    // The site reports one line for the first bad message, and ignores the edits.
     const auto lines = site.hear("boston", bad[i]);
     CHECK(lines.size() == (i == 0 ? 1U : 0U));
     CHECK(site.edits().empty());
   }
 
-  // Any other text gives an error, or edits that can be sent again.
+  // Any other text either throws or gives edits that can be sent again.
   const std::string good = saying(wall);
   Random random(7);
   long taken = 0;
@@ -289,8 +289,8 @@ TEST_CASE("a local edit of a site changes only the parts that differ in its file
   SharedScene boston("boston", scene().dump());
   SharedScene uppsala("uppsala", scene().dump());
   (void)boston.takeTold();
-  // Uppsala edits the wall's strength. Boston edits the strength of a mode without a name, and then
-  // also that of the wall.
+  // Uppsala edits the wall's strength. Boston edits the strength of an unnamed mode, then also the
+  // wall's.
   uppsala.edit(withStrength(scene(), 7));
   CHECK(boston.hear("uppsala", *uppsala.takeTold()).empty());
   CHECK(boston.takeNews());
@@ -318,12 +318,12 @@ TEST_CASE("a local edit of a site changes only the parts that differ in its file
   CHECK_FALSE(boston.takeNews());
   CHECK_FALSE(boston.takeTold());
 
-  // A late joiner receives all edits from a site that has applied them.
+  // A late joiner gets all edits from a site that has applied them.
   SharedScene late("late", scene().dump());
   CHECK(late.hear("uppsala", echo).empty());
   CHECK(strengths(late) == std::vector<double>{4, 9, 2});
 
-  // A site does not apply its own edit if the edit is too long to send.
+  // A site refuses its own edit if it is too long to send.
   Json large = mine;
   large["modes"][0]["strength"] = {{"piecewise", Json::array()}};
   for (int i = 0; i < 10000; ++i) {
@@ -378,8 +378,7 @@ TEST_CASE("edits that arrive while a scene is built stay within the size of a me
 }
 
 TEST_CASE("a site with another scene is reported in one line with the difference", "[site]") {
-  // If all sites reject a part because of its name, this part is not sent. All other parts are
-  // sent.
+  // A part whose name other sites would refuse is not sent. The other parts are.
   Json odd = scene();
   odd["fields"][std::string(300, 'x')] = {{"curl", "ball"}};
   SharedScene boston("boston", withStrength(odd, 5));
@@ -391,7 +390,6 @@ TEST_CASE("a site with another scene is reported in one line with the difference
         "site boston: its scene differs from this site's scene: mode \"wall\": copy one scene file "
         "to the other site, or edit these parts again");
   CHECK(uppsala.hear("boston", told).empty());
-  // Afterwards all sites have the same edited part.
   SharedScene late("late", scene().dump());
   boston.edit(withStrength(odd, 6));
   CHECK(late.hear("boston", *boston.takeTold()).empty());
@@ -440,16 +438,15 @@ TEST_CASE("a site applies the edits that its scene supports and skips the others
   auto built = look();
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}});
-  // The scene has the same structure, so the loop applies the edit gradually, like an edit of the
-  // user's own file.
+  // The scene has the same shape, so the loop treats it as an edit and keeps the force on.
   const std::uint64_t shape = built->scene->shape;
   CHECK(shape == buildScene(openScene(file), {}, &cache).scene->shape);
-  // The recording contains the scene that was in use. The message contains all known edits.
+  // text() is the scene in use, for recordings. The message has all known edits.
   CHECK(Json::parse(watcher.text())["modes"][0]["strength"] == 2);
   CHECK(watcher.takeTold());
 
-  // One edit names a volume that this site lacks, and one has an unknown kind of mode. The edits
-  // before and after them are applied.
+  // One edit needs a volume that this site lacks, another has an unknown kind of mode. The edits
+  // before and after them apply.
   merge(all, one(skin("bone", "skull", 1), 2));
   merge(all, one({{"name", "odd"}, {"mode", "odd"}}, 3));
   merge(all, one(skin("rind", "ball", 1), 4));
@@ -458,12 +455,12 @@ TEST_CASE("a site applies the edits that its scene supports and skips the others
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}, {"rind", 1}});
 
-  // No part of this edit can be applied, so the scene does not change.
+  // None of this edit can be applied, so the scene stays.
   merge(all, one(skin("bone", "skull", 2), 5));
   watcher.hear("boston", textOf({all, {}}));
   CHECK_FALSE(look());
 
-  // The user's file is not changed. An edit of the file replaces a received edit.
+  // The user's file must not change. An edit of the file replaces a received edit.
   std::ifstream in(file);
   CHECK(std::string(std::istreambuf_iterator<char>(in), {}) == text);
   std::string edited = text;

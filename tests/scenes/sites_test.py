@@ -42,22 +42,22 @@ SILENCE, RAMP, RISE = 0.2, 0.5, 0.1  # kLinkSilence, kLinkRamp, kLinkRise [s]
 
 def domain():
     """Returns a DDS domain that other tests on this machine are unlikely to use."""
-    # One test also uses the next domain, and the three processes have consecutive ids.
+    # One test also uses the next domain, and the three processes have successive ids.
     return 1 + 2 * os.getpid() % 200
 
 
 def pulled(rows):
-    """Returns the sent force of hands at other sites [N]."""
+    """Returns the sent force of the other sites' hands [N]."""
     return rows["left"][:, None] * rows["pull"]
 
 
 def own(rows):
-    """Returns the sent force of the scene alone [N]."""
+    """Returns the sent force of the scene [N]."""
     return rows["force"] - pulled(rows)
 
 
 def came_within(rows):
-    """Returns how long the other hands' force took from its first to its largest value [s]."""
+    """Returns the time from the first to the largest force of the other hands [s]."""
     size = np.linalg.norm(pulled(rows), axis=1)
     first, largest = np.flatnonzero(size)[0], np.flatnonzero(size > 0.99 * size.max())[0]
     return rows["time"][largest] - rows["time"][first]
@@ -73,13 +73,14 @@ def periods(rows):
 
 
 def since_late(rows):
-    """Returns for each tick the time since the link last expected a period for which it may lack the energy [s]."""
+    """Returns, for each tick, the time since the link last expected a period for which its energy may not suffice
+    [s]."""
     late = np.where(periods(rows) > ON_TIME, rows["time"], -1.0)
     return rows["time"] - np.maximum.accumulate(late)
 
 
 def leaps(rows):
-    """Returns the ticks at which the force grew or fell faster than a link's. If a link expects a late tick, it may drop
+    """Returns the ticks in which the force changed faster than a link may. A link that expects a late tick may drop
     its force at once, and regains it within RISE."""
     size, dt, since = np.linalg.norm(pulled(rows), axis=1), rows["dt"], since_late(rows)
     grew = np.diff(size) / dt[1:]
@@ -88,12 +89,12 @@ def leaps(rows):
 
 
 def work(rows):
-    """Returns the work of hands at other sites on this hand, up to each tick [J]."""
+    """Returns the work of the other sites' hands on this hand, up to each tick [J]."""
     return np.cumsum(np.sum(pulled(rows)[:-1] * np.diff(rows["hand"], axis=0), axis=1))
 
 
 class Wire:
-    """Captures UDP packets on this machine's loopback to the ports of DDS's domain."""
+    """Captures the UDP packets of the DDS domain on this machine's loopback."""
 
     def __enter__(self):
         try:
@@ -138,7 +139,7 @@ class Case(unittest.TestCase):
                        "solid": "below"}]}))
 
     def path(self, name, place, seconds=20.0):
-        """Writes a hand's path: place(t) [m]; without place, the hand rests 20 cm from the scene."""
+        """Writes a hand's path, place(t) [m]. Without `place`, the hand rests 20 cm from the scene."""
         count = 2 if place is None else int(seconds * 200)
         rows = []
         for n in range(count + 1):
@@ -155,7 +156,7 @@ class Case(unittest.TestCase):
                 "--seconds", seconds, "--summary", self.dir / f"{name}.json", *more]
 
     def start(self, name, hand, seconds, *more, **which):
-        # To files, because no thread reads a pipe.
+        # To a file: a pipe could fill up, because no thread reads it.
         said = open(self.dir / f"{name}.err", "a", encoding="utf-8")  # pylint: disable=R1732
         self.addCleanup(said.close)
         one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more, **which))),
@@ -168,7 +169,7 @@ class Case(unittest.TestCase):
         return (self.dir / f"{name}.err").read_text(encoding="utf-8")
 
     def wait_for_ticks(self, name):
-        """Returns when a site's loop runs."""
+        """Waits until a site's loop runs."""
         end = time.monotonic() + 30
         file = self.dir / f"{name}.rec"
         while not file.exists() or file.stat().st_size < 1 << 16:
@@ -176,7 +177,7 @@ class Case(unittest.TestCase):
             time.sleep(0.005)
 
     def wait_for(self, name, words, seconds=30.0, times=1):
-        """Returns when the words were printed."""
+        """Waits until the words have been printed `times` times. Returns the time."""
         end = time.monotonic() + seconds
         while self.said(name).count(words) < times:
             if time.monotonic() > end:
@@ -199,7 +200,7 @@ class OneMachine(Case):
         for name, other, sign in (("A", "B", 1), ("B", "A", -1)):
             self.assertIn(f"site {other}: its hand is connected", self.said(name))
             rows = rows_of(self.dir / f"{name}.rec")
-            # 200 N/m at 10 mm, which is the largest force; a ramp before.
+            # The largest force is 200 N/m times 10 mm. It grows by a ramp.
             force = pulled(rows)[:, 0] * sign
             self.assertAlmostEqual(force.max(), PEAK, delta=1e-4)
             self.assertGreater(came_within(rows), 0.9 * RAMP)
@@ -207,7 +208,7 @@ class OneMachine(Case):
             self.assertTrue((pulled(rows)[:, 1:] == 0).all())
             facts = json.loads((self.dir / f"{name}.json").read_text())["sites"][other]
             self.assertEqual(facts["lives"], 1)
-            self.assertGreater(facts["heard"], 30)  # a hand at rest: 20 a second
+            self.assertGreater(facts["heard"], 30)  # 20 per second for a resting hand
             if since_late(rows)[-1] > 2 * RISE:
                 self.assertEqual(facts["paid"], 1)
             again = self.dir / f"{name}2.rec"
@@ -267,7 +268,7 @@ class OneMachine(Case):
         self.assertTrue((force[let_go:] > 0.9).any(), "it did not come back")
         facts = json.loads((self.dir / "A.json").read_text())["sites"]["B"]
         self.assertEqual(facts["lives"], 2)
-        self.assertIn("site B: it has left", self.said("A"))  # the second site sent its departure
+        self.assertIn("site B: it has left", self.said("A"))  # the second site reported its departure
 
     def test_sites_in_another_domain_are_not_linked(self):
         mine = self.start("A", self.path("A", None), 30)
@@ -303,7 +304,7 @@ class OneMachine(Case):
                 packet = bytearray(chance.randbytes(size))
                 if chance.random() < 0.8:
                     packet[:4] = b"RTPS"
-                # The ports of the domain's first participants, by DDS's numbering.
+                # Ports of the first participants of the domain, by DDS's rules.
                 port = 7400 + 250 * domain() + chance.choice((0, 1, 10, 11, 12, 13))
                 throws.sendto(packet, ("127.0.0.1", port))
                 if _ % 40 == 0:
@@ -333,12 +334,12 @@ class OneMachine(Case):
                 one.wait(timeout=30)
             told = wire.heard()
         said = {name: self.said(name) for name in hands}
-        # At most once, even for repeated requests.
+        # The message comes once, even if the request is repeated.
         self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
         met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
         self.assertEqual(met, {"A": {"B"}, "B": {"A"}, "C": set(), "D": {"E"}, "E": {"D"}})
         if wire.works:
-            # Certificates are readable, hand messages are not; without keys hand messages are readable.
+            # Certificates are readable, hand messages are not. Without keys, hand messages are readable.
             self.assertGreater(len(secret), 10000)
             self.assertFalse(b"palpate_hand" in secret, "it is not encrypted")
             self.assertTrue(b"palpate_hand" in told, "nothing is heard here")
@@ -352,7 +353,7 @@ class OneMachine(Case):
         self.wait_for("A", "more lines about sites that join and leave")
         alone.send_signal(signal.SIGINT)
         alone.wait(timeout=30)
-        # 21 a second. The departure of the last ones is reported after their hands are silent.
+        # At most 21 lines per second. Departures are reported when the hands have been silent.
         self.assertLess(self.said("A").count("site Z"), 21 * 5)
 
     def test_at_most_seven_other_hands_are_linked(self):
@@ -367,10 +368,10 @@ class OneMachine(Case):
         self.wait_for("A", "no other site is heard yet")
         stay(0, 7)
         self.assertNotIn(full, self.said("A"))
-        # New sites get the slots of silent sites.
+        # New sites get the slots of silent ones.
         stay(10, 9)
         self.assertIn(full, self.said("A"))
-        # More names than the site keeps, twice.
+        # More names than a site remembers, twice.
         for first in (100, 200):
             stay(first, 40)
         alone.send_signal(signal.SIGINT)
@@ -431,7 +432,7 @@ class OneMachine(Case):
 
 
 class Edits(Case):
-    """Edits of one site's scene; each site has a folder of its own."""
+    """Edits of a site's scene. Each site has its own folder."""
     HOST = True
 
     def setUp(self):
@@ -439,7 +440,7 @@ class Edits(Case):
         self.hand = self.path("hand", None)
 
     def write(self, name, strengths, **more):
-        """Writes a site's scene: planes far away that pull with these forces in x, y and z [N]."""
+        """Writes a site's scene: distant planes that pull with these forces along x, y and z [N]."""
         folder = self.dir / f"of-{name}"
         if not folder.exists():
             folder.mkdir()
@@ -458,7 +459,7 @@ class Edits(Case):
         return self.start(name, self.hand, seconds, *more, scene=self.write(name, strengths))
 
     def last(self, name):
-        """Returns the last force of the scene [N]."""
+        """Returns the scene's last force [N]."""
         return own(rows_of(self.dir / f"{name}.rec"))[-1]
 
     def test_an_edit_reaches_others_and_late_joiners_after_its_author_is_gone(self):
@@ -482,7 +483,7 @@ class Edits(Case):
         print(f"an edit was felt elsewhere after {took:.2f} s", flush=True)
         self.assertLess(took, 2.0)
 
-        # The second edit waits until the force of the first has been applied.
+        # The second edit waits until the first has taken full effect.
         rows = rows_of(self.dir / "B.rec")
         times = rows["time"][1:][np.diff(rows["scene"].astype(np.int64)) != 0][-2:]
         self.assertGreater(times[1] - times[0], 1.9)
@@ -502,7 +503,7 @@ class Edits(Case):
         both = [self.site(name, 60, "--watch") for name in "AB"]
         self.wait_for("A", "site B: its hand is connected")
         self.wait_for("B", "site A: its hand is connected")
-        # Each site edits one mode of its own; both edit one mode.
+        # Each site edits one mode alone, and both edit a third.
         self.write("A", (2, 1, 1.5))
         self.write("B", (1, 2, 2.5))
         for name, other in ("AB", "BA"):
@@ -563,7 +564,7 @@ class Edits(Case):
                says({**x, "strength": 1e30}), in_many_names(), says({**x, "strength": 1e6}, count=2)]
 
         begin = self.site("B", 60)
-        # The stranger publishes each text for half a second.
+        # The unauthenticated peer publishes each text for 0.5 s.
         self.wait_for_ticks("B")
         stranger = subprocess.Popen([STRANGER, f"C@{domain()}", *bad])
         self.addCleanup(stranger.wait)
@@ -590,7 +591,7 @@ class Far(Case):
     HOST = True
 
     def sway(self, seed):
-        """Returns a smooth path of a hand that turns more slowly than kLinkNimble."""
+        """Returns a smooth path whose accelerations are below kLinkNimble."""
         chance = random.Random(seed)
         swings = [(chance.uniform(0.005, 0.02), chance.uniform(0.3, 3.0), chance.uniform(0, 7))
                   for _ in range(3)]
@@ -599,15 +600,15 @@ class Far(Case):
             for i, (a, f, p) in enumerate(swings))
 
     def through(self, one, other, *network, act=None):
-        """Runs two commands with a relay between them. Calls `act` when each site feels the other one's hand. Returns
-        the output of all three."""
+        """Runs two commands with a relay between them. Calls `act` when both sites feel the other's hand. Returns the
+        output of all three."""
         with open(self.dir / "relay.err", "w", encoding="utf-8") as file:
             relay = subprocess.Popen([RELAY, *map(str, network), "--seconds", "60", "--", *map(str, one), "--",
                                       *map(str, other)], stdout=subprocess.DEVNULL, stderr=file)
         self.addCleanup(relay.wait)
         self.addCleanup(relay.kill)
         if act:
-            # Without networks of its own the relay ends at once.
+            # If the relay cannot make networks, it ends at once.
             while relay.poll() is None and self.said("relay").count(": its hand is connected") < 2:
                 time.sleep(0.01)
             act(relay)
@@ -627,18 +628,18 @@ class Far(Case):
                        "--loss", (loss := round(chance.choice((0, 0.1, 0.5)) * chance.random(), 3)),
                        "--twice", round(0.5 * chance.random(), 3),
                        "--overtaken", round(0.5 * chance.random(), 3), "--seed", seed]
-            # The relay ends the first command when the second has ended.
+            # The relay ends the first command after the second has ended.
             said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
                                 self.words("B", hands[1], 5, "--with", "10.77.0.1"), *network)
             rows = {name: rows_of(self.dir / f"{name}.rec") for name in "AB"}
-            # Uses the sum at the end, because one hand alone may get energy that the other hand has put in.
+            # Sums both hands, because one hand can get energy that the other has put in.
             both = sum(work(of)[-1] for of in rows.values())
             worst = max(worst, both)
             self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
             for of in rows.values():
                 self.assertLessEqual(np.linalg.norm(of["pull"], axis=1).max(), PEAK + 1e-9)
                 self.assertFalse((of["fault"] != 0).any(), f"seed {seed}: {said}")
-            # If a third is lost, sites may need longer to find each other.
+            # If a third is lost, sites can take longer to find each other.
             for name, of in rows.items() if loss < 0.3 else ():
                 felt = np.linalg.norm(pulled(of), axis=1) > 0.01
                 self.assertGreater(felt.sum(), 100, f"seed {seed}: {name} felt nothing: {said}")
@@ -662,20 +663,20 @@ class Far(Case):
         before = self.scene.read_text()
 
         def act(relay):
-            time.sleep(1.0)   # The force grows to its full size.
+            time.sleep(1.0)   # waits for the full force
             relay.send_signal(signal.SIGUSR1)
             self.scene.write_text(before.replace('"strength": 2', '"strength": 3'))
             time.sleep(2.0)
             relay.send_signal(signal.SIGUSR1)
 
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
-        # Edits are sent to sites that have keys.
+        # Only sites with keys get edits.
         self.keys("ours", "A", "B")
         keys = [("--site-keys", self.dir / "ours" / name) for name in "AB"]
         said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch", *keys[0]),
                             self.words("B", hands[1], 9, "--with", "10.77.0.1", *keys[1]),
                             "--delay-ms", 5, "--loss", 0.01, act=act)
-        # Edits during the separation arrive as well.
+        # Edits made while the sites were disconnected arrive later.
         self.assertIn('site A: its edit of isosurface of "bowl" is active', said)
         rows = rows_of(self.dir / "B.rec")
         force = np.linalg.norm(pulled(rows), axis=1)
@@ -690,7 +691,7 @@ class Far(Case):
 
 
 def parts():
-    """Returns the names of tests for each of three processes. The parts take about as long as each other."""
+    """Returns the tests of three processes, which take about equally long."""
     names = unittest.defaultTestLoader.getTestCaseNames(OneMachine)
     with_edits = names[::4]
     others = [one.__name__ for one in Case.__subclasses__() if one not in (Far, OneMachine)]
@@ -699,7 +700,7 @@ def parts():
 
 
 def run_parts(words):
-    """Runs the parts at the same time. Returns 0 if all have passed."""
+    """Runs the parts at the same time. Returns 0 if all pass."""
     running = [subprocess.Popen([sys.executable, __file__, *sys.argv[1:3], *words, *part], stdout=subprocess.PIPE,
                                 stderr=subprocess.STDOUT, text=True) for part in parts()]
     for one in running:

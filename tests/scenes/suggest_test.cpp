@@ -36,8 +36,8 @@ namespace {
 using Scalar = std::function<float(const Vec3d&)>;
 using Vector = std::function<Vec3f(const Vec3d&)>;
 
-/// Returns noise with mean 0 and standard deviation 1, from a sum of 12 uniform random numbers. The
-/// same place always gets the same noise.
+/// Returns noise with mean 0 and standard deviation 1: a sum of 12 uniform random numbers. The
+/// noise depends on p only.
 double noise(const Vec3d& p) {
   std::uint64_t x = 0x1234567ULL;
   for (int axis = 0; axis < 3; ++axis) {
@@ -53,7 +53,7 @@ double noise(const Vec3d& p) {
   return sum;
 }
 
-/// Returns the transform of a block of n^3 voxels of edge 1, centred at the origin.
+/// Returns the transform of n^3 voxels of edge 1, centred at the origin.
 openvdb::math::Transform::Ptr centred(int n) {
   auto transform = openvdb::math::Transform::createLinearTransform(1.0);
   transform->postTranslate(Vec3d(-0.5 * (n - 1)));
@@ -62,7 +62,7 @@ openvdb::math::Transform::Ptr centred(int n) {
 SuggestInput scalar(const Scalar& value, int n = 48, const std::string& name = "density") {
   SuggestInput input;
   auto grid = makeGrid<openvdb::FloatGrid>(n, centred(n), value, name);
-  // As in the importer's grids, the background is the value of the image's surroundings.
+  // The importer makes the background equal to the image's surroundings.
   openvdb::tools::changeBackground(grid->tree(), value(grid->indexToWorld(Vec3d(0.0))));
   input.grid = grid;
   input.extent.reset({0, 0, 0}, {n - 1, n - 1, n - 1});
@@ -74,7 +74,7 @@ SuggestInput vector(const Vector& value, const std::string& name = "velocity", i
   input.extent.reset({0, 0, 0}, {n - 1, n - 1, n - 1});
   return input;
 }
-/// Changes an input to that of a mesh, which has no data beyond its voxels.
+/// Marks an input as a mesh, which has no data outside its voxels.
 SuggestInput ofMesh(SuggestInput input) {
   input.inactive_is_data = false;
   return input;
@@ -87,7 +87,7 @@ std::vector<double> outputsOf(const Json& strength) {
   return outputs;
 }
 
-/// Returns the suggested scene, after checks that hold for all scenes.
+/// Returns the guessed scene. Checks what must hold for any guess.
 Json suggested(const std::vector<SuggestInput>& grids) {
   const std::string text = suggestScene("data.vdb", grids);
   CAPTURE(text);
@@ -136,7 +136,7 @@ Scalar ball(double radius, double inside, double outside, double deviation) {
   };
 }
 
-/// A head of air, fat, muscle, bone and brain, smoothed over two voxels.
+/// A head of air, skin, bone and brain in Hounsfield units, blurred over two voxels.
 float headInHounsfield(const Vec3d& p) {
   const double r = p.length();
   const auto step = [r](double radius) { return 1.0 / (1.0 + std::exp((r - radius) / 0.5)); };
@@ -176,7 +176,7 @@ TEST_CASE("the guessed isovalue of a blurred ball is halfway between inside and 
 }
 
 TEST_CASE("inactive surroundings cause a surface in an image but not in a mesh", "[guess]") {
-  // The importer makes the surroundings inactive, with their value as the background.
+  // Like the importer: the surroundings are inactive and equal the background.
   const double deviation = GENERATE(0.0, 20.0);
   auto grid = openvdb::FloatGrid::create(0.0F);
   grid->setName("density");
@@ -194,7 +194,7 @@ TEST_CASE("inactive surroundings cause a surface in an image but not in a mesh",
   CHECK(only(suggested({input}), "isosurface")["value"].get<double>() ==
         Approx(500.0).margin(60.0));
 
-  // In a mesh the same voxels have no boundary, because the mesh has no data beyond them.
+  // In a mesh the same voxels have no boundary, because there are no data around them.
   if (deviation == 0.0) {
     CHECK_THROWS_AS(suggestScene("data.vdb", {ofMesh(input)}), VolumeError);
   } else {
@@ -209,7 +209,7 @@ TEST_CASE("the edge of an image gives no surface", "[guess]") {
   };
   const Json scene = suggested({scalar(value)});
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(250.0).margin(30.0));
-  // The edges of the image alone must not count as a surface.
+  // The faces of the image must not count as a surface.
   SuggestInput block = scalar([](const Vec3d& p) { return static_cast<float>(noise(p)); });
   auto grid = openvdb::gridConstPtrCast<openvdb::FloatGrid>(block.grid)->deepCopy();
   openvdb::tools::changeBackground(grid->tree(), -1000.0F);
@@ -229,7 +229,7 @@ TEST_CASE("nested shells get two surfaces, the outer one weaker", "[guess]") {
   CHECK(surfaces[0]["value"].get<double>() == Approx(50.0).margin(15.0));
   CHECK(surfaces[1]["value"].get<double>() == Approx(200.0).margin(30.0));
   CHECK(surfaces[0]["strength"].get<double>() < surfaces[1]["strength"].get<double>());
-  // There is a viscosity mode between the surfaces.
+  // A viscosity mode fills the range between the surfaces.
   const Json knots = only(scene, "viscosity")["strength"]["piecewise"];
   CHECK(knots.front()[0] == surfaces[0]["value"]);
   CHECK(knots.back()[0] == surfaces[1]["value"]);
@@ -237,7 +237,7 @@ TEST_CASE("nested shells get two surfaces, the outer one weaker", "[guess]") {
 
 TEST_CASE("in raw CT values with varying bone the surface of bone is at the end of tissue",
           "[guess]") {
-  // Raw CT values: air 0, tissue 1050, bone up to 2500.
+  // Air 0, tissue 1050, bone up to 2500.
   const Json scene = suggested({scalar([](const Vec3d& p) {
     const double r = p.length();
     const double bone = 1800.0 + 600.0 * std::sin(0.9 * p.x()) * std::cos(1.1 * p.y() + p.z());
@@ -332,7 +332,7 @@ TEST_CASE("a constant scalar is rejected by name, a constant vector gets a follo
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
   CHECK_THROWS_WITH(suggestScene("data.vdb", {same}),
                     Contains("same (nearly all values are equal)"));
-  // A constant vector field has a direction. If no other grid is usable, the guess follows it.
+  // A constant vector field has a direction, so it is usable if no other grid is.
   const Json scene = suggested({same, still});
   CHECK(only(scene, "follow")["of"] == "vel");
   CHECK_THAT(scene["description"].get<std::string>(),
@@ -350,7 +350,7 @@ TEST_CASE("non-finite values do not change the guessed scene", "[guess]") {
     return value(p);
   })});
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(500.0).margin(60.0));
-  // The value of the first voxel is not a number.
+  // The first voxel is NaN.
   const Json flow = suggested({vector([](const Vec3d& p) {
     if (p.x() + p.y() + p.z() < -45.0) return Vec3f(NAN);
     return Vec3f(Vec3d(-p.y(), p.x(), 1.0));
@@ -421,7 +421,7 @@ TEST_CASE("the guessed strength along a flow follows the percentiles of its spee
 
 TEST_CASE("a vortex gets a vortex tube, and a shear layer a viscosity that follows its curl",
           "[guess]") {
-  // Rankine's vortex: rotates like a solid inside, and has no curl outside.
+  // Rankine's vortex: it rotates like a solid inside, and has no curl outside.
   const Json turning = suggested({vector([](const Vec3d& p) {
     const double r2 = std::max(36.0, p.x() * p.x() + p.y() * p.y());
     return Vec3f(Vec3d(-p.y(), p.x(), 0.0) * (36.0 / r2));
@@ -434,7 +434,7 @@ TEST_CASE("a vortex gets a vortex tube, and a shear layer a viscosity that follo
       {vector([](const Vec3d& p) { return Vec3f(Vec3d(std::tanh(0.25 * p.z()), 0.0, 0.1)); })});
   const Json drag = only(layer, "viscosity");
   CHECK(layer["fields"][drag["of"].get<std::string>()].contains("curl"));
-  // A stagnation point has only strain.
+  // A stagnation point has strain only.
   const Json straining = suggested(
       {ofMesh(vector([](const Vec3d& p) { return Vec3f(Vec3d(p.x(), p.y(), -2.0 * p.z())); }))});
   CHECK(modesOf(straining, "viscosity").empty());
@@ -469,7 +469,7 @@ TEST_CASE("fibres are guessed as axial vectors whose anisotropy sets the strengt
   CHECK(scene["volumes"][follow["of"].get<std::string>()]["axial"] == true);
   CHECK(follow["by"] == "tensor_anisotropy");
   CHECK(follow["strength"]["piecewise"] == Json::parse("[[0.15, 0], [0.4, 1], [0.7, 2]]"));
-  CHECK(scene["modes"].size() == 1);  // not once more, as a scalar
+  CHECK(scene["modes"].size() == 1);  // no second mode for its scalars
 
   const Json alone = suggested({fibres});
   CHECK_FALSE(only(alone, "follow").contains("by"));
@@ -528,7 +528,7 @@ TEST_CASE("each volume of a guessed scene has a unique name that is made from it
   CHECK(equal["volumes"]["a_b_c"]["grid"] == "a b/(c)[0]");
   CHECK(equal["volumes"]["a_b_c_2"]["grid"] == "a b/(c)[1]");
   CHECK(equal["volumes"]["a_b_c_2"]["place"]["like"] == "a_b_c");
-  // A field may not have the name of a volume.
+  // A field must not have the name of a volume.
   const Json clash =
       suggested({scalar(ramp(1, 0), 16, "speed"),
                  vector([](const Vec3d& p) { return Vec3f(Vec3d(-p.y(), p.x(), 1.0)); })});
@@ -567,11 +567,11 @@ TEST_CASE("a guessed scene loads without a note", "[guess]") {
   CHECK(built.notes.empty());
 }
 
-// Grids as a scientist writes them, without metadata about their content.
+// Grids as a user's script writes them, without metadata about their content.
 
 TEST_CASE("a CT .vdb without a scene gets a skin surface and a bone surface", "[guess]") {
   const TemporaryFolder folder;
-  // A file that a script wrote has whole numbers, stored air and a background of 0.
+  // Whole numbers, with stored air and a background of 0.
   auto ct = makeGrid<openvdb::FloatGrid>(
       48, centred(48), [](const Vec3d& p) { return std::round(headInHounsfield(p)); }, "ct");
   openvdb::tools::changeBackground(ct->tree(), 0.0F);
@@ -600,19 +600,19 @@ TEST_CASE("a CT .vdb without a scene gets a skin surface and a bone surface", "[
   const Json scene = Json::parse(guess.scene);
   CHECK_THAT(scene["volumes"]["ct"]["description"].get<std::string>(), Contains("Hounsfield"));
 
-  // If the user selects CFD, the levels are those of this image, not of the Hounsfield scale.
+  // For CFD, the levels come from this image, not from the Hounsfield scale.
   const Json other = Json::parse(guessVdb(folder / "ct.vdb", GuessFor::kCfd).scene);
   for (const Json& mode : other["modes"]) CHECK(mode["name"] != "bone");
 }
 
 TEST_CASE("the Hounsfield scale is recognised in a CT of a head, and not in other fields",
           "[guess]") {
-  // Air is the image's background and has no stored voxels.
+  // Air is the background and has no stored voxels.
   const Json head = suggested({scalar(headInHounsfield)});
   CHECK(head["modes"][0]["name"] == "skin");
   CHECK(head["modes"][1]["name"] == "bone");
   CHECK_THAT(head["volumes"]["density"]["description"].get<std::string>(), Contains("Hounsfield"));
-  // Raw values, values with another unit, and another field about 0.
+  // Raw values, another unit, and another field with values about 0.
   const auto raw = [](const Vec3d& p) { return headInHounsfield(p) + 1024.0F; };
   SuggestInput pascal = scalar(headInHounsfield);
   pascal.value_unit = "Pa";
@@ -679,7 +679,7 @@ TEST_CASE("vectors of length 1 are axial directions unless the user asks for CFD
   const Json cfd =
       Json::parse(suggest({"data.vdb", "", ""}, {vector(direction, "v1")}, GuessFor::kCfd).scene);
   CHECK_FALSE(cfd["volumes"]["v1"].contains("axial"));
-  // If the user selects fibres, all vectors count as axial.
+  // For fibres, all vectors count as axial.
   const auto flow = vector([](const Vec3d& p) { return Vec3f(Vec3d(-p.y(), p.x(), 3.0)); });
   const Json fibres = Json::parse(suggest({"data.vdb", "", ""}, {flow}, GuessFor::kFibres).scene);
   CHECK(fibres["volumes"]["velocity"]["axial"] == true);
@@ -728,7 +728,7 @@ TEST_CASE("the three component grids of a vector are not used as scalars", "[gue
   CHECK_THAT(guess.left[0], Contains("X Velocity, Y Velocity, Z Velocity") &&
                                 Contains("Velocity.x, Velocity.y and Velocity.z"));
 
-  // With these names, the grids are the components of a vector that rotates.
+  // The names make these grids the components of one vector.
   const TemporaryFolder folder;
   openvdb::GridPtrVec grids;
   for (int axis = 0; axis < 3; ++axis) {
@@ -745,7 +745,7 @@ TEST_CASE("the three component grids of a vector are not used as scalars", "[gue
 }
 
 TEST_CASE("each material fraction gets a surface at one half, except the void", "[guess]") {
-  // A ball and a box in a void. At edges, volume fractions change over one or two voxels.
+  // A ball and a box in a void. At edges, fractions change over one or two voxels.
   const auto within = [](double depth) { return std::clamp(0.5 + 0.5 * depth, 0.0, 1.0); };
   const auto steel = [=](const Vec3d& p) {
     return static_cast<float>(within(8.0 - (p - Vec3d(-9.0, 0.0, 0.0)).length()));
@@ -789,8 +789,8 @@ TEST_CASE("mixed gases get no material surface", "[guess]") {
 }
 
 TEST_CASE("a shock gets a surface where the value changes most steeply", "[guess]") {
-  // A bow shock: free stream in front, and values that fall and rise behind it. It is smeared over
-  // about three cells of two voxels each.
+  // A bow shock with uniform flow in front and values that fall and rise behind, blurred over three
+  // cells of two voxels.
   const Scalar bow = [](const Vec3d& p) {
     const double ahead = p.x() + 12.0 - 0.01 * (p.y() * p.y() + p.z() * p.z());
     const double behind =
@@ -810,7 +810,7 @@ TEST_CASE("a shock gets a surface where the value changes most steeply", "[guess
 }
 
 TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[guess]") {
-  // Three bodies in empty space. The third is near both others.
+  // Three bodies in empty space. The third touches both others.
   const Scalar atlas = [](const Vec3d& p) {
     if ((p - Vec3d(-7.0, 0.0, 0.0)).length() < 7.0) return 1.0F;
     if ((p - Vec3d(7.0, 0.0, 0.0)).length() < 7.0) return 4.0F;
@@ -831,12 +831,12 @@ TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[g
   CHECK(surfaces[1]["solid"] == "above");
   REQUIRE(guess.left.size() == 1);
   CHECK_THAT(guess.left[0], Contains("labels 1 to 2") && Contains("a grid for each"));
-  // Shells with values in order are treated as an image.
+  // Shells whose values are in order count as an image.
   const Json shells = suggested({scalar([](const Vec3d& p) {
     return static_cast<float>(p.length() < 8.0 ? 3 : (p.length() < 16.0 ? 1 : 0));
   })});
   CHECK(shells["modes"][0]["name"] != "density all labels");
-  // Two values give one body, even if the user selects labels.
+  // Two values make one body, even if the user selects labels.
   const auto mask = scalar(ball(12.0, 1.0, 0.0, 0.0), 40, "mask");
   for (const GuessFor what : {GuessFor::kAnything, GuessFor::kLabels}) {
     const Json body = Json::parse(suggest({"data.vdb", "", ""}, {mask}, what).scene);
@@ -846,7 +846,7 @@ TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[g
 }
 
 TEST_CASE("labels in tiles without voxels get surfaces", "[guess]") {
-  // All labels end at the borders of nodes of 8 voxels, so that pruning leaves only tiles.
+  // All labels end at borders of leaf nodes (8 voxels), so pruning leaves tiles only.
   SuggestInput input = scalar(
       [](const Vec3d& p) {
         const auto within = [&p](double from, double to) {
@@ -908,7 +908,7 @@ TEST_CASE("the printed share of a material is its share of the whole volume", "[
       {"data.vdb", "", ""},
       {fraction("steel", [&](const Vec3d& p) { return steel(p) - water(p); }),
        fraction("water", water), fraction("air", [&](const Vec3d& p) { return 1.0 - steel(p); })});
-  // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %; the blur adds to it.
+  // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %, and the blur adds some.
   const std::string line = guess.made.at(0);
   const std::string before = "The material fills ";
   const std::size_t at = line.find(before);
@@ -949,7 +949,7 @@ TEST_CASE("a distance field without metadata gets a surface at 0", "[guess]") {
     CHECK(surface["solid"] == "below");
     CHECK(scene["modes"].size() == 1);
   }
-  // A ramp with slope 1 is not a distance.
+  // A ramp of slope 1 is not a distance.
   CHECK(modesOf(suggested({scalar([](const Vec3d& p) { return static_cast<float>(p.x()); })}),
                 "isosurface")
             .empty());
@@ -977,7 +977,8 @@ TEST_CASE("a distance field that is clamped gets a surface at 0 with its solid i
     for (const Cut& cut : {Cut{-3.0, 3.0}, Cut{-2.0, 5.0}, Cut{-1.0, 1.0, 0.2},
                            Cut{-1.0, 1.0, 0.2, 0.15}, Cut{-0.4, 1.0, 0.2}}) {
       for (const double sign : {1.0, -1.0}) {
-        // Without a closed surface, either side may be solid; the usual side has values below 0.
+        // On a shape that is not closed, either side may be solid, so only the usual sign is
+        // tested.
         if (sign < 0.0 && !shape.closed) continue;
         for (const bool sparse : {false, true}) {
           if (sparse && cut.scale != 1.0) continue;
@@ -1049,7 +1050,7 @@ TEST_CASE("the weights of a distance field are recognised and get no surface", "
 }
 
 TEST_CASE("a dense fog with few varying voxels gets the same modes as a sparse fog", "[guess]") {
-  // The plume fills 0.1 %, 0.4 % and 3 % of the box.
+  // The plume fills 0.1 %, 0.4 % or 3 % of the box.
   for (const double radius : {4.0, 6.5, 12.5}) {
     const auto plume = [radius](const Vec3d& p) {
       const double r = (p - Vec3d(3.0, 0.0, -5.0)).length() / radius;
@@ -1069,7 +1070,7 @@ TEST_CASE("a dense fog with few varying voxels gets the same modes as a sparse f
     CHECK_THAT(scene["volumes"]["density"]["description"].get<std::string>(),
                Contains("0 in nearly all voxels"));
   }
-  // A few voxels that differ do not count as a body.
+  // A few different voxels are not a body.
   CHECK_THROWS_AS(
       suggestScene("data.vdb",
                    {scalar([](const Vec3d& p) { return p.length() < 1.0 ? 7.0F : 1.0F; })}),
@@ -1090,7 +1091,7 @@ TEST_CASE("a guessed scene sets no stiffness and uses the device's", "[guess]") 
 
 TEST_CASE("materials get surfaces from their volume fractions and not from their masses",
           "[guess]") {
-  // The nose and the plate of a shock-physics code. The void between them has no array.
+  // Projectile nose and plate, as from a shock-physics code. The void between them has no array.
   const auto nose = [](const Vec3d& p) {
     return static_cast<float>(std::clamp(9.5 - (p - Vec3d(0.0, 0.0, 8.0)).length(), 0.0, 1.0));
   };
@@ -1123,13 +1124,13 @@ TEST_CASE("materials get surfaces from their volume fractions and not from their
 
 namespace {
 
-/// Billig's shock in front of a ball of 14 voxels at Mach 5 (Journal of Spacecraft and Rockets,
-/// 1967). The file's x is downstream.
+/// Billig's shock in front of a ball of radius 14 voxels at Mach 5 (Journal of Spacecraft and
+/// Rockets, 1967). The flow is along x.
 struct BowShock {
   double body = 14.0;
   double mach = 5.0;
 
-  /// Returns how far p is behind the shock [voxels], and the ratio of the pressures there.
+  /// Returns the distance of p behind the shock [voxels], and the pressure ratio there.
   [[nodiscard]] std::pair<double, double> at(const Vec3d& p) const {
     const double ahead = 0.143 * std::exp(3.24 / (mach * mach)) * body;
     const double bend = 1.143 * std::exp(0.54 / std::pow(mach - 1.0, 1.2)) * body;
@@ -1157,7 +1158,7 @@ TEST_CASE("the guessed surface of a bow shock is at the steepest places", "[gues
   CAPTURE(scene.dump(2));
   const Json mode = only(scene, "isosurface");
   CHECK(mode["solid"] == "above");
-  // Finds the surface along the stream, and its distance from the shock.
+  // Finds the surface along the flow, and its distance from the shock.
   std::vector<double> off;
   for (int y = -30; y <= 30; y += 6) {
     for (int z = -30; z <= 30; z += 6) {
@@ -1176,7 +1177,7 @@ TEST_CASE("the guessed surface of a bow shock is at the steepest places", "[gues
 }
 
 TEST_CASE("the guessed modes of a CT act on the patient and not on the table", "[guess]") {
-  // A head with a vessel in a cavity of air, four voxels above a table.
+  // A head with a vessel inside a cavity of air, four voxels above a table.
   const auto value = [](const Vec3d& p) {
     const double r = (p - Vec3d(0.0, 6.0, 0.0)).length();
     const double cavity = (p - Vec3d(0.0, 6.0, 0.0)).length();
@@ -1197,7 +1198,7 @@ TEST_CASE("the guessed modes of a CT act on the patient and not on the table", "
   };
   CHECK(within({0.0, 6.0, 0.0}));          // the vessel
   CHECK(within({14.0, 6.0, 0.0}));         // the skin
-  CHECK(within({16.0, 6.0, 0.0}));         // and the air on it
+  CHECK(within({16.0, 6.0, 0.0}));         // the air on the skin
   CHECK_FALSE(within({0.0, -12.0, 0.0}));  // the air on the table
   CHECK_FALSE(within({10.0, -16.0, 10.0}));
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Tests the window and its stills, under Xvfb with a synthetic mouse: the picture agrees with the trace.
-view_test.py BIN_DIR VOLUMES_PROGRAM [CLASS...]. Exit status 77 if Xvfb, xdotool or matplotlib are missing."""
+"""Tests the window and its stills under Xvfb with a synthetic mouse: the picture must agree with the trace.
+view_test.py BIN_DIR VOLUMES_PROGRAM [CLASS...]. Exit status 77 if Xvfb, xdotool or matplotlib is missing."""
 import contextlib
 import csv
 import ctypes
@@ -25,7 +25,7 @@ import suite  # noqa: E402
 BIN = Path(sys.argv[1]).resolve()
 VOLUMES = str(Path(sys.argv[2]).resolve())
 PALPATE = str(BIN / "palpate")
-PATIENCE = int(os.environ.get("PALPATE_PATIENCE", "240"))  # [s], for a loaded machine
+PATIENCE = int(os.environ.get("PALPATE_PATIENCE", "240"))  # [s]; for a busy machine
 
 if not all(shutil.which(program) for program in ("Xvfb", "xdotool")):
     print("view_test: skipped: needs xvfb and xdotool")
@@ -50,11 +50,11 @@ SCENE = {
 
 
 def near(image, at, colour, reach):
-    """Counts the pixels around a place that have a colour's hue."""
+    """Counts the pixels around a point that have a colour's hue."""
     height = image.shape[0]
     x, y = round(at[0]), round(height - 1 - at[1])
     part = image[max(0, y - reach):y + reach + 1, max(0, x - reach):x + reach + 1, :3]
-    # The hue is the difference between channels; brightness is ignored.
+    # The hue is the differences between channels.
     grey = part.mean(axis=2, keepdims=True)
     hue = part - grey
     want = [c - sum(colour) / 3 for c in colour]
@@ -77,7 +77,7 @@ def vector(row, of):
 
 
 def folder_until(cleanup):
-    """Makes a folder, which the registered cleanup removes."""
+    """Makes a folder. The registered cleanup removes it."""
     holder = tempfile.TemporaryDirectory()  # pylint: disable=consider-using-with
     cleanup(holder.cleanup)
     return Path(holder.name)
@@ -96,14 +96,14 @@ class Case(unittest.TestCase):
         self.write_scene(self.SCENE)
 
     def use(self, folder):
-        """Uses this folder and its scene file."""
+        """Uses this folder and the scene file in it."""
         self.dir = folder
         self.scene = folder / "scene.json"
         self.told_file = folder / "told.json"
         self.env = {**os.environ, "PALPATE_VIEW_TOLD": str(self.told_file), "PALPATE_VIEW_TOLD_EVERY": "0.05"}
 
     def write_scene(self, scene):
-        """Writes the scene by a rename: a run that watches the file never reads a part."""
+        """Writes the scene by renaming, so that a run that watches the file never reads a part of it."""
         scene = json.loads(json.dumps(scene))
         for volume in scene["volumes"].values():
             volume["file"] = str(self.volumes / volume["file"])
@@ -119,7 +119,7 @@ class Case(unittest.TestCase):
 
 
 class Still(Case):
-    first = None  # The folder of the picture that tests share.
+    first = None  # folder of the picture that tests share
 
     def still(self, *words, env=None, status=0):
         done = subprocess.run([PALPATE, "view", str(self.scene), *words], cwd=self.dir, text=True,
@@ -128,14 +128,14 @@ class Still(Case):
         return done
 
     def press_drawn(self, env=None):
-        """Draws a hand that goes from the camera's side into the ball, 4 mm deep."""
+        """Draws a hand that moves from the camera's side into the ball, 4 mm deep."""
         (self.dir / "path.csv").write_text("t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n",
                                            encoding="utf-8")
         self.still("--device", "path:path.csv", "--picture", "still.png", "--trace", "t.csv", env=env)
 
     def use_the_first(self):
-        """Works in the folder of a picture that tests share. Without a display: palpate starts one. A client without
-        a cookie connects to it, even before palpate knows the server's number."""
+        """Uses a picture that tests share. It is drawn without a display, so palpate starts a server. A client without
+        a cookie tries to connect even before palpate knows the server's number."""
         if Still.first is None:
             self.use(folder_until(self.addClassCleanup))
             self.write_scene(SCENE)
@@ -164,13 +164,13 @@ wait
                 self.assertAlmostEqual(mine, his, places=15)
         force = math.hypot(*told["force"])
         self.assertGreater(force, 0.5)
-        # The proxy is on the ball, and the bar shows the spring's force without its damper.
+        # The proxy is on the ball. The bar shows the spring's force without damping.
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         skin, pin = told["bars"]
         self.assertEqual((skin["name"], skin["strength"], skin["state"]), ("skin", 3.0, "holds"))
         self.assertAlmostEqual(skin["load"], 500 * math.dist(told["probe"], told["proxy"]), delta=1e-6)
         self.assertEqual((pin["load"], pin["state"]), (0.0, "idle"))
-        # The image shows them at these places.
+        # The image shows these things at these positions.
         image = imread(self.dir / "still.png")
         self.assertEqual(image.shape[:2][::-1], tuple(told["size"]))
         pixels = told["pixels"]
@@ -183,7 +183,7 @@ wait
         self.assertEqual([p for p in self.dir.iterdir() if "partial" in p.name], [])
 
     def test_an_inner_surface_is_visible_through_the_outer_one(self):
-        """The background is visible through the outer ball beside the inner one; 300 dpi for print."""
+        """Beside the inner ball, the background is visible through the outer ball. Stills have 300 dpi for print."""
         own = self.dir
         scene = json.loads(json.dumps(SCENE))
         scene["modes"].append({"name": "core", "mode": "isosurface", "of": "ball", "value": -0.25, "solid": "below",
@@ -236,12 +236,12 @@ wait
                 told = self.told()
                 self.assertEqual(told["legend"], [modes[0]["name"]])
                 image = imread(self.dir / "still.png")[:, :1300, :3]
-                # Only lines at the light end of the scale are yellow.
+                # Only lines at the light end of the colour scale are yellow.
                 yellow = (image[..., 0] > 0.6) & (image[..., 1] > 0.5) & (image[..., 2] < 0.5)
                 self.assertGreater(int(yellow.sum()), colours)
 
     def beside(self, server):
-        """Returns an environment with another program as Xvfb, and without a display."""
+        """Returns an environment without a display, in which Xvfb is another program."""
         place = self.dir / "bin"
         place.mkdir(exist_ok=True)
         (place / "Xvfb").write_text("#!/bin/sh\n" + server, encoding="utf-8")
@@ -250,7 +250,7 @@ wait
         return {**env, "PATH": f"{place}:{env['PATH']}"}
 
     def test_ctrl_c_ends_the_drawing_of_a_picture(self):
-        """While palpate waits for its server, which prints its number without end."""
+        """Ends palpate while it waits for a server that prints its number without end."""
         env = self.beside(f"touch '{self.dir}/begun'\nwhile printf 1 >&3; do sleep 1; done\n")
         for asked in (signal.SIGINT, signal.SIGTERM):
             with self.subTest(asked=asked.name):
@@ -302,8 +302,8 @@ wait
 
 
 class Window(Case):
-    """Tests of windows on one server. Windows are small, so that they draw in less time than default windows."""
-    SIZE = (700, 400)  # [pixels]; the panel takes 300 of the width
+    """Tests of windows on one server. The windows are small, so that they draw fast."""
+    SIZE = (700, 400)  # [pixels]; the panel is 300 wide
 
     @classmethod
     def setUpClass(cls):
@@ -317,11 +317,11 @@ class Window(Case):
                         PALPATE_VIEW_HEIGHT=str(self.SIZE[1]))
 
     def image(self, window):
-        """Returns the part of the screen that shows a window; colours are from 0 to 1."""
+        """Returns the part of the screen that shows a window, with colours from 0 to 1."""
         words = self.do("getwindowgeometry", "--shell", window)
         at = {name: int(value) for name, value in (word.split("=") for word in words)}
         screen = (self.screens / "Xvfb_screen0").read_bytes()
-        # The format of xwd: a header of 32 bit numbers, 12 bytes for each colour of a map, rows of blue, green, red.
+        # The xwd format: a header of 32-bit numbers, 12 bytes per colour of a map, then rows of blue, green, red.
         head = struct.unpack(">25I", screen[:100])
         height, line = head[5], head[12]
         pixels = np.frombuffer(screen, np.uint8, height * line, head[0] + 12 * head[19]).reshape(height, -1, 4)
@@ -331,7 +331,7 @@ class Window(Case):
     def serve(cleanup, *words):
         """Starts a server, which the registered cleanup ends. Returns its display and its process."""
         ends = os.pipe()
-        # -noreset: the server keeps running when its last client leaves.
+        # -noreset: the server continues after its last client has left.
         server = subprocess.Popen(["Xvfb", "-displayfd", str(ends[1]), "-screen", "0", "1100x760x24", "-noreset",
                                    "-nolisten", "tcp", *words], pass_fds=[ends[1]], stderr=subprocess.DEVNULL)
         cleanup(server.wait)
@@ -346,7 +346,7 @@ class Window(Case):
         return feel
 
     def launch(self, cleanup, *words, program=PALPATE):
-        """Starts a run, which the registered cleanup ends together with its window."""
+        """Starts a run. The registered cleanup ends it and its window."""
         if self.env["DISPLAY"] == self.display:
             self.do("mousemove", 1090, 750)  # outside the window
         with open(self.dir / "log", "w", encoding="utf-8") as log:
@@ -364,7 +364,7 @@ class Window(Case):
         return (self.dir / "log").read_text(encoding="utf-8")
 
     def until(self, what, true):
-        """Waits until the state of the window satisfies a condition."""
+        """Waits until the window's state satisfies a condition. Returns the state."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             told = self.told()
@@ -397,7 +397,7 @@ class Window(Case):
         raise AssertionError(f"it draws on: {self.told()}")
 
     def cover(self):
-        """Covers everything by another window; returns a function that removes it."""
+        """Covers the screen with another window. Returns a function that removes it."""
         x11 = ctypes.CDLL("libX11.so.6")
         x11.XOpenDisplay.restype = ctypes.c_void_p
         display = ctypes.c_void_p(x11.XOpenDisplay(self.env["DISPLAY"].encode()))
@@ -409,7 +409,7 @@ class Window(Case):
         return lambda: x11.XCloseDisplay(display)
 
     def until_shown(self, what, window, true):
-        """Waits for the image of a window on the screen."""
+        """Waits until a window's image satisfies a condition."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             if true(self.image(window)):
@@ -423,12 +423,12 @@ class Window(Case):
         return done.stdout.split()
 
     def close(self, window):
-        """If the window closes before the key is released, xdotool complains."""
+        """Closes a window with the key q. xdotool complains if the window closes before the key is released."""
         subprocess.run(["xdotool", "key", "--window", window, "q"], env=self.env, timeout=PATIENCE,
                        stderr=subprocess.DEVNULL, check=False)
 
     def window(self):
-        """Returns the window when it draws."""
+        """Returns the window once it draws."""
         self.until("a frame", lambda told: told["frames"] > 0)
         return self.do("search", "--onlyvisible", "--name", "^palpate:")[0]
 
@@ -440,14 +440,14 @@ class Window(Case):
         return feel.wait(timeout=PATIENCE)
 
     def ends_well(self, feel):
-        """Checks that the run ends without a fault, or with a message that the loop was late, as on a busy machine."""
+        """Checks that the run ends without a fault, or with the fault "late", as on a busy machine."""
         if self.ended(feel) != 0:
             self.assertEqual(feel.returncode, 1, self.said())
             self.assertIn("the force was cut: the loop was late", self.said())
             self.assertNotIn("the window has ended", self.said())
 
     def press(self, window):
-        """Moves the mouse so that the hand presses into the ball."""
+        """Moves the mouse until the hand presses into the ball."""
         told = self.until("a hand", lambda told: told["tick"] > 0)
         x, y = told["pixels"]["centre"][0], told["size"][1] - told["pixels"]["centre"][1]
         end = time.monotonic() + PATIENCE
@@ -456,7 +456,7 @@ class Window(Case):
             step += 1
             self.do("mousemove", "--window", window, round(x + step % 2), round(y))
             before = self.told()["hand"]
-            # A step of the wheel is 0.9 mm. Steps before the ball need no wait.
+            # A wheel step is 0.9 mm. In front of the ball there is no need to wait after each step.
             free = int((math.hypot(*before) - RADIUS) / 9e-4) - 3
             if free > 1:
                 self.do("click", "--repeat", free, "--delay", 5, 4)
@@ -464,22 +464,21 @@ class Window(Case):
                                   math.dist(told["hand"], before) > (free - 1) * 8e-4)
                 continue
             self.do("click", 4)
-            # Waits for the result of each step: if the hand is too deep, the skin yields.
+            # Waits for each step's result: the skin yields to a hand that is too deep.
             told = self.until("a step", lambda told, before=before: math.dist(told["hand"], before) > 5e-4)
             told = self.until("a later tick", lambda later, told=told: later["time"] > told["time"] + 0.15)
 
 
 class Drawn(Window):
-    """Tests of the picture while a hand feels. Tests without options of their own share a run, which they leave as
-    they found it."""
+    """Tests of the picture while a hand feels. Tests without options share a run, and leave it as they found it."""
     COMMON = json.loads(json.dumps(SCENE))
-    COMMON["modes"][1]["strength"] = 9e5  # [N]: one step more is beyond the limit
-    common = None  # The folder of the run that tests share, and its process.
-    busy = False   # A test uses this run, or failed before it gave the run back.
+    COMMON["modes"][1]["strength"] = 9e5  # [N]; one more step exceeds the limit
+    common = None  # folder and process of the run that tests share
+    busy = False   # a test uses the run, or failed before it gave the run back
 
     def join(self):
-        """Takes the run that tests share, and returns its window. The first test starts the run. So does the test after
-        one that has ended the run or has failed."""
+        """Takes the run that tests share. Returns its window. Starts the run if there is none, or if the last test
+        ended it or failed."""
         kind = type(self)
         if kind.common is not None and kind.busy:
             os.killpg(kind.common[1].pid, signal.SIGKILL)
@@ -496,7 +495,7 @@ class Drawn(Window):
         return self.window()
 
     def leave(self, window):
-        """Gives the run back for the next test, with the first scene, all modes on, and the first view."""
+        """Gives the run back with the first scene, all modes on, and the first view."""
         self.write_scene(self.COMMON)
         self.do("key", "--window", window, "1", "key", "--window", window, "r")
         self.until("the first scene", lambda t: [(bar["name"], bar["dial"]) for bar in t["bars"]]
@@ -511,23 +510,23 @@ class Drawn(Window):
 
     @classmethod
     def tearDownClass(cls):
-        """Checks that the run of the last tests ends without a fault."""
+        """Checks that the last shared run ends without a fault."""
         if cls.common is not None and not cls.busy:
             last = cls("test_slices_go_through_the_proxy")
             last.end(last.join())
 
     def test_a_mouse_hand_is_held_by_a_ball_and_keys_have_their_documented_effect(self):
         window = self.join()
-        self.do("key", "--window", window, "Return")  # the force may be off after late ticks
+        self.do("key", "--window", window, "Return")  # late ticks may have cut the force
         self.press(window)
         felt = lambda told: math.hypot(*told["force"]) > 0.2 and told["bars"][0]["state"] == "holds"
         told = self.until("a force", felt)
-        # The proxy stays on the ball wherever the mouse moves: the picture shows the resistance.
+        # The proxy stays on the ball wherever the mouse moves, so the picture shows the resistance.
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         self.assertLess(math.hypot(*told["probe"]), math.hypot(*told["proxy"]))
-        # The panel on the screen shows a bar in the colour of the state "holds".
+        # The panel shows a bar in the colour of "holds".
         self.until_shown("a bar", window, lambda image: near(image, (480, 330), HOLDS, 50) > 40)
-        # Makes the skin stronger, then switches it off and on again.
+        # Strengthens the skin, switches it off and on again.
         self.do("key", "--window", window, "plus")
         self.until("a stronger skin", lambda t: abs(t["bars"][0]["strength"] - 3.75) < 1e-6)
         self.do("key", "--window", window, "o")
@@ -535,7 +534,7 @@ class Drawn(Window):
         self.until_shown("no bar", window, lambda image: near(image, (480, 330), HOLDS, 50) == 0)
         self.do("key", "--window", window, "o")
         self.until("a skin", lambda t: t["bars"][0]["dial"] == 1.25)
-        # The force is off until Enter.
+        # The force is off until Enter is pressed.
         cut_after = self.told()["time"]
         self.do("key", "--window", window, "Escape")
         off = self.until("the force off", lambda t: t["status"][0].startswith("FORCE OFF"))
@@ -574,10 +573,10 @@ class Drawn(Window):
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         self.close(self.window())
         self.ends_well(feel)
-        # At half the speed, and not further than the view has shown.
+        # At half speed, up to what the view has shown.
         felt = float(rows(self.dir / "t.csv")[-1]["t"])
         self.assertLess(felt, 0.5 * (time.monotonic() - begun) + 0.1)
-        # The whole recording, as a picture, with the recording's own scene.
+        # A still of the whole recording, with the recording's scene.
         self.still = subprocess.run([PALPATE, "view", "a.rec", "--device", "replay:a.rec", "--picture",
                                      "still.png", "--trace", "t.csv"], cwd=self.dir, env=self.env,
                                     capture_output=True, text=True, timeout=PATIENCE, check=False)
@@ -603,7 +602,7 @@ class Drawn(Window):
         self.until("a fine backdrop", lambda told: not told["coarse"])
 
         def grey(image):
-            """Nearly black and nearly white pixels, without hue, in the picture."""
+            """Returns the numbers of nearly black and nearly white pixels in the picture."""
             part = image[:, :390, :3]
             plain = part.max(axis=2) - part.min(axis=2) < 0.02
             return int((plain & (part.mean(axis=2) < 0.05)).sum()), int((plain & (part.mean(axis=2) > 0.9)).sum())
@@ -628,14 +627,14 @@ class Drawn(Window):
         told = self.until("the new scene", lambda t: len(t["bars"]) == 3 and "core" in t["legend"])
         self.assertEqual([(bar["name"], bar["dial"]) for bar in told["bars"]],
                          [("core", 1), ("skin", 0), ("pin", 1)])
-        # On again: the mode is still selected, at its new index.
+        # Switched on again, the mode is still selected, at its new index.
         self.do("key", "--window", window, "o")
         self.until("a skin", lambda t: t["bars"][1]["dial"] == 1)
         self.leave(window)
 
     def test_the_panel_marks_requests_that_the_loop_has_not_yet_applied(self):
         window = self.join()
-        # While the loop is stopped, no request is applied.
+        # While the loop is stopped, requests are pending.
         self.feel.send_signal(signal.SIGSTOP)
         self.do("key", "--window", window, "o")
         told = self.until("a wish", lambda t: t["bars"][0]["words"] == "skin: off (not yet)")
@@ -643,7 +642,7 @@ class Drawn(Window):
         self.feel.send_signal(signal.SIGCONT)
         told = self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
         self.assertEqual(told["bars"][0]["words"], "skin: off")
-        # A rejected request is not applied, and the panel does not show it.
+        # A refused request has no effect, and the panel stops showing it.
         self.do("key", "--window", window, "2")
         self.do("key", "--window", window, "plus")
         self.until("a refusal", lambda t: any("change rejected" in note for note in t["notes"]))
@@ -694,13 +693,13 @@ class Drawn(Window):
         told = self.until("it far behind", lambda told: told["time"] > 1.2 and not told["coarse"])
         x, y = round(told["pixels"]["probe"][0]), round(told["size"][1] - 1 - told["pixels"]["probe"][1])
         self.until_shown("the hand", window, lambda image: image[y - 6:y + 7, x - 6:x + 7].std() > 0.03)
-        # The window writes the same picture.
+        # The window saves the same picture.
         self.assertGreater(imread(shot)[y - 6:y + 7, x - 6:x + 7, :3].std(), 0.03)
         self.close(window)
         self.ends_well(feel)
 
     def test_no_thread_of_the_window_runs_on_the_core_of_the_loop(self):
-        """Nor are the threads of its graphics; a loop with real-time priority stays on its core."""
+        """All threads of the window, including graphics threads, leave the core of the real-time loop."""
         window = self.join()
         feel = self.feel
         cores = os.sched_getaffinity(0)
@@ -718,7 +717,7 @@ class Drawn(Window):
         self.env["PALPATE_VIEW_PATIENCE"] = "1e-6"
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
-        # Each move of the view may draw it coarser once. On a busy machine the window can miss a move.
+        # Each move can reduce the detail once. On a busy machine the window can miss a move.
         for step in range(40):
             if self.until("at rest", lambda told: not told["coarse"])["detail"] == 4:
                 break
@@ -735,12 +734,12 @@ class Drawn(Window):
 
 
 class Lost(Window):
-    """The window, the display or the loop fails. A CTest entry of its own, because it waits more than it computes. The
-    scene has no surface, so that it is drawn in less time than a scene with one."""
+    """The window, the display or the loop fails. This class is a separate CTest entry, because it waits more than it
+    computes. Its scene has no surface, so that it draws fast."""
     SCENE = {**SCENE, "modes": SCENE["modes"][1:]}
 
     def test_without_memory_for_a_window_the_loop_continues(self):
-        self.write_scene(SCENE)  # a surface takes more than this memory
+        self.write_scene(SCENE)  # a surface needs more than this memory
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.goes_on(feel)
@@ -790,7 +789,7 @@ class Lost(Window):
         self.assertNotIn("X Error", self.said())
 
     def test_moving_the_mouse_over_a_hidden_window_does_not_move_the_hand(self):
-        """VTK requests the focus, which the X server refuses for hidden windows."""
+        """VTK requests the focus, which X refuses for hidden windows."""
         feel = self.start("--seconds", "900")
         window = self.window()
         child = self.child(feel)
@@ -806,7 +805,7 @@ class Lost(Window):
         self.ends_well(feel)
 
     def told_its_end(self, window, child):
-        """Checks that the window shows that the loop has stopped, draws no more frames, and ends when it is closed."""
+        """Checks that the window shows that the loop has stopped, draws no frame, and ends when it is closed."""
         self.until("the end", lambda told: told["stalled"])
         self.until_at_rest()
         self.assertTrue(Path(f"/proc/{child}").exists())
@@ -854,7 +853,7 @@ class Lost(Window):
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
 
     def test_a_display_without_opengl_is_reported_in_a_line(self):
-        """A picture does not need this display: palpate starts a server of its own."""
+        """A still does not need this display: palpate starts a server for it."""
         self.env["DISPLAY"], _ = self.serve(self.addCleanup, "-extension", "GLX")
         feel = self.start()
         self.assertEqual(self.ended(feel), 1)

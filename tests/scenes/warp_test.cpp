@@ -1,4 +1,5 @@
-/// Tests scenes with volumes that deform: "warp", its frames, and the volumes of palpate make.
+/// Tests scenes with volumes that deform: "warp", its frames, and the deforming volumes of `palpate
+/// make`.
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -38,7 +39,7 @@ Json heartScene() {
   return scene;
 }
 
-/// Writes displacements, with one file per frame.
+/// Writes displacement grids, one file per frame.
 void writeFrames(const std::filesystem::path& folder, const std::string& before, int first,
                  int count) {
   for (int i = 0; i < count; ++i) {
@@ -63,7 +64,7 @@ TEST_CASE("a procedural heart holds the hand where its formula has moved the wal
   CHECK(heart.fields.count("u") == 0);
   const Placement place = heart.placements.at("heart");
   CHECK(heart.motions.at("heart")->topSpeed({}) > 0.02);
-  // The hand moves inwards from the side and stays there for two heartbeats.
+  // The hand moves inwards from the side, and rests for two heartbeats.
   Reader reader;
   ProxyState state({1e3, 1e12});
   double off = 0.0;
@@ -77,7 +78,7 @@ TEST_CASE("a procedural heart holds the hand where its formula has moved the wal
     REQUIRE(r.status == StepStatus::kConverged);
     if (!(r.wanted.norm() > 0.0)) continue;
     ++held;
-    // p is in the file's millimetres.
+    // p is in the file's unit, millimetres.
     const Vec3 p = place.rotation.transpose() * (r.proxy - place.translate) / place.scale;
     off = std::max(off, std::abs(made::ventricle(p + made::beat(p, state.time() / 0.8))));
     if (held > 400) {
@@ -88,9 +89,9 @@ TEST_CASE("a procedural heart holds the hand where its formula has moved the wal
   }
   CAPTURE(off, moved, speed);
   CHECK(held > 1200);
-  CHECK(moved > 3.0);   // [mm], by which the wall moves inwards
+  CHECK(moved > 3.0);   // [mm]; the wall moves inwards
   CHECK(speed > 0.01);  // [m/s]
-  CHECK(off < 0.15);    // [mm]: a voxel is one
+  CHECK(off < 0.15);    // [mm]; a voxel is 1 mm
 }
 
 TEST_CASE("an invalid warp is rejected with its path in the scene file", "[scene][warp]") {
@@ -176,7 +177,7 @@ TEST_CASE("the frames of a sequence are the files of a pattern, and a missing fi
 TEST_CASE("displacements from many files move a volume that is placed like the deformed one",
           "[scene][warp][sequence]") {
   const TemporaryFolder folder;
-  writeFrames(folder.path(), "u_", 1, 4);  // moves up by a quarter of a unit per frame
+  writeFrames(folder.path(), "u_", 1, 4);  // moves up by 0.25 units per frame
   const auto ball = makeGrid<openvdb::FloatGrid>(
       41, openvdb::math::Transform::createLinearTransform(1.0),
       [](const openvdb::Vec3d& p) {
@@ -200,7 +201,7 @@ TEST_CASE("displacements from many files move a volume that is placed like the d
     const Vec3 rest = motion.poseAbout(Vec3(0.02, 0.02, 0.03), t).toRest(Vec3(0.02, 0.02, 0.03));
     CHECK(rest.z() - 0.03 == Approx(0.25e-3 * std::min(t, 3.0)).margin(1e-9));
   }
-  // With the cache of the previous scene, the warp is the same.
+  // With the last scene's cache, the same warp is used.
   const BuiltScene again = built(scene, folder.path(), &cache);
   CHECK(again.motions.at("ball")->warp() == motion.warp());
 }

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs a command while a program on each core computes without pauses: beside_neighbours.sh COMMAND...
-# A test must pass on a busy machine as well as on an idle one.
+# Runs a command while a program on each core computes without pauses: beside_neighbours.sh COMMAND... Tests must also
+# pass on a busy machine.
 set -uo pipefail
 for tool in setpriv taskset; do
     command -v $tool >/dev/null || { echo "beside_neighbours: no $tool" >&2; exit 1; }

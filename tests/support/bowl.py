@@ -1,5 +1,4 @@
-"""A bowl as a volume in bricks, and a hand in it, for tests of stores of bricks. The programs' folder is
-sys.argv[1]."""
+"""A bowl in bricks and a hand in it, for tests of brick stores. sys.argv[1] is the folder of the programs."""
 import atexit
 import csv
 import json
@@ -25,7 +24,7 @@ def free_port():
 
 
 def ticks_in(recording):
-    """Returns how many ticks a recording has so far."""
+    """Returns the number of ticks in a recording so far."""
     if not recording.exists() or recording.stat().st_size < 1 << 16:
         return 0
     with open(recording, "rb") as file:
@@ -38,7 +37,7 @@ class Case(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        # All classes of a program use one folder.
+        # All classes share one folder.
         if Case.dir is None:
             Case.make_folder()
 
@@ -67,7 +66,7 @@ class Case(unittest.TestCase):
         return file
 
     def feel(self, place, *words, status=0):
-        """Returns the trace's rows, the summary and the messages."""
+        """Feels the scene at `place`. Returns the trace's rows, the summary and the messages."""
         trace, summary = self.dir / "t.csv", self.dir / "s.json"
         done = run("feel", self.scene(place), "--device", f"path:{self.dir / 'hand.csv'}", "--trace", trace,
                    "--summary", summary, *words, status=status)
@@ -83,14 +82,14 @@ class Case(unittest.TestCase):
 
 
 class Stored:
-    """Tests of bricks at `address`, common to all kinds of store."""
+    """Tests that apply to all kinds of stores, with bricks at `address`."""
 
     def test_bricks_from_a_server_give_the_same_forces_as_the_local_folder(self):
         here, told, _ = self.feel(str(self.dir / "bowl"))
         there, told_there, _ = self.feel(self.address)
         self.assertEqual(here, there)
         self.assertGreater(max(float(row["force_z"]) for row in here), 0.1)
-        # Several requests run at a time, so bricks that arrive when they are no longer needed count too.
+        # Several requests run at once, so bricks that were no longer needed can count.
         self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
         self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
 
@@ -113,12 +112,11 @@ class Stored:
 
 
 class Ended:
-    """Tests of a hand when the store at `address` stops. setUp() starts the store; kill(signal) sends the store's
-    process a signal."""
-    TICKS = 2500    # The hand has rested in the wall for a second.
+    """Tests of a hand whose store at `address` stops. setUp() starts the store; kill(signal) signals its process."""
+    TICKS = 2500    # the hand has rested in the wall for a second
 
     def on_time(self):
-        """Starts a hand that stays in the bowl's wall, in real time. Returns the file of its summary."""
+        """Starts a real-time run of a hand that stays in the bowl's wall. Returns the file of its summary."""
         self.said = ""
         self.addCleanup(self.kill, signal.SIGCONT)
         (self.dir / "held.csv").write_text("t,x,y,z\n0,0.01,0.01,0\n1.5,0.01,0.01,-0.024\n"
@@ -140,7 +138,7 @@ class Ended:
         return summary
 
     def ends(self, how, told_within=None):
-        """Returns the run's faults if `how` is applied to the server while the hand touches the volume."""
+        """Calls `how`, which stops the server, while the hand touches the volume. Returns the run's faults."""
         summary = self.on_time()
         how()
         begin = time.monotonic()
@@ -149,7 +147,7 @@ class Ended:
             self.assertLess(time.monotonic() - begin, told_within)
             if "the force is cut" not in self.said:
                 self.wait_for("the force is cut")
-        # A second fault, or one that comes late, would appear now.
+        # Waits for a second or late fault.
         time.sleep(2.0)
         self.running.send_signal(signal.SIGINT)
         self.said += self.running.stderr.read()

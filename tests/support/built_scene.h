@@ -1,4 +1,4 @@
-/// Builds scenes for tests as their files would be built.
+/// Builds scenes for tests from JSON, as from a file.
 #pragma once
 
 #include <filesystem>
@@ -18,7 +18,7 @@ inline BuiltScene built(const nlohmann::json& scene, const std::filesystem::path
   return buildScene(parseScene(scene.dump(), "scene.json", folder), nullptr, cache);
 }
 
-/// Returns the error with which a scene is rejected; "taken" if the scene is built.
+/// Returns the error of a scene that is refused; "taken" if it is built.
 inline std::string refusal(const nlohmann::json& scene, const std::filesystem::path& folder) {
   try {
     (void)built(scene, folder);

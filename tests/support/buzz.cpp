@@ -19,19 +19,19 @@ namespace {
 constexpr double kRate = 1.0 / kMotionTick;  // [Hz]
 constexpr double kStrength = 3.0;            // [N]
 constexpr double kDepth = 2e-3;              // [m]
-// [m], by which the target of an arm's grip is deeper than the path.
+// depth of the grip's target below the path, for an arm [m]
 constexpr double kDeeper = 1e-3;
-constexpr double kFollows = 5.0;       // [Hz], fastest change that a hand follows
-constexpr double kSeconds = 5.0;       // [s] in each slice
-constexpr int kApproach = 300;         // ticks in which the hand comes from outside
-constexpr double kOutside = 4e-3;      // [m] from the skin, start of the approach
-constexpr std::size_t kSettled = 500;  // ticks at the start that do not count
-constexpr double kStep = 25e-6;        // [m], of the encoder
-constexpr double kTurning = 0.08;      // [m]: radius that converts speed to angle
+constexpr double kFollows = 5.0;       // fastest change that a hand follows [Hz]
+constexpr double kSeconds = 5.0;       // in each slice [s]
+constexpr int kApproach = 300;         // number of ticks of the approach from outside
+constexpr double kOutside = 4e-3;      // distance from the skin at which the approach begins [m]
+constexpr std::size_t kSettled = 500;  // number of ticks at the start that do not count
+constexpr double kStep = 25e-6;        // encoder step [m]
+constexpr double kTurning = 0.08;      // radius that converts speed to angular speed [m]
 
 using Path = std::vector<Vec3>;
 
-/// Filters forwards and then backwards, so that the result has no delay.
+/// Low-pass filter, forwards and then backwards, so that it causes no delay.
 void lowPass(std::vector<double>& values) {
   const double share = 1.0 - std::exp(-2.0 * std::numbers::pi * kFollows / kRate);
   const auto pass = [&](auto begin, auto end) {
@@ -109,8 +109,8 @@ Buzz buzzOf(const std::vector<Vec3>& forces) {
   return {mean / static_cast<double>(forces.size() - kSettled), powerAbove(forces, 100.0, kRate)};
 }
 
-/// Returns the penalty force: k times the depth, along the slope. Value and slope are read at the
-/// hand.
+/// Returns the penalty force: k times the depth, along the gradient. Value and gradient are read at
+/// the hand.
 Force penalty(const std::shared_ptr<const ScalarField>& field, double level, double sign,
               bool polynomial) {
   constexpr double kDeepest = 6e-3;  // [m]
@@ -127,7 +127,6 @@ Force penalty(const std::shared_ptr<const ScalarField>& field, double level, dou
   };
 }
 
-/// Runs the engine's whole tick.
 class SteppedEngine {
  public:
   SteppedEngine(const std::shared_ptr<const ScalarField>& field, double level, bool above) {
@@ -139,8 +138,8 @@ class SteppedEngine {
   }
   Vec3 force(const Vec3& probe) {
     const Ticked r = tick_(probe);
-    constexpr double kMuch = 4.0;    // ratio of the proxy's path to the hand's
-    constexpr double kAtAll = 5e-5;  // [m], smallest path of the proxy that counts
+    constexpr double kMuch = 4.0;    // proxy's path divided by the hand's
+    constexpr double kAtAll = 5e-5;  // smallest path of the proxy that counts [m]
     const double way = (r.proxy - proxy_).norm();
     const bool settled = ticks_++ > kSettled;
     if (settled && way > kMuch * (probe - probe_).norm() + kAtAll) ++clicks_;

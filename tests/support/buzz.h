@@ -1,5 +1,5 @@
-/// Measures the force on a hand that slides along the skin of a scan. A hand cannot oscillate at
-/// more than 100 Hz, so the force above 100 Hz comes only from the shape and noise of the data.
+/// Measures the vibration of the force on a hand that slides along the skin of a scan. A hand
+/// cannot oscillate above 100 Hz, so force above 100 Hz comes from shape and noise of the data.
 /// Compares penalty forces with the engine.
 #pragma once
 
@@ -10,61 +10,60 @@
 
 namespace palpate::bench {
 
-/// Returns the distance of the skin from an axis along z, searched from `far` to `near` [m]; 0 if
-/// the search finds no skin.
+/// Returns the distance of the skin from an axis along z [m]. Searches from `far` to `near` [m].
+/// Returns 0 if it finds no skin.
 ///
-/// @param sign  See ScalarField::firstFall: -1 if the solid's values are above the level.
+/// @param sign  See ScalarField::firstFall: -1 if values inside the solid are above the level.
 [[nodiscard]] double skinRadius(const ScalarField& field, double level, double sign,
                                 const Vec3& axis, double angle, double far, double near,
                                 FieldCache& cache);
 
-/// The motion of the hand.
+/// How the hand moves.
 enum class BuzzHand {
   kLed,      ///< The hand follows a path, independent of the force.
   kEncoder,  ///< Like kLed, but its position is read in steps of 25 um.
-  /// The hand is an arm of 0.15 kg and 0.5 N s/m in a grip of 300 N/m and 4 N s/m. The grip follows
-  /// the path 1 mm deeper.
+  /// An arm of 0.15 kg and 0.5 N s/m in a grip of 300 N/m and 4 N s/m. The grip follows the path, 1
+  /// mm deeper.
   kHeld,
 };
 
-/// The measurement of one force.
+/// Measurement of one method.
 struct Buzz {
-  double force = 0.0;  ///< Mean [N].
+  double force = 0.0;  ///< Mean force [N].
   double power = 0.0;  ///< Power of the force above 100 Hz [N^2].
 };
 /// Returns the power above `least` [Hz] of forces at `rate` [Hz], without their mean [N^2]. Skips
 /// the first 500 forces.
 [[nodiscard]] double powerAbove(const std::vector<Vec3>& forces, double least, double rate);
-/// Returns how much less power above 100 Hz `one` has than `other`, for the same mean force [dB].
+/// Returns by how much `one` has less power above 100 Hz than `other`, at equal mean force [dB].
 [[nodiscard]] double quieter(const Buzz& one, const Buzz& other);
 
-/// The measurements of one slice.
+/// Measurements of all methods in one slice.
 struct Buzzes {
-  /// Number of ticks in which the engine's proxy moved much farther than the hand, because a groove
-  /// or a ridge had held it until then. Such clicks come from the shape and add power above 100 Hz.
+  /// Number of ticks in which the engine's proxy moved much farther than the hand, because it left
+  /// a groove or ridge. Such clicks come from the shape, and add power above 100 Hz.
   int clicks = 0;
-  /// Penalty force along the slope of the trilinear polynomial, which jumps at the faces of cells.
-  /// Value and slope are read at the hand.
+  /// Penalty force along the gradient of the cell's polynomial, which jumps at faces of cells.
   Buzz polynomial;
-  Buzz continuous;  ///< The same penalty force along the engine's gradient, which does not jump.
-  Buzz engine;      ///< The engine's whole tick with an isosurface.
+  Buzz continuous;  ///< Penalty force along the engine's gradient, which does not jump.
+  Buzz engine;      ///< The engine's tick with an isosurface.
 };
 
-/// A hand's path over a skin.
+/// Path of a hand over a skin.
 struct SkinWay {
   double level = 0.0;   ///< Value at the skin.
   bool above = true;    ///< True if the solid's values are above the level.
-  double far = 0.12;    ///< Distance from the axis at which the search for the skin begins [m].
-  double raise = 0.0;   ///< Height of the middle slice above the middle of the data [m].
+  double far = 0.12;    ///< Distance from the axis at which searches for the skin begin [m].
+  double raise = 0.0;   ///< Height of the middle slice above the centre of the data [m].
   double apart = 4e-3;  ///< Distance between two slices [m].
   int slices = 7;
   double speed = 0.02;  ///< [m/s]
   BuzzHand hand = BuzzHand::kLed;
 };
 
-/// Moves a hand around the axis along z through the middle of the data, 5 s in each slice. The path
-/// is 2 mm below the skin and smoothed, because a hand cannot follow changes faster than 5 Hz.
-/// Stiffness 500 N/m, at most 3 N, 1 kHz.
+/// Moves a hand around the z axis through the centre of the data, 5 s in each slice. The path is 2
+/// mm below the skin, low-passed at 5 Hz, because hands are not faster. 500 N/m, at most 3 N, 1
+/// kHz.
 [[nodiscard]] std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field,
                                            const SkinWay& way);
 

@@ -1,4 +1,4 @@
-"""Writes CGNS files as HDF5, with the library of VTK."""
+"""Writes CGNS files with VTK's HDF5 library."""
 import ctypes
 import struct
 
@@ -6,7 +6,7 @@ IDENTITY = ctypes.c_int64
 
 
 class Writer:
-    """A file that consists of nodes. A node is an HDF5 group with a name, a label and data."""
+    """A file of nodes. A node is an HDF5 group with a name, a label and data."""
 
     def __init__(self, path):
         self.lib = ctypes.CDLL("libhdf5_serial.so.103")
@@ -52,7 +52,7 @@ class Writer:
         self.lib.H5Aclose(at)
 
     def data(self, group, name, kind, size, values):
-        # Fortran's order: the first index varies fastest.
+        # CGNS uses Fortran's order: the first index is fastest.
         space = IDENTITY(self.lib.H5Screate_simple(
             len(size), (ctypes.c_uint64 * len(size))(*reversed(size)), None))
         at = IDENTITY(self.lib.H5Dcreate2(group, name, self.kind(kind), space, IDENTITY(0),
@@ -69,12 +69,11 @@ class Writer:
         return group
 
     def close(self):
-        # Closes all open objects of the HDF5 library.
         self.lib.H5close()
 
 
 def structured(path, size, place, arrays):
-    """Writes a structured zone of `size` points at `place(i, j, k)`. arrays: {name: value(x, y, z)}."""
+    """Writes a structured zone of `size` points at `place(i, j, k)`. `arrays` is {name: value(x, y, z)}."""
     writer = Writer(path)
     base = writer.node(writer.file, "Base", "CGNSBase_t", "I4", [2], struct.pack("<2i", 3, 3))
     sizes = [*size, *(n - 1 for n in size), 0, 0, 0]

@@ -27,7 +27,7 @@ double ContactResult::offRms() const {
 
 namespace {
 
-/// One hand on one surface.
+/// A hand on a surface, with its measurements.
 class Touch {
  public:
   Touch(const FieldPtr& field, double strength, const ContactRuns& runs, ContactResult& result)
@@ -74,7 +74,7 @@ class Touch {
     }
   }
 
-  /// Keeps the hand still for 150 ms.
+  /// Keeps the hand at rest for 150 ms.
   void hold(const Vec3& hand) {
     ++result_.holds;
     bool stands = true;
@@ -85,8 +85,8 @@ class Touch {
     if (stands) ++result_.unfinished;
   }
   [[nodiscard]] const Vec3& proxy() const { return proxy_; }
-  /// Returns the proxy's signed distance from the true surface, given as `free`, or from the
-  /// interpolated one, whichever is larger. Negative: the proxy is behind both.
+  /// Returns the larger of the proxy's signed distances from the true surface, `free`, and from the
+  /// interpolated surface [voxels]. Negative: the proxy is behind both.
   [[nodiscard]] double behind(double free) {
     return free < 0.0 ? std::max(free, probed_.off(proxy_, 0.0)) : free;
   }
@@ -109,7 +109,7 @@ Mat3 anyFrame(Random& random) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle, random.direction())).toRotationMatrix();
 }
 
-/// Returns a place on V = 0, searched from the free side.
+/// Returns a point on V = 0 within `reach` of `middle`.
 Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random) {
   for (;;) {
     Vec3 a = middle + random.inCube(reach);
@@ -124,9 +124,9 @@ Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random)
   }
 }
 
-constexpr double kReach = 22.0;  // [voxels], how far a wandering hand may go
+constexpr double kReach = 22.0;  // largest distance of a wandering hand from the middle [voxels]
 
-/// Runs a hand that wanders at random. `free` returns the distance to the true surface.
+/// Moves a hand at random below the surface. `free` returns the distance to the true surface.
 void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& field,
             const Vec3& middle, const ContactRuns& runs, Random& random, ContactResult& result,
             double most = 4.0) {
@@ -167,7 +167,7 @@ void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& fiel
   touch.hold(hand);
 }
 
-constexpr int kRoom = 64;  // voxels along an edge of a wandering hand's volume
+constexpr int kRoom = 64;  // edge of the volume of a wandering hand [voxels]
 const Vec3 kMiddle = Vec3::Constant(0.5 * (kRoom - 1));
 
 }  // namespace
@@ -271,7 +271,7 @@ ContactResult pressNoise(double grain, const ContactRuns& runs) {
     std::vector<double> corners(kCorners * kCorners * kCorners);
     for (double& corner : corners) corner = 0.3 + random.uniform(-1.0, 1.0);
     const auto value = [&](const Vec3& p) {
-      // Outside of the grid's border is free space.
+      // Outside the border there is free space.
       const double border = (p - middle).cwiseAbs().maxCoeff();
       return grain * betweenCorners(corners, kCorners, p / grain) +
              2.0 * std::max(0.0, border - 18.0);

@@ -1,6 +1,5 @@
-/// Contact with concave or rough surfaces: grooves, cubes, noise and presses. The surfaces are
-/// rotated relative to the grid. The results are those of the engine. Lengths are in voxels, as in
-/// motion_problems.h.
+/// Contact with concave or rough surfaces, rotated relative to the grid: grooves, cubes, noise and
+/// presses. Results are the engine's. Lengths are in voxels, as in motion_problems.h.
 #pragma once
 
 #include <cstdint>
@@ -12,26 +11,27 @@
 
 namespace palpate::bench {
 
-/// Result of a row of runs, over the ticks in which the surface held the hand.
+/// Results of many runs, over the ticks in which the surface held the hand.
 struct ContactResult {
   long runs = 0;
-  long held = 0;       ///< Number of ticks.
+  long held = 0;       ///< Number of ticks with a force.
   long capped = 0;     ///< Number of held ticks that reached the limit of readings.
   long readings = 0;   ///< Number of readings in all held ticks.
-  long cells = 0;      ///< Number of cells walked through in all held ticks.
-  long converged = 0;  ///< Number of ticks that converged and did not yield.
-  /// Number of converged ticks whose proxy is off the interpolated surface by more than the
+  long cells = 0;      ///< Number of cells that the paths crossed in all held ticks.
+  long converged = 0;  ///< Number of held ticks that converged and did not yield.
+  /// Number of converged ticks with a proxy off the interpolated surface by more than the
   /// tolerance.
   long off = 0;
   double off_most = 0.0;     ///< Largest distance from the interpolated surface.
   double off_squares = 0.0;  ///< Sum of the squared distances from the interpolated surface.
   double deepest = 0.0;      ///< Largest depth behind both the true and the interpolated surface.
   long leaked = 0;           ///< Number of runs in which that depth exceeded a voxel.
-  long holds = 0;            ///< Number of holds, 150 ms each, with a still hand.
-  long unfinished = 0;       ///< Number of holds that end at the limit of readings without motion.
+  long holds = 0;            ///< Number of 150 ms rests of the hand.
+  long unfinished = 0;       ///< Number of rests that end with ticks at the limit of readings and
+                             ///< without motion.
   double hardest = 0.0;      ///< Largest ratio of the force to the surface's strength.
-  long over = 0;             ///< Number of ticks in which that ratio is above 1.05.
-  /// Time of each held tick [ns], if the theorem's checks are switched off (theorem.h).
+  long over = 0;             ///< Number of ticks with a ratio above 1.05.
+  /// Time of each held tick [ns]. Empty while the theorem is checked (theorem.h).
   std::vector<double> times;
 
   [[nodiscard]] double cappedShare() const { return share(capped, held); }
@@ -45,27 +45,27 @@ struct ContactResult {
   }
 };
 
-/// Parameters of a row's runs.
+/// Parameters of many runs.
 struct ContactRuns {
-  long frames = 48;  ///< Number of runs. Each has its own rotation and its own hand.
+  long frames = 48;  ///< Number of runs. Each has a random rotation and a random hand.
   std::uint64_t seed = 1;
   ModeKind kind = ModeKind::kIsosurface;
   StepParams step;
 };
 
-/// Runs in a groove with an opening [degrees] and strength 20 N. The hand comes in and moves to and
-/// fro along the edge and perpendicular to it, 1 to 4 voxels beyond the bottom, at speeds between
-/// 0.02 and 2 m/s.
+/// Runs a hand in a groove with an opening [degrees] and a strength of 20 N. The hand moves in,
+/// then back and forth along the edge and across it, 1 to 4 voxels beyond the bottom, at 0.02 to 2
+/// m/s.
 ContactResult feelGrooves(double opening, const ContactRuns& runs);
-/// Runs a hand that wanders 1 to 4 voxels below the surface of a ball (at most 0.6 of its radius),
-/// at 0.1 to 0.6 voxel per tick.
+/// Runs a hand that wanders 1 to 4 voxels below a ball's surface (at most 0.6 radius), at 0.1 to
+/// 0.6 voxel per tick.
 ContactResult feelBalls(double radius, const ContactRuns& runs);
-/// Like feelBalls, for a cube of 24 voxels, from outside or, if `hollow`, from inside.
+/// Like feelBalls(), for a cube of 24 voxels, from outside or, if `hollow`, from inside.
 ContactResult feelCubes(bool hollow, const ContactRuns& runs);
-/// Like feelBalls, for the sum of 60 waves of about this length.
+/// Like feelBalls(), for a sum of 60 waves of about this wavelength.
 ContactResult feelNoise(double wavelength, const ContactRuns& runs);
-/// Presses into volumes with random values at grid points `grain` voxels apart, 20 presses each,
-/// strength 3 N.
+/// Presses 20 times into each volume of random values at points `grain` voxels apart. The strength
+/// is 3 N.
 ContactResult pressNoise(double grain, const ContactRuns& runs);
 
 }  // namespace palpate::bench

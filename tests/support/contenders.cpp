@@ -18,7 +18,7 @@ namespace {
 
 using methods::Balance;
 
-/// Returns a number as one digit and a power of ten, such as "2e-3". The number must have only one
+/// Returns a number as a digit and a power of ten, such as "2e-3". Requires a number of one
 /// significant digit.
 std::string word(double number) {
   const int exponent = static_cast<int>(std::floor(std::log10(number) + 1e-9));
@@ -28,7 +28,6 @@ std::string word(double number) {
   return text;
 }
 
-/// Returns a method without a setting.
 Contender makePlain(std::string name,
                     Balance (*method)(const Vec3&, double, std::span<const Primitive>,
                                       const Vec3&) noexcept) {
@@ -38,7 +37,6 @@ Contender makePlain(std::string name,
   return {std::move(name), "", solve};
 }
 
-/// Returns a method with a setting.
 template <class Params>
 Contender makeSet(std::string name, std::string setting,
                   Balance (*method)(const Vec3&, double, std::span<const Primitive>, const Vec3&,
@@ -51,13 +49,13 @@ Contender makeSet(std::string name, std::string setting,
   return {std::move(name), std::move(setting), solve};
 }
 
-/// Rule for the step size in our version of the solver of Lundin et al.
+/// How the step shrinks in our version of the solver of Lundin et al.
 enum class Pace {
-  kSteady,  ///< Solves the most problems that are independent of each other (euler_adaptive.h).
-  /// Costs half as much as kSteady and solves a few per cent fewer problems. Needs 30 to 40
-  /// iterations, as stated in the paper.
+  kSteady,  ///< Solves the most independent problems (euler_adaptive.h).
+  /// Takes 30 to 40 iterations, as in the paper: half of kSteady's. Solves a few per cent fewer
+  /// problems.
   kHalving,
-  /// Shrinks by 3 %. Solves the most problems along motions, in a thousand steps or more.
+  /// Shrinks by 3 %. Solves the most problems along motions, in 1,000 steps or more.
   kSlow,
 };
 Contender makePaper(double tolerance, Pace pace) {
@@ -82,7 +80,7 @@ Contender makePaper(double tolerance, Pace pace) {
   return makeSet(kPaper, setting, methods::eulerAdaptive, params);
 }
 
-/// Returns the engine's solver. With `warm`, it keeps the memory of the last balance.
+/// Returns the engine's solver. With `warm`, each balance starts from the last one.
 Contender makeOurs(double tolerance, bool warm) {
   SolverParams params;
   params.tolerance = tolerance;

@@ -1,5 +1,4 @@
-/// Random values at the corners of cubes, interpolated linearly between them: the data of rough
-/// volumes.
+/// Random values at grid points with linear interpolation, for the data of rough volumes.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +9,9 @@
 
 namespace palpate::bench {
 
-/// Returns the value at q, measured in cubes from the first corner; all coordinates are >= 0. There
-/// are side^3 corners, and the last axis varies fastest. Beyond the last corner the value stays
-/// constant.
+/// Returns the value at q, whose coordinates are >= 0, in units of the spacing from the first
+/// point. `corners` has side^3 values, with the last axis fastest. Beyond the last point, the value
+/// is constant.
 inline double betweenCorners(const std::vector<double>& corners, std::size_t side, const Vec3& q) {
   const Vec3 low = q.array().floor();
   const double last = static_cast<double>(side) - 1.0;

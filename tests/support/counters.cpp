@@ -17,19 +17,19 @@ namespace {
 
 thread_local bool counting = false;
 thread_local palpate::test::Counts total;
-// Number of allocations of all threads while a FailScope lives, and index of the one that fails.
+// For FailScope: number of allocations of all threads, and number of the one that fails.
 std::atomic<bool> failing{false};
 std::atomic<long> allocated{0};
 std::atomic<long> fails{0};
 
-/// Counts an allocation; returns true if the allocation must fail.
+/// Counts an allocation. Returns true if it must fail.
 [[maybe_unused]] bool allocates(std::size_t size) {
   if (counting) ++total.allocations;
   return failing.load(std::memory_order_relaxed) && size >= palpate::test::FailScope::kLarge &&
          ++allocated == fails;
 }
 
-/// Returns the function with this name from the next library.
+/// Returns the next library's function of this name.
 template <class F>
 F next(const char* name) {
   return reinterpret_cast<F>(dlsym(RTLD_NEXT, name));
@@ -38,7 +38,7 @@ F next(const char* name) {
 }  // namespace
 
 #if PALPATE_SANITIZED
-// A sanitizer owns the allocator. Its hooks count all allocations, including those of operator new.
+// With a sanitizer, hooks count all allocations, because the sanitizer provides malloc.
 extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,
                                                                            std::size_t),
                                                          void (*freed)(const volatile void*));
@@ -57,8 +57,8 @@ const int kHooked = __sanitizer_install_malloc_and_free_hooks(onAllocated, onFre
 extern "C" {
 
 #if !PALPATE_SANITIZED
-// glibc's own allocator under another name. The file replaces malloc, so that it can count calls of
-// malloc and of operator new.
+// glibc's allocator by its other name. This file replaces malloc, to count its calls, including
+// those by operator new.
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
 void* __libc_realloc(void*, std::size_t);

@@ -1,20 +1,20 @@
-/// Counts operations of this thread that a tick must not do. If all counts are zero, the tick did
-/// none of these operations.
+/// Counts operations of this thread that a tick must not do.
 #pragma once
 
 #include <cstddef>
 
 namespace palpate::test {
 
-/// Events since the construction of the scope.
+/// Counts since the construction of a scope.
 struct Counts {
-  long allocations = 0;  ///< Calls of malloc and related functions, and so of operator new.
-  /// Pthread mutexes and read-write locks that were taken (not counted under a sanitizer).
+  long allocations = 0;  ///< Calls of malloc and related functions, including those by operator
+                         ///< new.
+  /// Pthread mutexes and read-write locks taken (not counted under a sanitizer).
   long locks = 0;
   long exceptions = 0;  ///< throw expressions.
 };
 
-/// Starts to count on this thread. Only one object at a time.
+/// Starts to count on this thread. Only one scope may exist at a time.
 class CountScope {
  public:
   CountScope();
@@ -24,10 +24,9 @@ class CountScope {
   [[nodiscard]] static Counts counts();
 };
 
-/// While this object lives, the n-th allocation of kLarge bytes or more fails once, as if memory
-/// were exhausted. Counts all threads from the construction on. Smaller allocations succeed,
-/// because a program usually gets them from memory that it already has. Only one object at a time.
-/// Does not work under a sanitizer, which owns the allocator.
+/// While this object lives, the n-th allocation of kLarge bytes or more, counted over all threads,
+/// fails once. Smaller allocations succeed: usually a program has memory for them. Only one scope
+/// may exist at a time. Does not work under a sanitizer, which provides malloc.
 class FailScope {
  public:
   static constexpr std::size_t kLarge = 512;  ///< [bytes]
@@ -35,7 +34,7 @@ class FailScope {
   ~FailScope();
   FailScope(const FailScope&) = delete;
   FailScope& operator=(const FailScope&) = delete;
-  /// Returns true if this build supports a FailScope; false under a sanitizer.
+  /// Returns false under a sanitizer.
   [[nodiscard]] static bool works();
   /// Returns the number of allocations of kLarge bytes or more so far.
   [[nodiscard]] static long seen();

@@ -1,4 +1,4 @@
-/// Measures how an encoder's steps appear in the force on a hand that presses on a wall through a
+/// Measures the effect of encoder steps on the force, for a hand that presses on a wall through a
 /// damped coupling.
 #pragma once
 
@@ -10,13 +10,12 @@ struct DampedPress {
   double rate = 1000.0;          ///< [Hz]
   double encoder = 30e-6;        ///< [m]
   double damping = 0.5;          ///< Damping of the coupling [N s/m].
-  double rate_time = kRateTime;  ///< Time constant of LengthRate [s].
+  double rate_time = kRateTime;  ///< Time over which LengthRate measures [s].
 };
 
-/// Returns the RMS of the force above 100 Hz [N]. The hand spends four seconds on a wall of 500
-/// N/m, 4 mm deep. It moves to and fro at 10 mm/s with a tremor of 0.1 mm at 9 Hz. The arm is
-/// SimulatedDevice's without Coulomb friction, which would hide the steps. The hand's grip is
-/// relaxed.
+/// Returns the RMS force above 100 Hz [N]. For 4 s the hand is 4 mm deep in a wall of 500 N/m,
+/// moves back and forth at 10 mm/s, and has a tremor of 0.1 mm at 9 Hz. The arm is
+/// SimulatedDevice's without Coulomb friction, which would hide the steps. The grip is relaxed.
 [[nodiscard]] double buzzOf(const DampedPress& press);
 
 }  // namespace palpate::bench

@@ -13,9 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-PYTHON = "/usr/bin/python3"  # the scripts' own
+PYTHON = "/usr/bin/python3"  # the scripts' interpreter
 SCRIPTS = ("feel_picture.py", "trace_picture.py")
-# Sends its descriptors, folder and arguments, and ends with the status of the fork.
+# Sends its descriptors, folder and arguments to the server. Ends with the fork's status.
 STAND_IN = """#!{python} -IS
 import os, socket, sys
 server = socket.socket(socket.AF_UNIX)
@@ -40,7 +40,7 @@ class Fork:
             [PYTHON, __file__, self.socket], stdout=subprocess.PIPE)
         cleanup(server.wait)
         cleanup(server.kill)
-        server.stdout.read(1)  # it listens
+        server.stdout.read(1)  # the server listens
         server.stdout.close()
 
     def add(self, name, script):
@@ -96,7 +96,7 @@ def serve(place):
                 status = 1
             sys.stdout.flush()
             sys.stderr.flush()
-            os._exit(status)  # before the libraries, which a fork may not end
+            os._exit(status)  # skips the exit handlers of libraries, which would disturb the parent
         for file in files:
             os.close(file)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

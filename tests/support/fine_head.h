@@ -1,5 +1,4 @@
-/// A real volume on a finer grid: VTK's head from PALPATE_DATA, with interpolated voxels between
-/// the original ones.
+/// VTK's CT of a head from PALPATE_DATA, interpolated to a finer grid.
 #pragma once
 
 #include <algorithm>
@@ -18,12 +17,12 @@
 
 namespace palpate::test {
 
-/// CT scan of a head: 64 x 64 x 93 voxels of 3.2, 3.2 and 1.5 mm. The skin is at the value 500. The
-/// values between voxels are trilinear.
+/// A CT of a head: 64 x 64 x 93 voxels of 3.2, 3.2 and 1.5 mm. The skin is at the value 500.
+/// Between voxels, values are trilinear.
 class FineHead {
  public:
   /// @param data   Folder PALPATE_DATA.
-  /// @param voxel  Edge of a voxel of the resulting volume [mm]; 0.3 gives 209 million voxels.
+  /// @param voxel  Edge of the fine voxels [mm]; 0.3 gives 209 million voxels.
   FineHead(const std::filesystem::path& data, double voxel) : voxel_(voxel) {
     values_.reserve(static_cast<std::size_t>(kCount[0]) * kCount[1] * kCount[2]);
     for (int k = 0; k < kCount[2]; ++k) {
@@ -41,7 +40,7 @@ class FineHead {
   [[nodiscard]] int count(std::size_t a) const {
     return static_cast<int>((kCount[a] - 1) * kSpacing[a] / voxel_) + 1;
   }
-  /// Returns the middle of the volume [mm].
+  /// Returns the centre of the volume [mm].
   [[nodiscard]] Vec3 centre() const {
     return 0.5 * Vec3((kCount[0] - 1) * kSpacing[0], (kCount[1] - 1) * kSpacing[1],
                       (kCount[2] - 1) * kSpacing[2]);
@@ -68,13 +67,13 @@ class FineHead {
     const float high = row(0, 1) + t[1] * (row(1, 1) - row(0, 1));
     return low + t[2] * (high - low);
   }
-  /// Returns the distance from the middle to the outermost skin, in a direction [mm].
+  /// Returns the distance from the centre to the outermost skin along a direction [mm].
   [[nodiscard]] double skin(const Vec3& direction) const {
     double r = 120.0;
     while (r > 1.0 && at(centre() + r * direction) < 500.0F) r -= 0.2;
     return r;
   }
-  /// Returns the input of a brick writer. It refers to this object, which must outlive it.
+  /// Returns the fine volume as input of a brick writer. This object must outlive it.
   [[nodiscard]] BrickInput input() const {
     BrickInput out;
     out.name = "density";
@@ -99,18 +98,16 @@ class FineHead {
     };
     return out;
   }
-  /// Returns a hand's path about the head, `depth` mm below the skin and `length` [m] long, which
-  /// begins above the forehead. The positions are in W [m]: the head has its real size, and its
-  /// middle is the origin.
+  /// Returns a hand's path around the head in W [m], from above the forehead: `depth` mm below the
+  /// skin and `length` m long. The head has its real size and is centred at the origin.
   [[nodiscard]] std::vector<Vec3> way(double length, double step, double depth) const {
     std::vector<Vec3> out;
     double angle = 0.0;
     while (static_cast<double>(out.size()) * step < length) {
-      // The path rises and falls while it circles the head, so it rarely visits a place twice.
+      // Rises and falls while it circles the head, so that it rarely visits a point twice.
       const Vec3 d =
           Vec3(std::cos(angle), std::sin(angle), 0.4 * std::sin(1.7 * angle)).normalized();
-      // The depth is measured from the mean of the nearby skin, because a hand does not follow each
-      // fold.
+      // Depth below the mean of the nearby skin, because a hand does not follow each fold.
       double r = 0.0;
       for (int n = -4; n <= 4; ++n) {
         const double beside = angle + 0.02 * n;

@@ -1,4 +1,4 @@
-"""Writes an OpenFOAM case of a box, as text."""
+"""Writes an OpenFOAM case of a box as text."""
 
 HEAD = """FoamFile
 {{
@@ -16,8 +16,8 @@ def put(path, kind, body):
 
 
 def box(folder, size, edge, fields, times=("0", "0.5", "1")):
-    """Writes a box. size: cells along x, y, z. fields: {name: (kind, dimensions, value(x, y, z, time))}, one value per
-    cell; the value of a vector has three numbers."""
+    """Writes a box. `size` is the number of cells along x, y, z. `fields` is {name: (kind, dimensions, value(x, y, z,
+    time))}, with a value per cell; a vector's value has three numbers."""
     nx, ny, nz = size
 
     def point(i, j, k):

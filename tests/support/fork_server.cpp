@@ -1,10 +1,8 @@
-/// A library to preload. It stops a program at the start of its main(), and forks it for each
-/// request.
-///
-/// A short run spends most of its time on loading and relocating up to 130 libraries. A fork has
-/// these libraries already, and still has its own memory, files and exit status. A request contains
-/// arguments, environment variables, folder and standard streams (tests/support/process.py).
-/// PALPATE_FORK_SERVER holds the number of the socket.
+/// A library to preload. It stops a program before its main(), and forks it for each request.
+/// A short run spends most of its time on loading up to 130 libraries. A fork has them loaded, but
+/// has separate memory, files and exit status. A request contains arguments, environment, folder
+/// and standard streams (tests/support/process.py). PALPATE_FORK_SERVER is the number of the
+/// socket.
 #include <array>
 #include <cerrno>
 #include <cstdint>
@@ -25,10 +23,10 @@ namespace {
 using Main = int (*)(int, char**, char**);
 Main program_main = nullptr;
 
-/// Header that precedes the strings of a request.
+/// Header of a request. The strings follow it.
 struct Header {
-  std::uint32_t bytes;  ///< Length of all strings, including their final zeros.
-  /// Number of arguments. The folder precedes them, the environment variables follow.
+  std::uint32_t bytes;  ///< Length of all strings, with their terminating zeros.
+  /// Number of arguments. The folder is before them, the environment after them.
   std::uint32_t arguments;
 };
 
@@ -36,7 +34,7 @@ struct Header {
   _exit(125);
 }
 
-/// Reads exactly `count` bytes. Returns false if there are no more requests.
+/// Reads exactly `count` bytes. Returns false at the end of the requests.
 bool readAll(int socket, void* to, std::size_t count) {
   auto* at = static_cast<char*>(to);
   while (count > 0) {
@@ -49,7 +47,7 @@ bool readAll(int socket, void* to, std::size_t count) {
   return true;
 }
 
-/// Reads a header, and the descriptors of standard input, output and error.
+/// Reads a header, and the descriptors of stdin, stdout and stderr.
 bool readHeader(int socket, Header& header, std::array<int, 3>& streams) {
   iovec part{&header, sizeof header};
   alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(int) * 3)> control{};
@@ -66,10 +64,10 @@ bool readHeader(int socket, Header& header, std::array<int, 3>& streams) {
   return true;
 }
 
-/// Ends a forked process after the exit handlers that its main() has registered. Handlers of
-/// libraries would wait for threads that a fork does not have, such as those that log4cplus (used
-/// by OpenVDB) starts before main(). So forks are not searched for memory leaks. AddressSanitizer's
-/// search would take 0.3 s and would confuse the parent's threads with those of the fork.
+/// Ends a fork after the exit handlers that its main() registered. Handlers of libraries would wait
+/// for threads that a fork does not have, such as those of log4cplus (used by OpenVDB). So forks
+/// are not checked for leaks; the check would take 0.3 s and confuse the parent's threads with the
+/// fork's.
 void endBeforeLibraries(int status, void*) {
   std::cout.flush();
   std::fflush(nullptr);
@@ -123,7 +121,7 @@ int serve(int, char**, char**) {
 
 }  // namespace
 
-/// Replaces glibc's function so that serve() runs in place of the program's main().
+/// Replaces glibc's function, so that serve() runs instead of main().
 extern "C" __attribute__((visibility("default"))) int __libc_start_main(Main real_main, int argc,
                                                                         char** argv, void (*init)(),
                                                                         void (*fini)(),

@@ -1,4 +1,4 @@
-/// Makes dense bricks from a formula, so that the volume need not be in memory.
+/// Makes dense bricks from a formula, without the volume in memory.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +10,7 @@
 
 namespace palpate::test {
 
-/// Returns voxels [0, upper] whose values are a function of their index. All are active, and have
-/// edges of 1 unit.
+/// Returns voxels [0, upper] of edge 1 with values from `value(index)`. All are active.
 inline BrickInput formulaBricks(const std::string& name, const VoxelAt& upper,
                                 const std::function<double(const VoxelAt&)>& value) {
   BrickInput out;

@@ -1,4 +1,4 @@
-/// A hand in a scene, and a path for the hand.
+/// A hand in a scene, and a path for it.
 #pragma once
 
 #include <cmath>
@@ -9,7 +9,7 @@
 
 namespace palpate::test {
 
-/// A hand with its own reader and proxy, at 1 kHz, without a limit on its force.
+/// A hand in a scene, at 1 kHz, without a force limit.
 struct Hand {
   std::unique_ptr<const Scene> scene;
   Reader reader;
@@ -19,7 +19,7 @@ struct Hand {
   StepReport step(const Vec3& hand) { return hapticStep(*scene, reader, {hand}, state, 1e-3); }
 };
 
-/// Returns the hand's position at a time [s] on a path through a region of `size` [m].
+/// Returns the hand's position at a time [s] on a wandering path of `size` [m] to each side.
 inline Vec3 wander(double time, double size) {
   return size * Vec3(std::sin(3.1 * time) * std::cos(0.7 * time), std::sin(2.3 * time + 1.0),
                      std::cos(1.7 * time) * std::sin(0.9 * time + 0.4));

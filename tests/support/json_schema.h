@@ -1,4 +1,4 @@
-/// Checks a value against a JSON Schema, by valijson.
+/// Checks JSON against a JSON Schema with valijson.
 #pragma once
 
 #include <optional>
@@ -8,15 +8,14 @@
 
 namespace palpate {
 
-/// Why a schema rejects a value.
+/// The reason why a schema rejects a value.
 struct SchemaComplaint {
-  std::string path;  ///< Path of the rejected part.
+  std::string path;  ///< JSON path of the rejected part.
   std::string what;
 };
 
 /// Returns the schema's first complaint, or std::nullopt if the schema accepts the value. Slow.
-///
-/// @param schema  A JSON Schema, as text; throws nlohmann::json::exception if the text is not JSON.
+/// @param schema  JSON Schema as text. Throws nlohmann::json::exception if it is not JSON.
 [[nodiscard]] std::optional<SchemaComplaint> schemaComplaint(const nlohmann::json& json,
                                                              const std::string& schema);
 

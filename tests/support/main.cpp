@@ -19,7 +19,7 @@
 
 namespace {
 
-/// Keeps every core busy during this object's life: one program per core computes without a pause.
+/// Keeps every core busy during this object's life, with one computing process per core.
 class BusyNeighbours {
  public:
   BusyNeighbours() {
@@ -54,9 +54,8 @@ class BusyNeighbours {
   std::vector<pid_t> children_;
 };
 
-/// Runs tests that depend on how the machine schedules ([host]) while every core is busy. Prints a
-/// line for each test: its result, its seconds, its name. Random tests print how many cases they
-/// ran.
+/// Runs [host] tests, which depend on the scheduler, while every core is busy. Prints a line for
+/// each test: result, seconds, name; for random tests also the number of cases.
 struct Surroundings : Catch::TestEventListenerBase {
   using TestEventListenerBase::TestEventListenerBase;
 

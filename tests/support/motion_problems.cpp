@@ -49,7 +49,7 @@ typename GridT::Ptr denseGrid(const Coord& size, const typename GridT::ValueType
   return grid;
 }
 
-/// Returns the first of two orthogonal directions that are oblique to the grid.
+/// Returns the first of two orthogonal directions, both oblique to the grid.
 const Vec3& firstAxis() {
   static const Vec3 u = Vec3(1, 0.37, -0.21).normalized();
   return u;
@@ -59,7 +59,7 @@ const Vec3& secondAxis() {
   return w;
 }
 
-/// Returns a smooth step from 0 to 1 (inside), `width` voxels wide.
+/// Returns a smooth step of `width` voxels, from 0 outside to 1 inside.
 double ramp(double depth, double width) {
   const double t = std::clamp(depth / width + 0.5, 0.0, 1.0);
   return t * t * (3.0 - 2.0 * t);
@@ -156,7 +156,7 @@ SurfaceMotion torusMotion(double major, double minor, double depth) {
   motion.field = scalarGrid(106, motion.distance);
   motion.floor = (1.0 / minor + 1.0 / (major - minor)) / 8.0;
   const double r = minor - depth;
-  // The hand winds around the tube three times per lap.
+  // The hand goes around the tube three times per lap.
   const double speed = std::hypot(major, 3.0 * r);
   const auto at = [=](double a, double far) {
     const Vec3 ring = std::cos(a) * u + std::sin(a) * w;
@@ -181,15 +181,15 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
     return hollow ? -distance : distance;
   };
   motion.field = scalarGrid(turned ? 66 : 65, motion.distance);
-  // A quarter of the path, in the plane of two axes. The other quarters are turned by 90 degrees
-  // each.
+  // A quarter of the path, in the plane of two axes. The other quarters are copies, rotated by 90,
+  // 180 and 270 degrees.
   std::vector<Vec3> quarter;
   if (hollow) {
-    // Along the wall into the edge, then down the edge into the corner and back.
+    // Along the wall into the edge, then along the edge into the corner and back.
     const double h = kHalf + depth;
     quarter = {{h, -h, 3.1}, {h, 0.0, 3.1}, {h, h, 3.1}, {h, h, h}, {h, h, 3.1}};
   } else {
-    // Along a face and over its edge, out, and onto the next face.
+    // Along a face and beyond its edge, outside around the edge, and onto the next face.
     const double h = kHalf - depth;
     quarter = {{h, -8.0, 3.1}, {h, kHalf + 2.0, 3.1}, {8.0, kHalf + 2.0, 3.1}, {8.0, h, 3.1}};
   }
@@ -224,7 +224,7 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
 
 namespace {
 
-/// One mode on one field, with a reader and the state of a thread.
+/// One mode on one field, with a reader and a proxy.
 struct Engine {
   std::unique_ptr<const Scene> scene;
   Reader reader;
@@ -252,7 +252,7 @@ Ticked tickedOf(const StepReport& r) {
           r.status == StepStatus::kHairpin};
 }
 
-/// Returns the hand's positions on a path. They are computed before the timing starts.
+/// Computes the hand's positions before the timing starts.
 std::vector<Vec3> handsOf(const std::function<Vec3(double)>& hand, double pace, long ticks) {
   std::vector<Vec3> hands;
   hands.reserve(static_cast<std::size_t>(ticks));
@@ -262,7 +262,7 @@ std::vector<Vec3> handsOf(const std::function<Vec3(double)>& hand, double pace, 
   return hands;
 }
 
-/// Runs all ticks. Returns the median time per tick [ns], from batches.
+/// Runs all ticks. Returns the median over batches of the time per tick [ns].
 double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vector<Ticked>& ticked) {
   const std::size_t batch = hands.size() < 640 ? 16 : 64;
   std::vector<double> times;
@@ -276,7 +276,7 @@ double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vecto
                     static_cast<double>(batch));
     begun = std::chrono::steady_clock::now();
   }
-  // A path of a few ticks is a single batch.
+  // A path of a few ticks is one batch.
   if (times.empty() && !hands.empty()) {
     const auto now = std::chrono::steady_clock::now();
     times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() /
@@ -315,11 +315,11 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
   Probed probed(std::get<0>(motion.field));
   const double pace = voxelsPerTick(speed);
 
-  // The hand first moves slowly down onto the surface.
+  // The hand first moves slowly onto the surface.
   constexpr int kDown = 200;
   Vec3 above = motion.outside;
   if (anywhere) {
-    // The method may hold any level, so the hand starts at the true surface.
+    // The method may hold at any value, so the hand starts at the true surface.
     Vec3 below = motion.hand(0.0);
     for (int i = 0; i < 60; ++i) {
       const Vec3 middle = 0.5 * (above + below);
@@ -334,7 +334,8 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
 
   MotionResult out;
   const auto ticks = static_cast<long>(laps * motion.lap / pace);
-  // Start and end have several laps each, because a small sphere has few ticks per lap.
+  // The first and the last part have several laps each, because small spheres have few ticks per
+  // lap.
   const auto lap = static_cast<long>(std::max(1.0, laps / 10.0) * motion.lap / pace);
   struct Mean {
     double sum = 0.0;
@@ -349,7 +350,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
   Mean last;
   double held = 0.0;
   double squares = 0.0;
-  double level = 0.0;  // level in the first tick that held
+  double level = 0.0;  // value at the surface in the first tick with a force
   const std::vector<Vec3> hands = handsOf(motion.hand, pace, ticks);
   std::vector<Ticked> ticked;
   out.nanoseconds = tickAll(hands, method, ticked);
@@ -408,7 +409,7 @@ Eigen::Vector3i cellOf(const Vec3& p) {
   return p.array().floor().cast<int>();
 }
 
-/// Caches eight voxels for the tracer, which reads the same voxels many times.
+/// Caches the eight voxels of a cell, because the tracer reads them many times.
 class Cell {
  public:
   Cell(const std::function<Vec3(int, int, int)>& voxel, const Eigen::Vector3i& cell) : cell_(cell) {
@@ -471,7 +472,7 @@ Vec3 goOn(const std::function<Vec3(int, int, int)>& voxel, Vec3 p, double way, d
   return p;
 }
 
-/// Returns the distance from p to a course near the course's point i. Updates i to the nearest
+/// Returns the distance from p to the course, searched near its point i. Sets i to the nearest
 /// point.
 double fromCourse(const Stream& s, const Vec3& p, std::size_t& i) {
   const auto last = static_cast<long>(s.x.size()) - 1;
@@ -558,7 +559,7 @@ FieldPtr fieldAbout(const Stream& s, const std::string& interpolation) {
 
 namespace {
 
-/// Rounds a vector to floats, as a grid stores it.
+/// Rounds to floats, as grids store them.
 Vec3 stored(const Vec3& v) {
   return v.cast<float>().cast<double>();
 }
@@ -593,7 +594,7 @@ std::function<Vec3(int, int, int)> taylorGreen(int wavelength) {
 std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
                                   double length, std::size_t count, double pull,
                                   const std::string& interpolation) {
-  // Relative speed below which Taylor-Green's flow turns on the spot.
+  // Relative speed below which a Taylor-Green flow turns too sharply.
   constexpr double kSlow = 0.35;
   test::Random random(7);
   std::vector<Stream> streams;
@@ -694,7 +695,7 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
   for (std::size_t i = 1; i < proxies.size(); ++i) {
     const Vec3& p = proxies[i];
     const double off = fromCourse(stream, p, near);
-    // The bend of the course is unknown beyond its end.
+    // Beyond its end, the course is unknown.
     if (near + 1 < stream.x.size()) out.off_max = std::max(out.off_max, off);
     if (!judged) continue;
     const Vec3& before = proxies[i - 1];
@@ -750,7 +751,7 @@ Shell makeShell(const std::string& kind, double thickness, double level) {
 
 ShellResult pressShell(const Shell& shell, double degrees, double load, long count,
                        const StepParams& step) {
-  constexpr double kStrength = 2.34375;  // [N]: stretches the spring by 6 voxels
+  constexpr double kStrength = 2.34375;  // [N]; the spring is 6 voxels long
   constexpr double kSpring = 6.0;
   constexpr int kTicks = 8;
   constexpr int kHeld = 25;

@@ -1,4 +1,4 @@
-"""Writes netCDF with the library of VTK."""
+"""Writes netCDF files with VTK's library."""
 import ctypes
 import ctypes.util
 
@@ -9,8 +9,8 @@ CLASSIC, NETCDF4 = 0, 0x1000
 
 
 def write(path, dimensions, variables, title="", form=CLASSIC, packed=False, attributes=None):
-    """Writes a file. dimensions: {name: length}. variables: {name: (type, dimensions, attributes, values)}.
-    attributes: those of the whole file."""
+    """Writes a file. `dimensions` is {name: length}, `variables` is {name: (type, dimensions, attributes, values)},
+    `attributes` are those of the file."""
     library = ctypes.CDLL(ctypes.util.find_library("netcdf"))
 
     def call(name, *words):

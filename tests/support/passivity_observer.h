@@ -1,20 +1,19 @@
-/// The passivity observer and controller of Hannaford and Ryu (2002), time domain, impedance
-/// causal. The engine used it before the energy tank.
+/// The time-domain passivity observer and controller of Hannaford and Ryu (2002), impedance type.
+/// The engine used it before the energy tank.
 #pragma once
 
 #include "palpate/engine/types.h"
 
 namespace palpate::methods {
 
-/// Sums the work at the port as the software sees it. If the sum is negative, control() adds a
-/// damping force that would have returned the sum to zero in the previous step.
-///
-/// The observer does not know the encoder's error, the delay or the arm's friction, and acts a step
-/// late. tests/engine/passivity_test.cpp counts how often the hand still gains energy.
+/// Sums the work at the port as software can compute it. If the sum is negative, control() adds
+/// damping that would have made it zero in the last step.
+/// The observer ignores encoder error, delay and the arm's friction, and acts one step late.
+/// passivity_test.cpp counts how often hands still gain energy.
 class PassivityObserver {
  public:
   /// @param wanted  Force on the hand [N].
-  /// @param hand    Reading of the hand [m].
+  /// @param hand    Position reading of the hand [m].
   /// @param dt      Time since the last call [s], > 0.
   /// @param peak    The device's largest force [N].
   [[nodiscard]] Vec3 control(const Vec3& wanted, const Vec3& hand, double dt, double peak) noexcept;

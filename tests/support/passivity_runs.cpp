@@ -15,10 +15,10 @@ namespace palpate::bench {
 
 namespace {
 
-constexpr int kPieces = 4;      // straight pieces of the hand's path per tick
-constexpr double kSoft = 25.0;  // [N/m], as the cap in Tank
+constexpr int kPieces = 4;      // number of straight pieces of the hand's path per tick
+constexpr double kSoft = 25.0;  // [N/m]; as in the cap of Tank
 
-/// Returns a number in [0, 1) from an integer.
+/// Returns a hash of an integer as a number in [0, 1).
 double hashed(std::uint64_t a) noexcept {
   a ^= a >> 33U;
   a *= 0xff51afd7ed558ccdULL;
@@ -45,17 +45,17 @@ class Draw {
   std::uniform_real_distribution<double> unit_{0.0, 1.0};
 };
 
-/// Applies the amplifiers' force, with its own clock. Shares no code with the tank.
+/// Delays and low-passes forces like an arm's amplifiers, with its own clock. Shares no code with
+/// the tank.
 class Wire {
  public:
   Wire(double delay, double lag) : delay_(delay), lag_(lag) {}
-  /// Sends a force with an additional delay `off`. Forces arrive in the order in which they were
-  /// sent.
+  /// Sends a force with an additional delay `off` [s]. Forces arrive in the order of sending.
   void send(const Vec3& force, double now, double off) {
     last_ = std::max(last_, now + delay_ + off);
     orders_.push_back({last_, force});
   }
-  /// Returns the integral of the force over a time from `now` [N s].
+  /// Returns the integral of the force over `time`, from `now` on [N s].
   Vec3 over(double now, double time) {
     Vec3 sum = Vec3::Zero();
     const double end = now + time;
@@ -146,8 +146,8 @@ class Scene {
   double filtered_ = 0.0;
 };
 
-/// Returns how much later than its mean a delay is, from -1 (earliest) to 1 (latest). The value is
-/// constant, random or alternating, or depends on whether the force grows or falls.
+/// Returns the deviation of a delay, from -1 (earliest) to 1 (latest). It is constant, random,
+/// alternating, or depends on whether the force grows.
 double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   const double either = draw.uniform(-1.0, 1.0);
   switch (kind % 6) {
@@ -166,8 +166,8 @@ double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   }
 }
 
-/// Returns the position at a time, from positions at ascending times. Drops positions that are no
-/// longer needed.
+/// Returns the position at a time, by interpolation of positions at ascending times. Drops
+/// positions that are no longer needed.
 Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
   while (past.size() > 2 && past[1].first <= time) past.pop_front();
   const auto& [from, a] = past[0];
@@ -176,9 +176,8 @@ Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
   return a + share * (b - a);
 }
 
-/// Returns the path of a hand that knows the whole state, for a tick of this length. The hand moves
-/// along the force, at the best speed against the arm's friction, and back and forth over the
-/// encoder's steps.
+/// Returns the path in this tick of a hand that knows the whole state: with the force, at the best
+/// speed against friction, or back and forth over encoder steps.
 Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double time, double mood,
               Draw& draw) {
   const Vec3 best = time / (2.0 * run.viscous) * force;
@@ -192,7 +191,7 @@ Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double 
     return way;
   }
   if (mood < 0.8) {
-    // Moves each axis to a place directly before or after the one at which its reading changes.
+    // Moves each axis to just before or just after the position at which its reading changes.
     Vec3 way;
     for (int a = 0; a < 3; ++a) {
       const double edge = (std::floor(x[a] / d + 0.5) + (force[a] > 0.0 ? 0.5 : -0.5)) * d;
@@ -239,8 +238,7 @@ PassivityRun randomRun(std::uint64_t seed, bool fractional) {
 
 namespace {
 
-/// Returns a value between `least` and `most` whose logarithm is evenly distributed over the runs'
-/// numbers.
+/// Returns a value from `least` to `most`. Its logarithm is uniform over the seeds.
 double within(double least, double most, std::uint64_t seed, std::uint64_t cycle) {
   const double share = static_cast<double>(seed % cycle) / static_cast<double>(cycle);
   return least * std::pow(most / least, share);
@@ -270,18 +268,18 @@ void forgetOften(PassivityRun& run) {
 
 namespace {
 
-/// Draws the resets of a tank, tick by tick.
+/// Decides, tick by tick, when the tank is reset.
 class Interruptions {
  public:
   explicit Interruptions(const PassivityRun& run) : run_(run) {}
 
   enum class What : std::uint8_t {
     kNone,
-    kForget,  ///< The tank is reset, then passes the force.
-    kZero,    ///< The tank is reset, and zero is sent.
+    kForget,  ///< The tank is reset, then passes a force.
+    kZero,    ///< The tank is reset, and a zero force is sent.
   };
   What next(Draw& draw) {
-    // Draws no random number in this case, so that earlier runs stay the same.
+    // Draws no random number, so that runs without resets are the same in all versions.
     if (!(run_.forgets > 0.0)) return What::kNone;
     if (left_ == 0 && draw.uniform(0, 1) < run_.forgets) {
       left_ = 1 + static_cast<int>(draw.uniform(0.0, run_.away + 1.0));
@@ -319,7 +317,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   Tank tank;
   methods::PassivityObserver observer;
 
-  // The hand starts outside. Inside a wall, the force would need energy that the hand has not put
+  // The hand starts outside: inside a wall, the force would need energy that the hand has not put
   // in.
   Vec3 x = 1e-3 * draw.direction() - 2e-3 * scene.normal();
   Vec3 v = draw.uniform(0.0, 0.6) * draw.direction();
@@ -340,7 +338,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   Vec3 read = x;
   Vec3 before = x;
   Vec3 mean = Vec3::Zero();  // mean force over the last tick
-  Vec3 gone = Vec3::Zero();  // force that was sent last
+  Vec3 gone = Vec3::Zero();  // force sent last
   long ticks = 0;
   long scaled = 0;
   double asked = 0.0;
@@ -377,12 +375,12 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
       sent *= share;
       if (run.tells_weak) tank.weaken(share, params.arm);
     }
-    // The last interval is judged after the tank has seen it.
+    // Judges the last interval after the tank has accounted for it.
     result.margin = std::min(result.margin, energy + tank.debt());
     if (tank.energy() > 0.0) {
       result.spare = std::min(result.spare, energy + tank.debt() - tank.energy());
     }
-    // If the delay is certain, no number is drawn, so that runs are the same in all versions.
+    // Without uncertainty no number is drawn, so that such runs are the same in all versions.
     double off = 0.0;
     if (run.doubt > 0.0) {
       off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);
@@ -397,7 +395,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
 
     dt = run.period * (1.0 - draw.uniform(0.0, run.jitter));
     if (run.late > 0.0 && draw.uniform(0, 1) < run.late) dt = run.period * draw.uniform(1.0, 10.0);
-    // The forces during this tick, which an adversary knows.
+    // The forces in this tick, which an adversary knows.
     std::array<Vec3, kPieces> forces;
     mean.setZero();
     const double piece = dt / kPieces;
@@ -410,8 +408,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     for (std::size_t i = 0; i < kPieces; ++i) {
       Vec3 moved;
       if (run.adversary) {
-        // Against viscous friction, the best path is faster while the force is larger than its
-        // mean.
+        // Against viscous friction, the best path is faster where the force exceeds its mean.
         moved = way / kPieces + piece / (2.0 * run.viscous) * (forces[i] - mean);
       } else {
         Vec3 pull = Vec3::Zero();
@@ -441,7 +438,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
 }
 
 void PassivityTally::add(const PassivityResult& r) {
-  // Rounding error of sums of up to 2,000 ticks with up to one joule each.
+  // Rounding of sums over 2,000 ticks of up to one joule each.
   constexpr double kRounding = 1e-12;
   const bool more = r.margin < -kRounding || r.spare < -kRounding;
   add(PassivityTally{1, r.least < -kRounding, r.least<-1e-3, more, r.debt> 0.0, r.least, r.margin,
@@ -463,7 +460,7 @@ void PassivityTally::add(const PassivityTally& other) {
 
 namespace {
 
-/// Returns a copy of a run in which about a third of the numbers are changed.
+/// Returns a copy of a run with about a third of its numbers changed.
 PassivityRun changed(PassivityRun run, Draw& draw) {
   const auto turn = [&](double& x, double least, double most) {
     if (draw.uniform(0, 1) < 0.3) {
@@ -514,7 +511,7 @@ PassivityTally playSearched(std::uint64_t seed, long plays, bool at_once) {
     if (at_once) run.delay = run.doubt = run.lag = run.reading_jitter = 0.0;
     const PassivityResult result = play(run, Keeper::kTank);
     tally.add(result);
-    // Compares runs by the spare energy in units of what the largest force can extract in a tick.
+    // Compares spare energies in units of the energy that the peak force can extract in a tick.
     const double unit = run.peak * run.peak * run.period / (4.0 * run.viscous);
     if (result.spare / unit < least) {
       least = result.spare / unit;

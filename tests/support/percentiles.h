@@ -1,4 +1,4 @@
-/// Percentiles of samples, for the tables of benchmarks.
+/// Percentiles and means of samples, for benchmarks.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +10,8 @@
 
 namespace palpate::bench {
 
-/// Returns the sample of nearest rank at a share p of sorted samples: p = 0 is the smallest, p = 1
-/// the largest. Returns 0.0 if there are no samples.
+/// Returns the sample whose rank is nearest to the share p of sorted samples; p = 0 is the
+/// smallest, p = 1 the largest. Returns 0.0 without samples.
 [[nodiscard]] inline double percentileOfSorted(const std::vector<double>& sorted, double p) {
   if (sorted.empty()) return 0.0;
   return sorted[static_cast<std::size_t>(std::lround(p * static_cast<double>(sorted.size() - 1)))];
@@ -23,8 +23,8 @@ namespace palpate::bench {
   return percentileOfSorted(samples, p);
 }
 
-/// Returns the mean of the middle half, which is as robust as a median and finer than the clock's
-/// step. Sorts the samples.
+/// Sorts the samples. Returns the mean of their middle half: robust like a median, but finer than
+/// the clock's resolution.
 [[nodiscard]] inline double middleHalf(std::vector<double>& samples) {
   std::sort(samples.begin(), samples.end());
   const auto skip = static_cast<std::ptrdiff_t>(samples.size() / 4);
@@ -32,8 +32,8 @@ namespace palpate::bench {
          static_cast<double>(samples.size() - 2 * static_cast<std::size_t>(skip));
 }
 
-/// Returns the time per call. `timed` returns the time of 500 calls. The result comes from the
-/// middle half of such batches, so batches during which another program used the core do not count.
+/// Returns the time per call. `timed` returns the time of 500 calls. Takes middleHalf() of these
+/// batches, so batches that another program delayed do not count.
 template <class T, class Timed>
 [[nodiscard]] double middleOfBatches(std::span<const T> calls, Timed timed) {
   constexpr std::size_t kBatch = 500;

@@ -1,6 +1,5 @@
-/// A model of a device of USB's PID class: its descriptor and its answers to reports. The model
-/// shares no code with the driver: it finds fields at the places where it wrote them into the
-/// descriptor.
+/// A model of a device of USB's PID class: its descriptor and its answers to reports. It shares no
+/// code with the driver: it reads fields where it placed them in the descriptor.
 #pragma once
 
 #include <algorithm>
@@ -15,27 +14,27 @@
 
 namespace palpate::test {
 
-/// Properties of a device. The two layouts are those of real firmware: OpenFFBoard (commands as a
-/// bitmap, +-32767) and VPforce (reports 101 to 113, +-4096, command 1 disables and 2 enables).
+/// Properties of a device. The two layouts are of real firmware: OpenFFBoard (commands as a bitmap,
+/// +-32767) and VPforce (reports 101 to 113, +-4096, command 1 disables, 2 enables).
 struct PidShape {
-  bool rhino = false;  ///< True: layout of VPforce; false: layout of OpenFFBoard.
+  bool rhino = false;  ///< True: VPforce's layout; false: OpenFFBoard's.
   int axes = 2;        ///< 1 to 3.
   bool pool = true, gain = true, free = true, create = true, control = true, state = true;
   bool extras = true;    ///< Set Effect has a trigger, a delay, directions and similar fields.
   bool duration = true;  ///< Effects have a duration.
   int duration_bits = 16;
-  // Defects of the device.
-  int load_status = 1;     ///< 1: success, 2: full, 3: error, 0: no status.
+  // Faults of the device.
+  int load_status = 1;     ///< 1: success, 2: full, 3: error, 0: none.
   bool load_zero = false;  ///< The device reports success with the index 0.
-  int load_refused = 0;    ///< Number of requests that the device does not answer.
-  /// Number of answers that still have the index of the previous effect.
+  int load_refused = 0;    ///< Number of load requests that the device refuses.
+  /// Number of answers that repeat the previous effect's index.
   int load_stale = 0;
-  int at_once = 16;      ///< Number of effects that can play at the same time.
+  int at_once = 16;      ///< Number of effects that can play at once.
   double longest = 1e9;  ///< Longest time that an effect plays [s].
-  int wakes_with = 0;    ///< Magnitude of a new effect.
-  /// After a stop of all effects, the device needs to be enabled again.
+  int wakes_with = 0;    ///< Initial magnitude of a new effect.
+  /// After a stop of all effects, the device must be enabled again.
   bool stops_deaf = false;
-  bool deaf_to_starts = false;  ///< The device does not restart an effect that is playing.
+  bool deaf_to_starts = false;  ///< The device ignores the start of an effect that is playing.
 };
 
 class PidModel {
@@ -55,7 +54,7 @@ class PidModel {
   [[nodiscard]] const std::vector<std::byte>& descriptor() const { return descriptor_; }
   [[nodiscard]] int full() const { return shape_.rhino ? 4096 : 32767; }
 
-  /// Processes an output report; its first byte is the report's number.
+  /// Processes an output report. Its first byte is the report number.
   void output(std::span<const std::byte> report, double now) {
     if (report.empty()) return;
     ++outputs_;
@@ -80,7 +79,7 @@ class PidModel {
       ++strange_;
     }
   }
-  /// Returns a requested feature report; empty if the device refuses.
+  /// Returns a feature report; empty if the device refuses the request.
   std::vector<std::byte> feature(int id) {
     if (id == ids_.at("load") && shape_.create) {
       if (refused_ < shape_.load_refused) {
@@ -104,7 +103,7 @@ class PidModel {
     }
     return {};
   }
-  /// Returns an input report of raw positions.
+  /// Returns an input report with these raw positions.
   [[nodiscard]] std::vector<std::byte> input(const std::vector<int>& raw,
                                              std::uint32_t buttons = 0) {
     std::vector<std::byte> out(1 + sizes_["i1"]);
@@ -124,7 +123,7 @@ class PidModel {
     return out;
   }
 
-  /// Returns the force of a motor, as a share of the largest force.
+  /// Returns the force of a motor as a share of its largest force.
   [[nodiscard]] double share(int axis, double now) const {
     if (!active_ || !power_) return 0.0;
     double sum = 0.0;
@@ -150,14 +149,14 @@ class PidModel {
   void setSafety(bool on) { safety_ = on; }
   void setActive(bool on) { active_ = on; }
   [[nodiscard]] bool active() const { return active_; }
-  /// Number of reports with an unknown number.
+  /// Number of reports that the device could not interpret.
   [[nodiscard]] long strange() const { return strange_; }
-  [[nodiscard]] long outputs() const { return outputs_; }  ///< Number of output reports.
+  [[nodiscard]] long outputs() const { return outputs_; }  ///< Number of output reports so far.
   [[nodiscard]] long starts() const { return starts_; }
   [[nodiscard]] double gainShare() const {
     return static_cast<double>(gain_) / static_cast<double>(mostGain());
   }
-  /// Return the number of existing effects, and of playing effects.
+  /// Returns the number of existing effects.
   [[nodiscard]] int made() const {
     return static_cast<int>(
         std::count_if(effects_.begin(), effects_.end(), [](const Effect& e) { return e.used; }));
@@ -167,9 +166,9 @@ class PidModel {
       return e.used && plays(e, now);
     }));
   }
-  /// Returns the raw durations that effects were given.
+  /// Returns the raw durations of all effects so far.
   [[nodiscard]] const std::vector<std::int64_t>& durations() const { return durations_; }
-  /// Returns the report number that belongs to a name, such as "control".
+  /// Returns the report number of a name such as "control".
   [[nodiscard]] int id(const char* name) const { return ids_.at(name); }
 
  private:
@@ -178,7 +177,7 @@ class PidModel {
     bool used = false;
     std::int64_t magnitude = 0, gain = 0, direction = 0, axes = 0, duration = 0;
     bool directed = false, started = false;
-    double at = 0.0;  ///< [s], time of its last start.
+    double at = 0.0;  ///< time of the last start [s]
   };
   struct Place {
     std::size_t bit = 0, bits = 0;
@@ -191,8 +190,8 @@ class PidModel {
     if (!e.started) return false;
     if (now - e.at > shape_.longest) return false;
     if (!shape_.duration) return true;
-    // Some firmware treats 0 or the largest duration as endless. This model does not play such
-    // effects.
+    // Some firmware treats 0 or the largest duration as endless, but the driver must not rely on
+    // it: this model does not play such effects.
     if (e.duration == 0 || e.duration >= (1 << shape_.duration_bits) - 1) return false;
     return now - e.at <= 1e-3 * static_cast<double>(e.duration);
   }
@@ -215,7 +214,7 @@ class PidModel {
       return nullptr;
     }
     Effect& e = effects_[static_cast<std::size_t>(index - 1)];
-    // A driver that numbers the blocks itself creates a block by its first use.
+    // A driver that numbers effects itself creates an effect by its first use.
     if (!shape_.create && !e.used) {
       e.used = true;
       e.gain = mostGain();
@@ -257,7 +256,8 @@ class PidModel {
   }
   void control(std::span<const std::byte> body) {
     const std::int64_t said = get("control.control", body);
-    // A command is a bit (enable, disable, stop, reset), or its number.
+    // Returns true if the report has a command, which is a bit or a number: enable, disable, stop,
+    // reset.
     const auto is = [&](int bit) {
       if (!shape_.rhino) return (said >> bit & 1) != 0;
       constexpr int kNumbers[] = {2, 1, 3, 4};
@@ -305,7 +305,7 @@ class PidModel {
     item(0x14, least);
     item(0x24, most);
   }
-  /// Writes fields; `flags` 2: variable, 0: array, 3: padding.
+  /// Writes fields. `flags` is 2 for variables, 0 for arrays, 3 for padding.
   void fields(int bits, int count, int flags) {
     item(0x74, bits);
     item(0x94, count);
@@ -341,7 +341,7 @@ class PidModel {
     named("input.buttons", 32);
     fields(1, 32, 2);
     page(1);
-    usage(0x33);  // not used here
+    usage(0x33);  // unused
     range(shape_.rhino ? -4096 : -32767, full());
     fields(16, 1, 2);
     for (int a = 0; a < shape_.axes; ++a) {
@@ -468,7 +468,7 @@ class PidModel {
         fields(8, 1, 0);
       } else {
         for (const int u : {0x97, 0x98, 0x99, 0x9A, 0x9B, 0x9C}) usage(u);
-        range(1, 6);  // as in that firmware
+        range(1, 6);  // as in VPforce's firmware
         fields(1, 8, 2);
       }
       end();

@@ -14,7 +14,7 @@
 
 namespace palpate::test {
 
-/// A field with its own cache.
+/// A field with a cache.
 struct Probe {
   FieldPtr field;
   FieldCache cache{};
@@ -30,7 +30,7 @@ struct Probe {
   VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
 };
 
-/// Returns a placement that is rotated, shifted and scaled.
+/// Returns a placement with rotation, translation and scale.
 inline Placement slanted() {
   Placement placement;
   placement.scale = 0.01;
@@ -39,8 +39,8 @@ inline Placement slanted() {
   return placement;
 }
 
-/// Returns a property derived from a vector and its Jacobian. A scalar is the first component of
-/// the result.
+/// Returns a property derived from a vector and its Jacobian. For scalars, only the first component
+/// counts.
 inline Vec3 onTheFly(Derivation what, const VectorSample& s) {
   switch (what) {
     case Derivation::kMagnitude:

@@ -10,7 +10,7 @@
 namespace palpate::bench {
 namespace {
 
-/// Adds `count` planes with normals of one frame (at most three), a line and its plane, or a point.
+/// Adds at most three orthogonal planes, or a line and the plane across it, or a point.
 void makeOrthogonal(const Vec3& at, int count, test::Random& random, std::vector<Primitive>& set) {
   const Mat3 frame =
       Eigen::AngleAxisd(random.uniform(-3.0, 3.0), random.direction()).toRotationMatrix();
@@ -28,7 +28,7 @@ void makeOrthogonal(const Vec3& at, int count, test::Random& random, std::vector
   }
 }
 
-/// Turns the first `count` primitives into planes through `at`.
+/// Makes the first `count` primitives planes through `at`. Adds primitives if there are fewer.
 void meetAt(const Vec3& at, std::size_t count, test::Random& random, std::vector<Primitive>& set) {
   while (set.size() < count) set.push_back(random.primitive());
   for (std::size_t i = 0; i < count; ++i) {

@@ -1,4 +1,4 @@
-/// Random balances of known difficulty. Tests and benchmarks give them to every method.
+/// Random balance problems of known difficulty, for tests and benchmarks of all methods.
 #pragma once
 
 #include <array>
@@ -9,7 +9,7 @@
 
 namespace palpate::bench {
 
-/// One balance to find.
+/// A balance to solve for.
 struct BalanceProblem {
   Vec3 probe = Vec3::Zero();  ///< [m]
   double stiffness = 500.0;   ///< [N/m]
@@ -19,24 +19,23 @@ struct BalanceProblem {
 
 /// Families of problems. The last eight are adversarial.
 enum class Family {
-  kRandom,        ///< Any kinds of primitives, anchors in a cube of 4 mm, strengths up to 3 N.
-  kOnePoint,      ///< All primitives are anchored at the start, as modes place them.
-  kNearParallel,  ///< Anchored at one point, with directions within 1e-2 rad of each other.
-  kSlot,          ///< Planes that face each other, 0 to 1 um apart.
-  /// Anchored at one point, with directions of one orthonormal frame: at most three planes, or a
-  /// line and the plane perpendicular to it, or a point.
+  kRandom,        ///< All kinds, anchors in a cube of 4 mm, strengths up to 3 N.
+  kOnePoint,      ///< All anchored at the start, as modes do.
+  kNearParallel,  ///< Anchored at one point, directions within 1e-2 rad of each other.
+  kSlot,          ///< Planes that face each other at distances of 0 to 1 um.
+  /// Anchored at one point, directions of one orthonormal frame: up to three planes, or a line and
+  /// the plane across it, or a point.
   kOrthogonal,
   kPlanes,  ///< Planes only.
-  /// A plane and others, up to a tenth of a millimetre from the start, like one tick of a surface
-  /// with viscosity.
+  /// A plane and others up to 0.1 mm from the start, like a tick on a surface with viscosity.
   kMotion,
-  kStrengths,     ///< Strengths from 1e-9 to 1e4 N in one set.
-  kStiffness,     ///< k from 1 to 1e5 N/m.
-  kKink,          ///< The probe lies on the kink of the first primitive.
-  kEdge,          ///< The probe lies on the edge of the first two primitives, which are planes.
-  kCorner,        ///< The probe lies on the corner of the first three primitives, which are planes.
-  kNearKinks,     ///< Anchors 1e-16 to 1e-2 m from one point, each at its own distance.
-  kOneDirection,  ///< Anchored at one point, with directions 1e-9 rad apart.
+  kStrengths,     ///< Strengths of 1e-9 to 1e4 N in one set.
+  kStiffness,     ///< k of 1 to 1e5 N/m.
+  kKink,          ///< The probe is on the kink of the first primitive.
+  kEdge,          ///< The probe is on the edge where the first two primitives, planes, meet.
+  kCorner,        ///< The probe is on the corner where the first three primitives, planes, meet.
+  kNearKinks,     ///< Anchors at distances of 1e-16 to 1e-2 m from one point.
+  kOneDirection,  ///< Anchored at one point, directions 1e-9 rad apart.
   kFar,           ///< Positions 1e4 m from the origin.
 };
 inline constexpr std::array<Family, 15> kFamilies = {
@@ -45,19 +44,19 @@ inline constexpr std::array<Family, 15> kFamilies = {
     Family::kStiffness,  Family::kKink,         Family::kEdge,         Family::kCorner,
     Family::kNearKinks,  Family::kOneDirection, Family::kFar};
 
-/// Returns the name for tables and charts.
+/// Returns the family's name in tables and charts.
 [[nodiscard]] const char* wordFor(Family family) noexcept;
 
-/// Returns a problem of `count` primitives. kOrthogonal has at most three. kSlot, kEdge and kCorner
-/// have at least as many as they need.
+/// Returns a problem of `count` primitives, but at most three for kOrthogonal, and at least as many
+/// as kSlot, kEdge and kCorner need.
 [[nodiscard]] BalanceProblem makeProblem(Family family, int count, test::Random& random);
 
-/// Returns two planes for which the smallest |f_res| is not at their balance, but near (3.07,
-/// -6.44, 0) mm. 15 of 4,000 random pairs in 2-D have this property.
+/// Returns two planes whose smallest |f_res| is near (3.07, -6.44, 0) mm and not at their balance,
+/// as in 15 of 4,000 random pairs in 2-D.
 [[nodiscard]] BalanceProblem makeMisledPair();
 
-/// Returns the sum of strengths divided by the stiffness [m], the largest possible distance from
-/// the probe to the proxy.
+/// Returns the sum of strengths divided by the stiffness: the largest possible distance from probe
+/// to proxy [m].
 [[nodiscard]] double reachOf(const BalanceProblem& problem) noexcept;
 
 }  // namespace palpate::bench

@@ -24,7 +24,7 @@ servers = {}
 
 
 class Server:
-    """A program that is stopped at the start of its main()."""
+    """A program that is stopped before its main()."""
     def __init__(self, program):
         self.socket, its = socket.socketpair()
         self.lock = threading.Lock()
@@ -42,7 +42,7 @@ class Server:
         return struct.unpack("i", self.socket.recv(4, socket.MSG_WAITALL))[0]
 
     def start(self, words, environment, folder, streams):
-        """Starts a process and returns its id. The next number that is received is its exit status."""
+        """Starts a process. Returns its id. The server's next number is its exit status."""
         strings = [folder, *words, *(name + b"=" + value for name, value in environment.items())]
         text = b"".join(string + b"\0" for string in strings)
         rights = array.array("i", streams)
@@ -53,7 +53,7 @@ class Server:
 
 
 def exchange(given, ours, deadline):
-    """Writes `given` to ours[0]. Returns everything that comes from ours[1] and ours[2], or None at the deadline."""
+    """Writes `given` to ours[0]. Returns all data from ours[1] and ours[2]; None at the deadline."""
     taken = {ours[1]: [], ours[2]: []}
     with selectors.DefaultSelector() as selector:
         for stream in taken:
@@ -128,7 +128,7 @@ def run_forked(server, words, how):
 
 
 def at_start(environment):
-    """Returns the environment variables that the program's libraries read before main()."""
+    """Returns the variables that libraries read before main()."""
     return {name: value for name, value in environment.items()
             if str(name).startswith(("ASAN_", "GLIBC_", "LD_", "LSAN_", "MALLOC_", "OMP_", "TBB_", "UBSAN_"))}
 

@@ -1,4 +1,4 @@
-"""Runs `palpate`. The programs' folder is sys.argv[1]."""
+"""Runs `palpate`. sys.argv[1] is the folder of the programs."""
 import sys
 from pathlib import Path
 

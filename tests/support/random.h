@@ -1,4 +1,4 @@
-/// Seeded random input, and the number of random cases.
+/// Seeded random numbers, and numbers of random cases.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace palpate::test {
 
-/// The largest number of cases that a test has requested, and the usual number of that test.
+/// The largest number of cases that a test has requested, and that test's usual number.
 struct AskedCases {
   long run = 0;
   long usual = 0;
@@ -24,7 +24,7 @@ inline AskedCases& askedCases() {
   return asked;
 }
 
-/// Returns true if this process tests a room (PALPATE_ROOM) that is listed in PALPATE_CHANGED.
+/// Returns true if the tested room, PALPATE_ROOM, is listed in PALPATE_CHANGED.
 inline bool roomHasChanged() {
   const char* room = std::getenv("PALPATE_ROOM");
   const char* changed = std::getenv("PALPATE_CHANGED");
@@ -33,9 +33,9 @@ inline bool roomHasChanged() {
          std::string::npos;
 }
 
-/// Returns the number of random cases to run: PALPATE_CASES if it is a number, a share of `usual`
-/// if it is a percentage ("10%"), `usual` if it is not set. For a room that has changed, a
-/// percentage counts as at least 100. Returns at least 1.
+/// Returns the number of random cases to run, at least 1. PALPATE_CASES can be a number, or a
+/// percentage of `usual` ("10%"). For a room that has changed, a percentage is at least 100 %.
+/// Default: `usual`.
 inline long cases(long usual) {
   const char* text = std::getenv("PALPATE_CASES");
   long run = usual;
@@ -52,12 +52,12 @@ inline long cases(long usual) {
   return run;
 }
 
-/// Like cases(), for a number of laps, slices or runs, but never more than `usual`.
+/// Like cases(), for laps, slices or runs: at most `usual`.
 inline long share(long usual) {
   return std::min(cases(usual), usual);
 }
 
-/// Random numbers that are the same for the same seed on every machine.
+/// Random numbers. A seed gives the same numbers on every machine.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
@@ -80,7 +80,7 @@ class Random {
       if (n > 0.1 && n < 1.0) return v / n;
     }
   }
-  /// Returns a primitive of any kind within 2 mm of the origin, with a strength of up to 3 N.
+  /// Returns a primitive of a random kind. Coordinates are up to +-2 mm, strengths up to 3 N.
   Primitive primitive() {
     return {static_cast<PrimitiveKind>(integer(4)), inCube(2e-3), direction(), uniform(0.0, 3.0)};
   }
@@ -89,7 +89,7 @@ class Random {
   std::mt19937_64 engine_;
 };
 
-/// Returns a whole problem as text that can be pasted into `palpate solve`.
+/// Returns a problem as text for `palpate solve`.
 inline std::string describe(const Vec3& probe, double stiffness,
                             const std::vector<Primitive>& primitives) {
   static constexpr const char* kKinds[] = {"force", "point", "line", "plane"};

@@ -5,7 +5,7 @@ import numpy as np
 
 
 def rows_of(file):
-    """Returns the recording's ticks, an array of records."""
+    """Returns a recording's ticks as an array of records."""
     with open(file, "rb") as opened:
         head = json.loads(opened.readline())
     rows = np.fromfile(file, [tuple(field) for field in head["dtype"]], offset=head["offset"])

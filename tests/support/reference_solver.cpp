@@ -10,8 +10,7 @@ __extension__ using Real = __float128;  // 113 bits
 
 Real sqrtOf(Real x) {
   if (!(x > 0)) return 0;
-  // Scales the argument into a double's range. Each of Heron's steps then doubles the number of
-  // correct digits.
+  // Scales x into a double's range. Each Heron step then doubles the number of correct digits.
   Real scale = 1;
   while (x * scale * scale < Real(1e-200)) scale *= Real(1e100);
   x *= scale * scale;
@@ -65,7 +64,7 @@ void addOuter(Sym& H, Real c, const Vec& a, const Vec& b) {
   H.yz += c * (a.y * b.z + a.z * b.y) / 2;
 }
 
-/// Returns H^-1 b by L D L^T.
+/// Solves H x = b by an L D L^T factorisation.
 Vec solve(const Sym& H, const Vec& b) {
   const Real l10 = H.xy / H.xx;
   const Real l20 = H.xz / H.xx;
@@ -81,22 +80,22 @@ Vec solve(const Sym& H, const Vec& b) {
   return x;
 }
 
-/// A primitive as in section 4.1 of Lundin et al., relative to the probe.
+/// A primitive as in section 4.1 of Lundin et al., with positions relative to the probe.
 struct Term {
   PrimitiveKind kind;
   Vec at;
   Vec q;
   Real s;
-  Vec z;  ///< -f / s, within the unit ball; for a plane without the constant half of its force
+  Vec z;  ///< -f / s, in the unit ball; for a plane without the constant half of its force
 };
 
-/// Returns the displacement whose length determines the primitive's potential; for a plane it is
+/// Returns the displacement from the primitive, whose length gives the potential. For a plane it is
 /// along q.
 Vec away(const Term& t, const Vec& x) {
   const Vec d = x - t.at;
   if (t.kind == PrimitiveKind::kPoint) return d;
   if (t.kind == PrimitiveKind::kLine) {
-    // Projects twice, because near the line the rounding error along q is not small compared to the
+    // Projects twice, because near the line the rounding error along q is not small relative to the
     // rest.
     const Vec once = d - dot(t.q, d) * t.q;
     return once - dot(t.q, once) * t.q;
@@ -128,13 +127,13 @@ class Potential {
     for (const Term& t : terms_) {
       const Vec d = away(t, x);
       const Real length = sqrtOf(dot(d, d));
-      // for a plane, max(0, t) = (t + |t|) / 2
+      // for a plane: max(0, t) = (t + |t|) / 2
       e += t.kind == PrimitiveKind::kPlane ? t.s * (length - dot(t.q, d)) / 2 : t.s * length;
     }
     return e;
   }
 
-  /// Returns the primitives' force on the proxy from their z: eq. (14) without the spring.
+  /// Returns the primitives' force on the proxy for the present z: eq. (14) without the spring.
   [[nodiscard]] Vec force() const {
     Vec f = push_;
     for (const Term& t : terms_) {
@@ -143,13 +142,13 @@ class Potential {
     return f;
   }
 
-  /// Returns D(f): the minimum over all x of k/2 |x|^2 - f.x, plus for each primitive the bound -s
-  /// max over its ball.
+  /// Returns the dual D(f): the minimum over x of k/2 |x|^2 - f.x, plus the support terms of all
+  /// primitives.
   [[nodiscard]] Real dual() const {
     const Vec f = force();
     Real d = -dot(f, f) / (2 * k_);
     for (const Term& t : terms_) {
-      // Uses s |P (x - a)| >= s z.(x - a) for every x, |z| <= 1, z in the range of P.
+      // s |P (x - a)| >= s z.(x - a) for every x, if |z| <= 1 and z is in the range of P.
       d += t.kind == PrimitiveKind::kPlane ? t.s / 2 * dot(t.q - t.z, t.at) : -t.s * dot(t.z, t.at);
     }
     return d;
@@ -167,8 +166,8 @@ class Potential {
     return g;
   }
 
-  /// Takes one Newton step on the rounded potential from x. Returns false if the potential cannot
-  /// be lowered further.
+  /// Makes one Newton step on the smoothed potential. Returns false if the potential cannot be
+  /// lowered further.
   bool improve(Vec& x, Real mu) {
     Sym H{k_, k_, k_, 0, 0, 0};
     const Vec g = gradient(x, mu);
@@ -177,8 +176,8 @@ class Potential {
       const Real s = plane ? t.s / 2 : t.s;
       const Vec d = away(t, x);
       const Real length = sqrtOf(dot(d, d) + mu * mu);
-      // The term is s/length (P - z d^T/length). With z = d/length this is the Hessian. With the
-      // last z, moved into its ball, the answer is a better start for the next mu (Andersen et al.
+      // The term is s/length (P - z d^T/length). With z = d/length it is the Hessian. With the last
+      // z, projected into its ball, the result is a better start for the next mu (Andersen et al.
       // 2000).
       const Real c = s / length;
       if (!plane) {
@@ -193,9 +192,8 @@ class Potential {
     const Vec step = solve(H, -1 * g);
     const Real slope = dot(g, step);
     if (!(slope < 0)) return false;
-    // Halves the step while the potential still rises at its end. Uses the slope, which rises along
-    // the step because E is convex. The slope is more precise than E, whose differences are lost in
-    // rounding.
+    // Halves the step while the potential rises at its end. Tests the slope, which rises along the
+    // step because E is convex: differences of E would be lost in rounding.
     Real t = 1;
     while (t > Real(1e-30) && dot(gradient(x + t * step, mu), step) > -slope / 2) t /= 2;
     for (Term& term : terms_) {
@@ -209,7 +207,7 @@ class Potential {
     return -slope > k_ * mu * mu / 100;
   }
 
-  /// Sets z from the gradients of the rounded norms at x.
+  /// Sets z to the gradients of the smoothed norms at x.
   void place(const Vec& x, Real mu) {
     for (Term& t : terms_) {
       const Vec d = away(t, x);
@@ -252,7 +250,7 @@ Reference solveReference(const Vec3& probe, double stiffness,
   const auto number = [](Real r) { return static_cast<double>(r); };
   Reference out;
   out.offset = {number(x.x), number(x.y), number(x.z)};
-  // The offset is rounded to double, E and D to 113 bits relative to their own magnitude.
+  // The offset is rounded to double; E and D have 113 bits relative to their own magnitudes.
   const Real value = potential.value(x);
   const Real dual = potential.dual();
   const Real gap = absOf(value - dual) + Real(1e-31) * (absOf(value) + absOf(dual));

@@ -1,5 +1,5 @@
-/// Solves the balance by a simple method in quadruple precision, with an error bound that follows
-/// from the definitions. Tests compare the engine with its result.
+/// Solves the balance by a simple method in quadruple precision, with a provable error bound. Tests
+/// compare the engine with it.
 #pragma once
 
 #include <span>
@@ -10,8 +10,8 @@ namespace palpate::test {
 
 struct Reference {
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m]
-  /// [m]: upper bound on the distance to the exact balance for the given numbers with normalised
-  /// directions; about 1e-10 S/k.
+  /// Upper bound on the distance to the exact balance, for normalised directions [m]; about 1e-10
+  /// S/k.
   double error_bound = 0.0;
   double potential = 0.0;  ///< E at the result [J].
 };
@@ -19,7 +19,7 @@ struct Reference {
 /// Rounds every kink by mu, |d| -> sqrt(|d|^2 + mu^2), and minimises the smooth potential by
 /// Newton's method with step halving. Then divides mu by ten, from S/k down to 1e-20 S/k. Forces of
 /// a rounded primitive stay within its strength, so they are a feasible point of the dual. For any
-/// x, however found, weak duality gives
+/// x, weak duality gives
 ///
 ///     k/2 |x - x*|^2 <= E(x) - D(f),
 ///

@@ -1,10 +1,10 @@
-"""Checks that apply to all programs that refuse an input."""
+"""Checks of programs that refuse an input."""
 import os
 
 
 def refusal(case, folder, call):
-    """Runs `call`. Checks that it prints one clear line on stderr and nothing on stdout, and leaves no file in
-    `folder`. Returns the result of `call`, and the line. The caller checks the exit status."""
+    """Runs `call`. Checks that it prints one clear line on stderr, nothing on stdout, and leaves no file in `folder`.
+    Returns its result and the line. The caller checks the exit status."""
     before = sorted(os.listdir(folder))
     done = call()
     lines = done.stderr.splitlines()

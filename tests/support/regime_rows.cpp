@@ -109,8 +109,7 @@ Regime weakConstraints() {
 }
 
 Regime acuteWalls() {
-  // A hand at rest in troughs, in a slot and in a corner. Each method continues from its previous
-  // proxy.
+  // A resting hand in troughs, in a slot and in a corner. Each method starts at its previous proxy.
   std::vector<BalanceProblem> problems;
   const auto add = [&](const Vec3& probe, std::vector<Primitive> planes) {
     problems.push_back({probe, kStiffness, Vec3(0, 0, 1e-3), std::move(planes)});
@@ -129,8 +128,8 @@ Regime acuteWalls() {
   const std::vector<Contender> all = makeContenders(false);
   struct Came {
     double off = 0.0;      ///< Distance from the reference [m].
-    double chatter = 0.0;  ///< Motion from tick to tick [m].
-    double beyond = -1.0;  ///< Part of the error that exceeds the certified bound [m].
+    double chatter = 0.0;  ///< Largest motion from tick to tick [m].
+    double beyond = -1.0;  ///< Largest excess of the error over the error bound [m].
   };
   const auto rest = [&](const std::string& method, const std::string& setting) {
     constexpr int kTicks = 100;
@@ -156,7 +155,7 @@ Regime acuteWalls() {
   const Came fixed = rest("Euler, fixed step", "1e-2");
   const Came paper = rest(kPaper, "3e-5");
   const Came ours = rest(kOurs, "1e-6");
-  // Problems whose smallest |f_res| is away from the balance.
+  // Problems whose smallest |f_res| is not at the balance.
   Random random(3);
   double misled = 0.0;
   double unlike = 0.0;
@@ -231,8 +230,8 @@ Regime strikesAndJumps() {
   const auto& field = std::get<std::shared_ptr<const ScalarField>>(shell.field);
   constexpr long kStrikes = 1000;
   constexpr double kSpeed = 2.0;   // [m/s]
-  constexpr double kBehind = 3.6;  // [voxels] below the outer surface
-  // Like pressShell: from all directions, with ticks at any phase.
+  constexpr double kBehind = 3.6;  // [voxels]; below the outer surface
+  // Like pressShell(): from all directions, with random starts.
   Probed probed(field);
   Random random(11);
   long missed = 0;
@@ -249,7 +248,7 @@ Regime strikesAndJumps() {
   }
   const ShellResult pressed = pressShell(shell, 0.0, 0.6, kStrikes, {});
 
-  // The hand moved on into a ball while its positions were lost.
+  // The hand moved into a ball while its positions were lost.
   double spring = 0.0;
   double sent = 0.0;
   double most = 0.0;
@@ -282,8 +281,8 @@ Regime strikesAndJumps() {
 }
 
 Regime steepAndNoisy() {
-  // A fog with a ramp of 4 voxels, whose slope is three times as steep on one side as on the
-  // opposite side, with 1 % noise.
+  // A fog with a ramp of 4 voxels, three times as steep on one side as on the opposite side, with 1
+  // % noise.
   constexpr double kBall = 50.0;  // [voxels]
   constexpr int kSize = 112;
   Random random(5);
@@ -304,7 +303,7 @@ Regime steepAndNoisy() {
     keepMost(loud, std::sqrt(b.polynomial.power) / b.polynomial.force);
     keepMost(quiet, std::sqrt(b.engine.power) / b.engine.force);
   }
-  // A hand that is held against a wall.
+  // A hand held against a wall.
   const MapSetting setting;
   const MapContact wall = wallContact();
   const auto methods = methodsOver(wall);
@@ -392,9 +391,9 @@ Regime stiffAndLate() {
 
 Regime scenesThatChange() {
   const FieldPtr ball = test::ballField();
-  // A ball that suddenly appears around the hand, which is then 1 cm deep.
+  // A ball appears suddenly around a hand, which is then 1 cm deep.
   const Vec3 inside(0, 0, kRadius - 0.01);
-  // The reaction of a force function to the new surface: a plane above the hand.
+  // A force function sees the new surface as a plane above the hand.
   const std::array over{plane(Vec3(0, 0, kRadius), Vec3::UnitZ(), 3.0)};
   const double pushed =
       kStiffness * methods::forceFunction(inside, kStiffness, over, inside).offset.norm();
@@ -417,9 +416,9 @@ Regime scenesThatChange() {
   loop.publish(test::ballScene(ball));
   run(1000);
 
-  // A ball that moves over a still hand at 0.2 m/s.
+  // A ball moves over a resting hand at 0.2 m/s.
   constexpr double kSpeed = 0.2;  // [m/s]
-  constexpr double kFrom = 0.01;  // [m] from the hand at the start
+  constexpr double kFrom = 0.01;  // [m]; distance from the hand at the start
   constexpr double kDeep = 4e-3;
   const Vec3 still(0, 0, kRadius + kFrom);
   const double seconds = (kFrom + kDeep) / kSpeed;
@@ -442,7 +441,7 @@ Regime scenesThatChange() {
     const StepReport r = hapticStep(*scene, reader, {still}, state, kTick);
     const Vec3 centre = state.bodies()[0].pose.translate;
     const double depth = kRadius - (still - centre).norm();
-    // The same ball as a new scene in every tick, so that the motion does not carry the proxy.
+    // The same ball as a new scene in each tick, so its motion does not carry the proxy.
     const auto placed = test::ballScene(makeSphere(centre, kRadius), 5.0, {kStiffness, 0.0});
     const StepReport swapped = hapticStep(*placed, reader_of_swaps, {still}, uncarried, kTick);
     keepMost(uncounted,
@@ -479,8 +478,8 @@ Regime brokenDevices() {
   double worst_old = 0.0;
   long bad_old = 0;
   long bad = 0;
-  long deep = 0;  // number of ticks in which the hand is deep
-  long mute = 0;  // number of those ticks without a force
+  long deep = 0;  // number of ticks with a deep hand
+  long mute = 0;  // number of those without force
   double most = 0.0;
   double steepest = 0.0;
   Vec3 sent = Vec3::Zero();
@@ -488,7 +487,7 @@ Regime brokenDevices() {
   Vec3 velocity = Vec3::Zero();
   constexpr long kTicks = 400000;
   for (long i = 0; i < kTicks; ++i) {
-    // The hand moves in and out, because after a fault a hand that is inside is not pushed out.
+    // The hand moves in and out, because after a fault it feels no force until it has been outside.
     const Vec3 about(0, 0, kRadius + 6e-3 * std::sin(0.02 * static_cast<double>(i)));
     velocity += 0.02 * random.inCube(1.0) - 0.1 * velocity - 5.0 * (place - about);
     place += kTick * velocity;
@@ -506,7 +505,7 @@ Regime brokenDevices() {
     if (loop.latest().fault != Fault::kNone && random.integer(100) == 0) loop.clear();
     ++guard;
     loop.tick(time);
-    // A penalty force that depends on the depth in the ball, sent to the motors without any limit.
+    // A penalty force k times the depth in the ball, sent to the motors without limits.
     const Vec3& hand = device.hand.position;
     const double r = hand.norm();
     const Vec3 old =

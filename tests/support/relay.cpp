@@ -1,14 +1,12 @@
-/// Runs two programs, each in its own network, with a link between them whose defects are given as
-/// options.
+/// Runs two programs in separate networks, with a faulty link between them.
 ///
 ///     palpate_relay [--delay-ms D] [--jitter-ms J] [--loss P] [--twice P] [--overtaken P]
 ///                   [--mbit R] [--seed N] [--seconds S] -- ONE... -- OTHER...
 ///
-/// ONE is at 10.77.0.1, OTHER at 10.77.0.2. Both are separated from all other networks. The seed
-/// and the number of earlier packets decide which packets are lost, late, doubled or overtaken.
-/// Ends when OTHER ends, with the status of OTHER, or after S seconds with 124, and then ends ONE
-/// too. SIGUSR1 disconnects the two, the next SIGUSR1 connects them again. At the end prints a line
-/// of JSON on standard error.
+/// ONE has the address 10.77.0.1, OTHER 10.77.0.2; they reach no other network. The seed and the
+/// number of a packet determine whether it is lost, delayed, doubled or overtaken. Ends with OTHER
+/// and its status, or after S seconds with status 124; then also ends ONE. SIGUSR1 disconnects the
+/// two, the next SIGUSR1 connects them. At the end prints a line of JSON on stderr.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -61,8 +59,8 @@ void write(const char* file, const std::string& text) {
   if (!done) fail(file);
 }
 
-/// Moves this process into its own network, in which it has full rights. When the first of its
-/// children ends, all processes that it started end.
+/// Moves this process into new network and process namespaces, in which it has full rights. When
+/// the first child ends, all other processes of the namespace end.
 void leaveNetworks() {
   const std::string user = "0 " + std::to_string(getuid()) + " 1";
   const std::string group = "0 " + std::to_string(getgid()) + " 1";
@@ -80,7 +78,7 @@ void ask(int socket, unsigned long what, ifreq& of, const char* name) {
   if (ioctl(socket, what, &of) != 0) fail(name);
 }
 
-/// Returns the descriptor of a network device that this process reads and writes.
+/// Creates a network device with this address. Returns a descriptor to read and write its packets.
 int makeTun(const std::string& address) {
   const int tun = open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (tun < 0) fail("/dev/net/tun");
@@ -112,7 +110,7 @@ int makeTun(const std::string& address) {
   return tun;
 }
 
-/// A message that carries a descriptor.
+/// A message that passes a file descriptor.
 struct Handing {
   char byte = 0;
   iovec data{&byte, 1};
@@ -153,7 +151,7 @@ int receive(int from) {
 struct End {
   pid_t child = 0;
   int tun = -1;
-  int go = -1;  ///< writing a byte to it starts the program
+  int go = -1;  ///< a byte written to it starts the program
 };
 
 int statusOf(int how) {
@@ -177,7 +175,7 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
     }
     char byte = 0;
     if (read(pair[1], &byte, 1) != 1) _exit(77);
-    // When the first process of the namespace ends, the kernel ends all others.
+    // When the first process of a namespace ends, the kernel ends all others.
     const pid_t first = fork();
     if (first != 0) {
       int how = 0;
@@ -199,23 +197,22 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
 
 struct Badness {
   double delay = 0.0;      // [ms]
-  double jitter = 0.0;     // [ms], uniform, added to the delay
-  double loss = 0.0;       // share
-  double twice = 0.0;      // share
-  double overtaken = 0.0;  // share of the packets that wait for one more delay
+  double jitter = 0.0;     // [ms]; uniform addition to the delay
+  double loss = 0.0;       // share of packets
+  double twice = 0.0;      // share of packets
+  double overtaken = 0.0;  // share of packets that are delayed once more
   double mbit = 0.0;       // [Mbit/s]; 0: unlimited
   std::uint64_t seed = 1;
 };
 
-/// One direction of the link: the packets that are under way.
+/// One direction of the link, with the packets on their way.
 class Way {
  public:
   Way(const Badness& of, std::uint64_t seed) : of_(of), random_(seed) {}
 
   void take(std::string packet, Clock::time_point now) {
     ++sent_;
-    // Draws all numbers for each packet, so that the fate of a packet does not depend on that of
-    // others.
+    // Draws all numbers for each packet, so that one packet's fate does not change that of others.
     const std::array<double, 4> draw{uniform(), uniform(), uniform(), uniform()};
     constexpr std::size_t kMost = 1U << 16U;
     if (parted != 0 || draw[0] < of_.loss || waiting_.size() >= kMost) {
@@ -239,7 +236,7 @@ class Way {
     }
     waiting_.emplace(due, std::move(packet));
   }
-  /// Writes the packets whose time has come.
+  /// Writes the packets that are due.
   void give(int tun, Clock::time_point now) {
     while (!waiting_.empty() && waiting_.begin()->first <= now) {
       const std::string& packet = waiting_.begin()->second;
@@ -272,7 +269,7 @@ class Way {
   long overtaken_ = 0;
 };
 
-/// Moves all waiting packets from `tun` to `way`.
+/// Moves all packets from `tun` to `way`.
 void drain(int tun, Way& way, Clock::time_point now) {
   std::array<char, 1U << 16U> packet{};
   while (true) {

@@ -19,20 +19,20 @@ namespace palpate::bench {
 
 namespace {
 
-constexpr double kPressed = 1e-3;     // [m], depth below the skin
-constexpr double kArc = 0.05;         // [m], length of a slide
-constexpr double kHandFollows = 5.0;  // [Hz], fastest change that a hand follows
-constexpr double kBetween = 0.012;    // [m], between two slices
+constexpr double kPressed = 1e-3;     // depth below the skin [m]
+constexpr double kArc = 0.05;         // length of a slide [m]
+constexpr double kHandFollows = 5.0;  // fastest change that a hand follows [Hz]
+constexpr double kBetween = 0.012;    // distance of two slices [m]
 constexpr int kArcs = 4;
-constexpr int kRays = 5000;     // rays around a slice
-constexpr double kFar = 0.14;   // [m], distance of the rays' start from the axis
-constexpr double kNear = 0.02;  // [m], distance of the rays' end from the axis
-constexpr double kHolds = 5.0;  // [N], strength of the surface
+constexpr int kRays = 5000;     // number of rays around a slice
+constexpr double kFar = 0.14;   // distance from the axis at which rays start [m]
+constexpr double kNear = 0.02;  // distance from the axis at which rays end [m]
+constexpr double kHolds = 5.0;  // strength of the surface [N]
 
-/// The outline of the skin around an axis along z: its distance as a function of the angle.
+/// Distance of the skin from an axis along z, as a function of the angle.
 class Outline {
  public:
-  /// @param window  Length of the path over which the distance is averaged [m].
+  /// @param window  Path length over which distances are averaged [m].
   Outline(const ScalarField& field, double z, double level, double window)
       : z_(z), radius_(kRays, 0.0) {
     auto cache = std::make_unique<FieldCache>();
@@ -42,7 +42,7 @@ class Outline {
       found[static_cast<std::size_t>(i)] =
           skinRadius(field, level, -1.0, {0.0, 0.0, z_}, angle(i), kFar, kNear, *cache);
     }
-    constexpr double kTypical = 0.08;  // [m], radius of a head
+    constexpr double kTypical = 0.08;  // radius of a head [m]
     const int half =
         std::max(1, static_cast<int>(window / kTypical / (4.0 * std::numbers::pi) * kRays));
     for (int i = 0; i < kRays; ++i) {
@@ -67,7 +67,7 @@ class Outline {
     };
     return (1.0 - f) * r(i) + f * r(i + 1);
   }
-  /// Returns the place at an angle and a depth below the skin.
+  /// Returns the point at an angle and a depth below the skin.
   [[nodiscard]] Vec3 at(double a, double depth) const {
     const double r = radius(a) - depth;
     return {r * std::cos(a), r * std::sin(a), z_};
@@ -80,10 +80,10 @@ class Outline {
   std::vector<double> radius_;
 };
 
-constexpr int kComing = 300;  // ticks of the approach, which begins 4 mm outside
+constexpr int kComing = 300;  // number of ticks of the approach, which begins 4 mm outside
 
-/// Returns the hand's positions on a slide, `parts` per tick: first the approach of kComing ticks
-/// towards one place, then the arc.
+/// Returns the hand's positions on a slide, `parts` per tick: an approach of kComing ticks, then
+/// the arc.
 std::vector<Vec3> slideAlong(const Outline& skin, int arc, double speed, int parts) {
   double a = 2.0 * std::numbers::pi * arc / kArcs;
   std::vector<Vec3> hands;
@@ -110,7 +110,8 @@ Outline outlineOf(const ScalarField& field, int slice, int slices, double level,
   return {field, kBetween * (slice - 0.5 * (slices - 1)), level, speed / kHandFollows};
 }
 
-/// Returns the change of the force in each tick [N]; `parts` is the number of proxies per tick.
+/// Returns the changes of the force from tick to tick [N]. `parts` is the number of proxies per
+/// tick.
 std::vector<double> changesOf(const std::vector<Vec3>& hands, const Stepper& tick, int parts) {
   std::vector<double> changes;
   Vec3 before = Vec3::Zero();
@@ -123,19 +124,20 @@ std::vector<double> changesOf(const std::vector<Vec3>& hands, const Stepper& tic
   return changes;
 }
 
-/// Sums over slides: squared force noise, its number of ticks, and energy added to the spring.
+/// Sums over slides: squared noise of the force, its number of ticks, and energy added to the
+/// spring.
 struct Sums {
   double noise = 0.0;
   long noisy = 0;
   double given = 0.0;
 
-  /// Adds the growth of the spring's energy, from the spring's lengths before and after the proxy
-  /// moved [m].
+  /// Adds the growth of the spring's energy when the proxy moves. Arguments: lengths of the spring
+  /// before and after [m].
   void give(double before, double after) {
     given += 0.5 * kMotionStiffness * std::max(0.0, after * after - before * before);
   }
   void add(const std::vector<Vec3>& forces) {
-    constexpr std::size_t kHalf = 5;  // ticks on each side of a mean
+    constexpr std::size_t kHalf = 5;  // number of ticks to each side of a mean
     for (std::size_t i = kHalf; i + kHalf < forces.size(); ++i) {
       Vec3 mean = Vec3::Zero();
       for (std::size_t k = i - kHalf; k < i + kHalf; ++k) mean += forces[k] / (2.0 * kHalf);
@@ -171,7 +173,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
       const std::vector<Vec3> hands = slideAlong(skin, arc, speed, 1);
       Vec3 proxy;
       for (int i = 0; i <= kComing; ++i) proxy = tick(hands[static_cast<std::size_t>(i)]).proxy;
-      Vec3 back = proxy;  // the proxy that is held back
+      Vec3 back = proxy;  // the proxy of the comparison, which is held back
       std::vector<Vec3> ours;
       std::vector<Vec3> theirs;
       for (std::size_t t = kComing + 1; t < hands.size(); ++t) {
@@ -214,7 +216,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
 Rattling rattle(const std::string& file, double level, double scale, double speed, int slices) {
   const std::shared_ptr<const ScalarField> field = scanField(file, scale);
   const SurfaceMotion motion = onScan(field, level);
-  constexpr int kParts = 16;  // time steps of the reference per tick
+  constexpr int kParts = 16;  // number of the reference's steps per tick
   constexpr std::size_t kBeside = 20;
   StepParams exact;
   exact.tolerance_voxels = 1e-4;

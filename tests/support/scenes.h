@@ -1,4 +1,4 @@
-/// Scenes and devices for the loop's tests.
+/// Scenes and devices for tests of the loop.
 #pragma once
 
 #include <atomic>
@@ -19,7 +19,7 @@ inline constexpr double kBallRadius = 0.03;  ///< [m]
 inline FieldPtr ballField() {
   return makeSphere(Vec3::Zero(), kBallRadius);
 }
-/// Returns a volume "ball", solid inside, whose surface has a strength [N].
+/// Returns a scene with an isosurface of volume "ball", solid inside, of this strength [N].
 inline GraphSpec ballSpec(double strength = 3.0) {
   GraphSpec spec;
   spec.modes.resize(1);
@@ -34,7 +34,7 @@ inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double stren
   return makeScene(ballSpec(strength), {{"ball", ball}}, coupling);
 }
 
-/// A device that reports the position set by a test, and stores the force that it receives.
+/// A device whose position a test sets. Stores the force that it receives.
 class TestDevice final : public Device {
  public:
   TestDevice() {
@@ -52,7 +52,7 @@ class TestDevice final : public Device {
   [[nodiscard]] double given() const noexcept override { return share; }
 
   HandState hand;
-  double share = 1.0;  ///< Share of a force that the motors can give.
+  double share = 1.0;  ///< Share of a force that the motors give.
   Vec3 sent = Vec3::Zero();
   long writes = 0;
   int write_ms = 0;  ///< Duration of a write [ms].

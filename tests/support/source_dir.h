@@ -1,4 +1,4 @@
-/// The path of the tests' sources, for files in the same folders.
+/// The path of the project's sources.
 #pragma once
 
 #include <string>
@@ -6,7 +6,7 @@
 namespace palpate::test {
 
 /// Returns the project's root as an absolute path. Only one small source contains this path, so all
-/// other sources compile to the same bytes in any clone, and the compiler cache finds them.
+/// others compile to the same bytes in any clone, and the compiler cache finds them.
 [[nodiscard]] std::string sourceDir();
 
 }  // namespace palpate::test

@@ -1,6 +1,5 @@
-/// A site that publishes given texts as its scene: palpate_stranger NAME@DOMAIN TEXT...
-///
-/// It publishes each TEXT for 0.5 s, and the last one until the process is killed. It has no hand.
+/// A site that publishes texts as its scene: palpate_stranger NAME@DOMAIN TEXT... Publishes each
+/// TEXT for 0.5 s, the last one until it is killed. Has no hand.
 #include <chrono>
 #include <cstdio>
 #include <exception>

@@ -16,7 +16,7 @@ from pathlib import Path
 
 
 def smoke(test):
-    """Marks a test that sanitizers run too: the shortest test that reaches code which no Catch2 test reaches."""
+    """Marks a test for sanitizers: the shortest one that reaches some code that no Catch2 test reaches."""
     test.smoke = True
     return test
 
@@ -27,13 +27,13 @@ def name_of(test):
 
 
 class Lines(unittest.TestResult):
-    """Prints a line for each test, and stores the tests that failed."""
+    """Prints a line for each test. Stores the tests that failed."""
     def __init__(self):
         super().__init__()
         self.passed = 0
         self.begun = time.monotonic()
         self.result = "passed"
-        self.failed = {}     # The name of a test to the test.
+        self.failed = {}     # name: test
 
     def startTest(self, test):
         super().startTest(test)
@@ -70,7 +70,7 @@ class Lines(unittest.TestResult):
         super().addSkip(test, reason)
         self.result = "skipped"
         print(f"{test.id()}: skipped: {reason}", flush=True)
-        if not isinstance(test, unittest.TestCase):   # A whole class.
+        if not isinstance(test, unittest.TestCase):   # a whole class
             print(f"skipped    0.000 s  {name_of(test)}", flush=True)
 
 

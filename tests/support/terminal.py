@@ -1,4 +1,4 @@
-"""Runs a program at a terminal."""
+"""Runs a program in a terminal."""
 import fcntl
 import os
 import pty
@@ -11,7 +11,7 @@ import time
 
 
 class Terminal:
-    """Runs `words` with standard error and Ctrl-C at a terminal; `drawn` holds its output."""
+    """Runs `words` with stderr and Ctrl-C in a terminal. `drawn` is the output."""
 
     def __init__(self, words, folder):
         self.own, its = pty.openpty()
@@ -22,7 +22,7 @@ class Terminal:
         self.drawn = ""
 
     def look(self, seconds):
-        """Reads the output that comes within this time. Returns False if the program has ended."""
+        """Reads output for up to this time [s]. Returns False if the program has ended."""
         if not select.select([self.own], [], [], seconds)[0]:
             return True
         try:
@@ -32,7 +32,7 @@ class Terminal:
         return True
 
     def until(self, pattern, seconds=120):
-        """Returns True if the output matches the regular expression within the time. If it does not, ends the
+        """Returns True once the output matches the regular expression. If it does not match in time, ends the
         program."""
         end = time.monotonic() + seconds
         while not re.search(pattern, self.drawn):
@@ -46,7 +46,7 @@ class Terminal:
         os.write(self.own, key)
 
     def ended(self, seconds=120):
-        """Returns the program's exit status, and the time that the program took to end."""
+        """Returns the program's exit status, and the time that it took to end [s]."""
         begin = time.monotonic()
         while self.look(0.1) and time.monotonic() < begin + seconds:
             pass

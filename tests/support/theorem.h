@@ -1,5 +1,4 @@
-/// Checks the statements of the section "What holds" in docs/tick.md in each tick of the motion
-/// tests.
+/// Checks the section "What holds" of docs/tick.md in each tick of the motion tests.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +9,7 @@
 
 namespace palpate::bench {
 
-/// Returns a reference that switches the checks of provenStep() on or off. A benchmark that times
-/// ticks switches them off.
+/// Switch of provenStep()'s checks. Benchmarks that time ticks set it to false.
 inline bool& proving() {
   static bool on = true;
   return on;
@@ -37,7 +35,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   must(r.status != StepStatus::kFault, "fault", 0.0);
   must(r.substeps <= kMostSubsteps, "more readings than stated", r.substeps);
 
-  // Energy: the tick reports the energy that a single move of the proxy adds to the spring.
+  // Energy: a tick with a single move reports all energy that the move adds to the spring.
   if (placed && slices == 1) {
     const double rise =
         0.5 * k * (offset.squaredNorm() - (before - hand.position).squaredNorm()) - r.injected;
@@ -54,18 +52,17 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   if (std::any_of(varying.begin(), varying.end(), [](const Varying& v) { return !v.surface; })) {
     for (const FieldFrame& frame : scene.graph.vector_frames) voxel = std::max(voxel, frame.voxel);
   }
-  // Varying strengths are those of the last reading, which is at most the tolerance away.
+  // Varying strengths are those of the last reading, at most the tolerance away.
   const double once = scene.step.tolerance_voxels * voxel;
   for (const Varying& one : varying) strengths += one.slope.norm() * once;
-  // The proxy is within the tolerance of its result. The result is within the tolerance of the
-  // largest offset that the strengths can hold.
+  // The proxy is within the tolerance of its result, which is within the tolerance of the largest
+  // offset that the strengths can hold.
   const double tolerance = 2.0 * once;
   const double over =
       k * (offset.norm() - r.waiting.norm() - tolerance - r.error_bound) - (1.0 + 1e-9) * strengths;
   must(over <= 1e-9, "force above all strengths [N]", over);
 
-  // Surfaces: according to the field's values, the proxy is not behind a surface that was read and
-  // that holds.
+  // Surfaces: by the field's values, the proxy is not behind a surface that was read and holds.
   for (std::size_t i = 0; i < scene.graph.modes.size(); ++i) {
     const auto* mode = std::get_if<IsosurfaceMode>(&scene.graph.modes[i]);
     const auto* of = std::get_if<IsosurfaceMemory>(&state.memory(i).of);
@@ -84,7 +81,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
     if (!at.inside || !(slope > 0.0)) continue;
     const double behind =
         skin.sign * (mode->level - at.value) * skin.metres_per_unit / (slope * skin.voxel);
-    // If the last step crosses a cell's face, the error may be 1.5 times the tolerance.
+    // If the last step crosses a cell's face, the error is up to 1.5 times the tolerance.
     must(behind <= 1.5 * scene.step.tolerance_voxels + r.error_bound / skin.voxel,
          "behind a surface that holds [voxels]", behind);
   }

@@ -1,4 +1,4 @@
-/// Reduces combinations under sanitizers.
+/// Runs fewer combinations under sanitizers.
 #pragma once
 
 namespace palpate::test {
@@ -9,13 +9,12 @@ inline constexpr bool kSanitized = true;
 inline constexpr bool kSanitized = false;
 #endif
 
-/// Selects the combinations that a test runs: all of them, or with sanitizers the first and then
-/// each `every`-th. Sanitizers make each combination ten times as slow, and the faults that they
-/// detect do not depend on the combination.
+/// Selects the combinations that a test runs: all, or with sanitizers the first of every `every`.
+/// Sanitizers make a combination ten times slower, and find the same faults in any combination.
 class Thinned {
  public:
   explicit Thinned(int every) : every_(kSanitized ? every : 1) {}
-  /// Returns true if the present combination is to be run. Call it once for each combination.
+  /// Returns true if this combination must run. Call it once per combination.
   bool runs() { return number_++ % every_ == 0; }
 
  private:

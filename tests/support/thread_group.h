@@ -11,7 +11,7 @@
 
 namespace palpate::test {
 
-/// State that the threads share.
+/// State that the ranks share.
 struct ThreadMeeting {
   explicit ThreadMeeting(int size)
       : brought(static_cast<std::size_t>(size)),
@@ -39,7 +39,7 @@ class ThreadGroup final : public ProcessGroup {
   [[nodiscard]] bool giveUp() noexcept override { return meet({}, true, nullptr) == rank_; }
 
  private:
-  /// Waits for all ranks. Returns the first rank that gives up, or the number of ranks.
+  /// Waits for all ranks. Returns the lowest rank that gives up, or the number of ranks.
   int meet(Bytes own, bool gives_up, std::vector<Bytes>* all) {
     const auto mine = static_cast<std::size_t>(rank_);
     meeting_.brought[mine] = std::move(own);
@@ -56,8 +56,8 @@ class ThreadGroup final : public ProcessGroup {
   int rank_;
 };
 
-/// Runs `work` on `size` ranks. Returns how many ranks threw an exception. If exactly one rank
-/// threw an exception, throws this exception.
+/// Runs `work` on `size` ranks. Returns the number of ranks that threw. If exactly one threw,
+/// rethrows its exception.
 inline int byThreads(int size, const std::function<void(ProcessGroup&)>& work) {
   ThreadMeeting meeting(size);
   std::vector<std::exception_ptr> told(static_cast<std::size_t>(size));

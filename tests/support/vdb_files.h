@@ -6,7 +6,7 @@
 
 namespace palpate::test {
 
-/// A folder that is removed when the test ends.
+/// A temporary folder, removed by the destructor.
 class TemporaryFolder {
  public:
   TemporaryFolder();
@@ -23,7 +23,7 @@ class TemporaryFolder {
 };
 
 /// Writes these files into a folder:
-/// - ball.vdb: "ball", level set of a sphere of 2 units, voxels of 0.1, half-width 3;
+/// - ball.vdb: "ball", level set of a sphere of radius 2, voxels of 0.1, half-width 3;
 /// - labels.vdb: "labels", integers, not usable as a field; mixed.vdb: both grids;
 /// - linear.vdb: "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0;
 /// - nan.vdb: "density" with one NaN.

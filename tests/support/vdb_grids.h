@@ -1,4 +1,4 @@
-/// OpenVDB grids for the samplers' tests, in addition to the files of vdb_files.h.
+/// OpenVDB grids for tests, in addition to the files of vdb_files.h.
 #pragma once
 
 #include <functional>
@@ -10,11 +10,10 @@ namespace palpate::test {
 
 void writeVdb(const std::filesystem::path& file, const openvdb::GridPtrVec& grids);
 
-/// Returns the level set of a sphere about the origin, half-width 3 voxels, named "ball".
+/// Returns the level set "ball" of a sphere about the origin, with a half-width of 3 voxels.
 openvdb::FloatGrid::Ptr makeBall(double radius, double voxel);
 
-/// Returns a dense block of voxels [0, n)^3 whose values are a function of their position in the
-/// file's space.
+/// Returns a dense block of voxels [0, n)^3 with values from their positions in the file's space.
 template <class GridT>
 typename GridT::Ptr makeGrid(
     int n, const openvdb::math::Transform::Ptr& transform,

@@ -1,4 +1,4 @@
-/// Passes arbitrary bytes to the reader of Haply's messages, and checks statements that hold for
+/// Passes arbitrary bytes to the parser of Haply's messages, and checks invariants that hold for
 /// any bytes.
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace palpate::test {
 
-/// Returns "" if all statements hold; otherwise the statement that does not hold.
+/// Returns "" if all invariants hold; otherwise the invariant that is violated.
 inline std::string fuzzHaplyMessage(std::string_view bytes) {
   using namespace palpate::haply;
   static Message message;
@@ -44,7 +44,7 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
     if (message.grips[i].id.view().empty()) return "a handle without an id";
     if (message.grips[i].button_count > 4 || message.grips[i].buttons > 15) return "buttons";
   }
-  // The ids of a message fit into a message to the service, which is then valid JSON.
+  // Ids that were read can be written into a message to the service, which is then valid JSON.
   std::array<char, kRoom> room{};
   const std::size_t size =
       writeForces(Generation::k35, {forces.data(), message.arm_count}, true, room);

@@ -1,4 +1,5 @@
-/// Tests Haply's messages without a network: published, wrong and mutated messages.
+/// Tests the parser and writer of Haply's messages without a network: published, wrong and mutated
+/// messages.
 #include <array>
 #include <numbers>
 #include <string>
@@ -17,7 +18,7 @@ using palpate::test::Random;
 
 namespace {
 
-/// The format of docs.haply.co, with values of this test.
+/// The message format of docs.haply.co, filled with this test's values.
 const std::string k35Text = R"({"session_id":7,"inverse3":[{"device_id":"049D","config":{
   "type":"inverse3","handedness":"left","preset":"arm_front_centered",
   "basis":{"permutation":"XYZ"}},"state":{"cursor_position":{"x":0.01,"y":-0.02,"z":0.03},
@@ -40,7 +41,7 @@ Message readState(const std::string& text) {
   return message;
 }
 
-/// Returns the 3.1 message with this text in place of the position's x.
+/// Returns the 3.1 message with this text as the x coordinate of the position.
 std::string withX(const std::string& x) {
   std::string text = k31Text;
   return text.replace(text.find("0.078"), 5, x);
@@ -199,8 +200,8 @@ TEST_CASE("force messages to Haply's service have the format of its version and 
       }
     }
   }
-  // The longest message fits. A message that does not fit, or that the service's version does not
-  // have, is not written.
+  // The longest message fits into the buffer. A message that does not fit, or that the service's
+  // version does not support, is not written.
   const std::string longest(47, 'x');
   const Triple digits{-2.2250738585072014e-308, -1.7976931348623157e-308, -3.3333333333333335e-307};
   const std::array<ForceTo, kMaxArms> four{
@@ -215,13 +216,12 @@ TEST_CASE("force messages to Haply's service have the format of its version and 
 
 namespace {
 
-/// Returns a random element.
 template <class List>
 const auto& any(Random& random, const List& list) {
   return list[static_cast<std::size_t>(random.integer(static_cast<int>(list.size())))];
 }
 
-/// Changes, removes, doubles or inserts bytes.
+/// Replaces, removes, duplicates or inserts bytes.
 std::string mutateBytes(Random& random, std::string text, const std::vector<std::string>& seeds) {
   static const std::vector<std::string> kPieces{"\"",
                                                 "{",
@@ -273,7 +273,7 @@ std::string mutateBytes(Random& random, std::string text, const std::vector<std:
   return text;
 }
 
-/// Replaces values and removes or doubles members; the text remains valid JSON.
+/// Replaces values and removes or duplicates members; the text remains valid JSON.
 std::string mutateValues(Random& random, const std::string& text) {
   static const std::vector<nlohmann::json> kValues{nullptr,
                                                    true,
@@ -302,7 +302,7 @@ std::string mutateValues(Random& random, const std::string& text) {
   nlohmann::json json = nlohmann::json::parse(text);
   for (int n = 1 + random.integer(4); n > 0; --n) {
     nlohmann::json* at = &json;
-    // Goes down from member to member, and ends at a random depth.
+    // Descends from member to member to a random depth.
     while (at->is_structured() && !at->empty() && random.integer(12) != 0) {
       auto it = at->begin();
       std::advance(it, random.integer(static_cast<int>(at->size())));
@@ -341,6 +341,6 @@ TEST_CASE("mutated messages never crash the reader of Haply's states or give inv
     if (readMessage(text, message) == Verdict::kState) ++states;
   }
   CAPTURE(states);
-  // Enough mutated texts were still messages whose contents were read.
+  // At least a quarter of the mutated texts must still be read as states.
   CHECK(states * 4 > count);
 }

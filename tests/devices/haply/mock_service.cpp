@@ -40,7 +40,7 @@ const char* truth(bool is) {
 }  // namespace
 
 struct MockService::Inside {
-  /// An answer that is sent later.
+  /// An answer that is sent after a delay.
   struct Waiting {
     std::int64_t due = 0;
     bool full = false;
@@ -145,7 +145,7 @@ struct MockService::Inside {
       }
       if (session.contains("configure")) ++heard.introduced;
     }
-    // A force in the format of another version does not count as a force.
+    // Forces in the format of another version are not counted.
     const char* name = speaks == Speaks::k35 ? "vector" : "values";
     if (json.is_object() && json.contains("inverse3") && speaks != Speaks::k30) {
       known = true;

@@ -1,6 +1,6 @@
-/// Simulates Haply's Inverse Service: a WebSocket server on its own thread. The server sends the
-/// published messages for two arms and two handles, gives wrong answers on request, and stores the
-/// messages that it receives.
+/// Simulates Haply's Inverse Service with a WebSocket server on its own thread. The server sends
+/// the published messages for two arms and two handles, sends wrong messages on request, and stores
+/// all messages that it receives.
 #pragma once
 
 #include <array>
@@ -11,26 +11,26 @@
 
 namespace palpate::test {
 
-/// Version of the messages.
+/// Version of the service's message format.
 enum class Speaks { k30, k31, k35 };
 
-/// Errors that the answers can have.
+/// Errors that the test can put into the answers.
 enum class Lie {
   kNone,
-  kDrops,       ///< Gives no answer.
-  kNaN,         ///< A position of NaN, as some writers of JSON spell it.
+  kDrops,       ///< Sends no answer.
+  kNaN,         ///< A position of NaN, which is not valid JSON.
   kHuge,        ///< A position of 1e300 m.
   kOverflows,   ///< A position of 1e999 m.
   kStrings,     ///< Strings for numbers.
-  kNoPosition,  ///< No cursor_position.
-  kNoState,     ///< No state.
+  kNoPosition,  ///< Leaves out cursor_position.
+  kNoState,     ///< Leaves out the state.
   kOtherIds,    ///< Ids of other arms.
-  kBadIds,      ///< Ids that end the string that contains them.
-  kDeep,        ///< Nests 50,000 deep.
-  kLong,        ///< 10 MB, the first object correct.
+  kBadIds,      ///< Ids with characters that end a JSON string.
+  kDeep,        ///< JSON nested 50,000 levels deep.
+  kLong,        ///< 10 MB of JSON; the first object is correct.
   kBinary,      ///< The correct bytes in a binary frame.
   kHalf,        ///< The first half of the bytes.
-  kEmptyLists,  ///< The arms have been unplugged.
+  kEmptyLists,  ///< Empty lists, as if all arms were unplugged.
   kNotJson,
 };
 
@@ -48,10 +48,10 @@ struct MockArm {
   std::string preset = "defaults";
   std::string basis = "XYZ";
   std::string type = "inverse3";
-  double scale = 1.0;  ///< Scale of its workspace.
+  double scale = 1.0;  ///< Scale of the workspace.
 };
 
-/// A received force.
+/// A force that the service has received.
 struct Told {
   std::string id;
   std::array<double, 3> force{};
@@ -62,7 +62,7 @@ struct Told {
 /// Counts of received messages.
 struct Heard {
   long messages = 0;
-  long unknown = 0;  ///< Messages that are not published, or are of another version.
+  long unknown = 0;  ///< Messages that are unpublished or belong to another version.
   long asked_for_all = 0;
   long introduced = 0;  ///< Messages with a session profile.
   int connections = 0;
@@ -72,7 +72,7 @@ struct Heard {
 
 class MockService {
  public:
-  /// Listens on a port of this machine; `port` 0 chooses a free one.
+  /// Listens on a local port; `port` 0 chooses a free one.
   explicit MockService(Speaks speaks, int port = 0);
   ~MockService();
   MockService(const MockService&) = delete;
@@ -86,13 +86,13 @@ class MockService {
   void lie(Lie lie);
   /// Delays answers by this time.
   void delay(std::int64_t nanoseconds);
-  /// Sends no messages, not even on connecting.
+  /// Sends no messages at all.
   void mute(bool is);
-  /// Sends its list only on request, not on connecting.
+  /// Sends the list of arms only on request, not on connecting.
   void shy(bool is);
   /// Closes all connections.
   void hangUp();
-  /// Stops listening; begin() listens again at the same port.
+  /// Stops listening; begin() listens on the same port again.
   void end();
   void begin();
 

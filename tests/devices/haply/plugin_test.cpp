@@ -1,7 +1,6 @@
-/// Runs haply.so as a host does, by its one symbol, against a mock of Haply's service.
-///
-/// The test sets the plug-in's clock. An event due after 40 ms happens when the test advances the
-/// clock by 40 ms, and never before, however the machine schedules.
+/// Tests haply.so through its entry symbol, as a host does, against a mock of Haply's service.
+/// The test sets the plug-in's clock: a timeout of 40 ms expires when the test advances the clock
+/// by 40 ms.
 #include "palpate/devices/plugins/plugin.h"
 
 #include <algorithm>
@@ -70,7 +69,7 @@ const palpate_plugin_host kHost{
     [](const char*) -> const void* { return nullptr; },
 };
 
-/// Loads haply.so, which is beside the tests: BUILD/plugins, BUILD/tests/...
+/// Loads haply.so from BUILD/plugins. This program is in a folder below BUILD.
 const palpate_plugin_entry& entry() {
   static const palpate_plugin_entry* const kEntry = [] {
     auto folder = std::filesystem::read_symlink("/proc/self/exe").parent_path();
@@ -84,7 +83,7 @@ const palpate_plugin_entry& entry() {
   return *kEntry;
 }
 
-/// Returns true as soon as the condition holds; false if it does not hold for a very long time.
+/// Returns true as soon as the condition holds; false if it does not hold within about 30 s.
 bool eventually(const std::function<bool()>& is) {
   for (int i = 0; i < 30'000; ++i) {
     if (is()) return true;
@@ -93,7 +92,7 @@ bool eventually(const std::function<bool()>& is) {
   return false;
 }
 
-/// The loaded plug-in, which connects to a given address.
+/// Loads the plug-in, which connects to the given address.
 class Plugin {
  public:
   explicit Plugin(const std::string& url) {
@@ -139,7 +138,7 @@ class Hand {
     std::copy(force.begin(), force.end(), all.force);
     return device->write(device, &all);
   }
-  /// Reads until a new reading arrives.
+  /// Reads until a new reading arrives. Returns false if none arrives.
   bool readNew() {
     return eventually([&] { return read() == PALPATE_PLUGIN_OK; });
   }
@@ -152,7 +151,7 @@ class Hand {
   palpate_plugin_reading reading{};
 };
 
-/// Returns the last force that the service has received for an arm.
+/// Returns the last force that the service received for an arm; NaN if there is none.
 Vec newest(const MockService& service, const std::string& id) {
   const auto told = service.told();
   const auto last =
@@ -160,13 +159,13 @@ Vec newest(const MockService& service, const std::string& id) {
   return last == told.rend() ? Vec{NAN, NAN, NAN} : last->force;
 }
 
-/// Waits until this number of further messages has been exchanged.
+/// Waits until the service has received `messages` more messages.
 bool exchanged(const MockService& service, long messages) {
   const long before = service.heard().messages;
   return eventually([&] { return service.heard().messages >= before + messages; });
 }
 
-/// Writes a force until the service has received it. Returns false if that fails.
+/// Writes a force again and again until the service has received it. Returns false if that fails.
 bool drives(const Hand& hand, const MockService& service, const std::string& id, const Vec& force) {
   return eventually([&] {
     hand.write(force);
@@ -174,7 +173,7 @@ bool drives(const Hand& hand, const MockService& service, const std::string& id,
   });
 }
 
-/// Counts the forces for `id` since message `from`.
+/// Counts the non-zero forces for `id` since message `from`.
 long driven(const MockService& service, const std::string& id, std::size_t from = 0) {
   const auto told = service.told();
   long count = 0;
@@ -206,7 +205,7 @@ TEST_CASE("haply.so has the entry point and facts and struct sizes of the plug-i
   Hand hand(plugin, "");
   INFO(hand.error.data());
   REQUIRE(hand.device != nullptr);
-  // Before the first answer prepare() does not ask the user for an action.
+  // Before the first answer, prepare() prints no instruction to the user.
   std::array<char, 64> why{};
   CHECK(hand.device->prepare(hand.device, why.data(), why.size()) == PALPATE_PLUGIN_OK);
   CHECK(said().empty());
@@ -250,7 +249,7 @@ TEST_CASE(
   CHECK(std::string(found[1].serial) == "04BA");
   CHECK_THAT(std::string(found[0].model), Contains("Inverse3"));
   CHECK(std::string(found[2].serial).empty());
-  // Arms for which the array has no room are counted but not written.
+  // find() counts arms for which the array has no room, but does not write them.
   found[1].serial[0] = '!';
   CHECK(plugin.arms->find(found.data(), 1) == 2);
   CHECK(found[1].serial[0] == '!');
@@ -336,7 +335,7 @@ TEST_CASE("the Haply plug-in keeps an origin that the service has put at the wor
   arm.position = {0.01, 0.02, 0.03};
   service.set(0, arm);
   const Plugin plugin(service.url());
-  // The service has sent updates, which do not repeat the preset, before the arm is opened.
+  // The updates that the service sends before the arm is opened do not repeat the preset.
   Hand other(plugin, "04BA");
   REQUIRE(other.device != nullptr);
   REQUIRE(exchanged(service, 5));
@@ -482,7 +481,7 @@ TEST_CASE("a read of a Haply arm without a new message returns nothing and keeps
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   service.lie(Lie::kDrops);
-  // Waits until the messages that were under way have arrived.
+  // Waits until messages that were already sent have arrived.
   REQUIRE(exchanged(service, 3));
   while (hand.read() == PALPATE_PLUGIN_OK) {
   }
@@ -518,11 +517,10 @@ TEST_CASE("after stop() a Haply arm gets no force until a zero force has been wr
     REQUIRE(exchanged(service, 3));
   }
   CHECK(driven(service, "049D", from) == 0);
-  // The other arm continues.
   CHECK(newest(service, "04BA") == Vec{0.0, 0.0, 1.0});
   hand.write({});
   CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
-  // The test calls stop() after a written zero and before the next force.
+  // The test calls stop() between a zero force and the next force.
   hand.write({});
   hand.device->stop(hand.device);
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
@@ -568,7 +566,7 @@ TEST_CASE("a Haply arm's force ends after 40 ms if the program does not write it
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   REQUIRE(drives(hand, service, "049D", {0.0, 0.0, 2.0}));
-  // The test reads in small steps, so that the force does not end for lack of readings.
+  // Reads in small steps: without reads, the plug-in would end the force.
   const auto step = [&](std::int64_t ms) {
     clock_ns += ms * kMs;
     const std::int64_t at = clock_ns;
@@ -580,7 +578,7 @@ TEST_CASE("a Haply arm's force ends after 40 ms if the program does not write it
   CHECK(newest(service, "049D") == Vec{0.0, 0.0, 2.0});
   REQUIRE(step(1));
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
-  // The arm was never reported as gone, so the next force is sent.
+  // The arm was never reported as gone, so no zero is needed before the next force.
   CHECK(drives(hand, service, "049D", {0.0, 0.0, 1.0}));
 }
 
@@ -624,20 +622,20 @@ TEST_CASE("without valid messages a Haply arm gives no reading and its force end
   while (hand.read() == PALPATE_PLUGIN_OK) {
   }
   const std::int64_t taken = hand.reading.taken;
-  // For 29 ms the plug-in has no news: the force stays.
+  // For 29 ms without messages the force stays on.
   clock_ns += 29 * kMs;
   hand.write({1.0, 0.0, 0.0});
   REQUIRE(exchanged(service, 3));
   CHECK(hand.read() == PALPATE_PLUGIN_NOTHING);
   CHECK(newest(service, "049D") == Vec{1.0, 0.0, 0.0});
-  // One millisecond later the arm counts as gone.
+  // After 30 ms the arm counts as gone.
   clock_ns += 1 * kMs;
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
   CHECK(hand.read() == PALPATE_PLUGIN_GONE);
   CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
   CHECK(hand.reading.taken == taken);
   const std::size_t from = service.told().size();
-  // The arm comes back, without a force until a zero is written.
+  // The arm returns. Its forces are not sent until a zero is written.
   service.lie(Lie::kNone);
   REQUIRE(hand.readNew());
   CHECK(hand.reading.taken == clock_ns);
@@ -664,14 +662,14 @@ TEST_CASE("after Haply's service restarts no force is sent until a zero force is
     service.hangUp();
   } else {
     service.end();
-    // The arm is reported as gone before the test advances the clock.
+    // The arm is reported as gone at once, without a timeout.
     REQUIRE(eventually([&] { return hand.read() == PALPATE_PLUGIN_GONE; }));
     CHECK(hand.read() == PALPATE_PLUGIN_GONE);
     CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
     service.begin();
   }
   REQUIRE(eventually([&] { return service.heard().connections >= 2; }));
-  // If the client did not read meanwhile, its first read after the arm's return gives GONE.
+  // If the client did not read while the arm was gone, its first read after the return gives GONE.
   REQUIRE(eventually([&] { return hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_OK; }));
   CHECK((hand.read() == PALPATE_PLUGIN_GONE) == hangs_up);
   REQUIRE(hand.readNew());
@@ -704,7 +702,7 @@ TEST_CASE("closing a Haply arm sets its force to zero and keeps the other arm's 
     const auto told = service.told();
     return std::count_if(told.begin(), told.end(), [](const Told& t) { return t.id == "049D"; });
   };
-  // At most three messages from before the close are under way. After them this arm gets no
+  // Up to three messages from before the close can still arrive. Afterwards this arm gets no
   // message, and the other arm keeps its force.
   REQUIRE(exchanged(service, 4));
   CHECK(newest(service, "049D") == Vec{});
@@ -714,7 +712,7 @@ TEST_CASE("closing a Haply arm sets its force to zero and keeps the other arm's 
   CHECK(count() == before);
   other.close();
   CHECK(newest(service, "04BA") == Vec{});
-  // Opened again, the arm is in its initial state, on a connection of its own.
+  // An arm that is opened again starts in its initial state, on a new connection.
   Hand again(plugin, "049D");
   REQUIRE(again.device != nullptr);
   REQUIRE(again.readNew());
@@ -736,7 +734,7 @@ TEST_CASE(
   hand.device->stop(hand.device);
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
   CHECK(service.heard().connections == 1);
-  // The arm is closed while an answer is due. The zero is sent anyway.
+  // The arm is closed while an answer is due. The plug-in still sends the zero.
   for (int i = 0; i < 10; ++i) {
     Hand other(plugin, "04BA");
     REQUIRE(other.device != nullptr);
@@ -745,7 +743,7 @@ TEST_CASE(
     other.close();
     CHECK(newest(service, "04BA") == Vec{});
   }
-  // The connection ends after that message was answered.
+  // The plug-in closes the connection only after that message was answered.
   hand.close();
   REQUIRE(eventually([&] { return service.heard().ended == 1; }));
   CHECK(service.heard().cut_off == 0);
@@ -803,12 +801,12 @@ TEST_CASE("prepare() waits until the Haply arm is ready and reports why it is no
       return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
     }));
   }
-  // With a scale of 10, the arm's positions are no longer the hand's metres, so the arm is not
+  // With a scale of 10, the arm's positions are not in metres of hand motion, so the arm is not
   // ready.
   arm.scale = 10.0;
   service.set(0, arm);
   CHECK(eventually([&] { return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == 0; }));
-  // prepare() returns immediately if the program ends.
+  // prepare() returns at once if the program is ending.
   arm.calibrated = false;
   service.set(0, arm);
   REQUIRE(exchanged(service, 3));
@@ -894,7 +892,8 @@ TEST_CASE("measurement: prints the latencies of Haply forces and zeros by the ma
   Hand hand(plugin, "049D");
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
-  // Returns the time from `since` until the first message with a zero, or with a force [ms].
+  // Returns the time from `since` to the first message with a zero (`zero` true) or non-zero force
+  // [ms].
   const auto took = [&](std::int64_t since, bool zero) {
     double ms = -1.0;
     eventually([&] {

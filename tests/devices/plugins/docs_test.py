@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
-"""The commands of docs/plugins.md build plug-ins. docs_test.py SOURCE INCLUDE STUBS SAMPLE.
-
-INCLUDE has palpate/; STUBS is the folder of the stubs' libraries; SAMPLE is the sample as the build has made it.
-"""
+"""Tests that the commands of docs/plugins.md build plug-ins: docs_test.py SOURCE INCLUDE STUBS SAMPLE. INCLUDE has
+palpate/, STUBS has the stubs' libraries, SAMPLE is the built sample plug-in."""
 import os
 import re
 import shutil
@@ -20,7 +18,7 @@ LIBRARY = {"openhaptics": "HD", "dhd": "dhd", "nifalcon": "nifalcon"}
 def symbols(file):
     out = subprocess.run(["nm", "-D", "--defined-only", file], check=True, stdout=subprocess.PIPE,
                          text=True).stdout
-    # Templates of the standard library leave their symbols in every program that uses them.
+    # Templates of the standard library leave symbols in every program that uses them.
     return [line.split()[2] for line in out.splitlines() if line.split()[1] not in "WVu"]
 
 
@@ -30,7 +28,7 @@ def needed(file):
 
 
 def sdks(folder):
-    """Makes folders with the layout of the makers' SDKs. Returns them by the names of the page's variables."""
+    """Makes folders with the layout of the manufacturers' SDKs. Returns them by the page's variable names."""
     found = {}
     for name, library in LIBRARY.items():
         sdk = Path(folder, name)
@@ -86,7 +84,7 @@ class Page(unittest.TestCase):
             subprocess.run(["cmake", "--build", build], check=True, stdout=subprocess.DEVNULL)
             self.assertEqual([f.name for f in (build / "lib/palpate/plugins").iterdir()], ["dhd.so"])
             self.assertEqual(symbols(build / "lib/palpate/plugins" / "dhd.so"), ["palpate_plugin"])
-            # The error message names a missing folder.
+            # The error names the missing folder.
             done = configure(f"-DPALPATE_NIFALCON={folder}/nowhere")
             self.assertNotEqual(done.returncode, 0)
             self.assertIn("nowhere has no", " ".join(done.stdout.split()))

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Tests that a plug-in's arm has no force within 20 ms after its program ends or is stopped, and that the plug-in's
-process ends with the program: kill_test.py PALPATE PLUGINS. Prints the table."""
+"""Tests that a plug-in's arm has no force 20 ms after its program ended or stopped, and that the plug-in's process
+ends with the program: kill_test.py PALPATE PLUGINS. Prints the table."""
 import contextlib
 import ctypes
 import json
@@ -20,12 +20,12 @@ import suite  # noqa: E402
 
 PALPATE, PLUGINS = sys.argv[1], sys.argv[2]
 LIMIT = 0.020
-SLICE = 0.010   # [s] for which a busy host may take the machine's cores away
+SLICE = 0.010   # [s]; a busy host may take the machine's cores away for this time
 SIGNALS = ["SIGKILL", "SIGSTOP", "SIGTERM", "SIGSEGV"]
 
 
 class Arm(ctypes.Structure):
-    """OddArm of odd_arm.h."""
+    """The struct OddArm of odd_arm.h."""
     _fields_ = [("position", 3 * ctypes.c_double), ("force", 3 * ctypes.c_double),
                 ("carried", ctypes.c_double), ("most", ctypes.c_double),
                 ("wrote_at", ctypes.c_int64), ("trouble_at", ctypes.c_int64),
@@ -66,7 +66,7 @@ class Kill(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
         cls.folder = Path(folder.name)
-        # Copies the plug-ins into a folder that other users cannot write, as palpate requires.
+        # palpate refuses plug-ins in folders that other users can write.
         cls.plugins = cls.folder / "plugins"
         cls.plugins.mkdir(mode=0o755)
         cls.plugins.chmod(0o755)
@@ -78,9 +78,9 @@ class Kill(unittest.TestCase):
 
     @contextlib.contextmanager
     def felt(self, serial):
-        """Yields the arm, a program that runs with this arm, and its plug-in's process."""
+        """Yields an arm, a program that runs with it, and the plug-in's process."""
         file = self.folder / "arm"
-        file.unlink(missing_ok=True)   # a plug-in that hangs still has the file of its arm
+        file.unlink(missing_ok=True)   # a plug-in that hangs still uses its arm's file
         file.write_bytes(bytes(ctypes.sizeof(Arm)))
         with open(file, "r+b") as handle:
             memory = mmap.mmap(handle.fileno(), ctypes.sizeof(Arm))
@@ -104,18 +104,18 @@ class Kill(unittest.TestCase):
 
     @contextlib.contextmanager
     def pressed(self, serial):
-        """Like felt(), but with a hand that presses with more than 0.3 N."""
+        """Like felt(), with a hand that presses with more than 0.3 N."""
         with self.felt(serial) as (arm, program, ours):
             def press():
                 arm.position[2] = max(arm.position[2] - 0.00002, 0.026)
                 arm.position[0] = 1e-6 * (arm.reads % 7)
                 return arm.norm() > 0.3
-            # If the loop was late, the force returns after 2 s.
+            # After a late tick, the force returns after 2 s.
             self.assertTrue(until(press, 30), "the hand reaches no surface")
             yield arm, program, ours
 
     def blow(self, name, serial="good"):
-        """Returns how long the arm had a force after a signal [s]. `serial` selects the fault of its plug-in."""
+        """Returns how long the arm had a force after a signal [s]. `serial` selects the plug-in's fault."""
         with self.pressed(serial) as (arm, program, ours):
             if serial != "good":
                 arm.trouble = 1
@@ -154,7 +154,7 @@ class Kill(unittest.TestCase):
             self.assertIn("force = nan", arms["plugin:odd@limitless"]["trouble"])
             self.assertEqual(arms["plugin:odd@held"]["limits"]["force"], 5)
             self.assertEqual(arms["plugin:odd@held"]["buttons"], ["trigger", "button 2"])
-            # Each of the other arms was opened by its own serial number.
+            # Each arm but the odd one was opened by its own serial number.
             self.assertEqual(arm.opens - opens, len(arms) - 1)
 
     def check(self, name):

@@ -21,7 +21,7 @@ palpate_plugin_force forceOf(double x) {
   return {sizeof(palpate_plugin_force), 0, {x, 0.0, 0.0}, {}};
 }
 
-/// An action between two steps of a load or store; runs once.
+/// Runs once, between two atomic operations of a load or store.
 std::function<void()> meanwhile;
 int steps_until = 0;
 
@@ -77,7 +77,7 @@ TEST_CASE("a reader of a slot never gets a torn value if a write comes between t
 
 TEST_CASE("a read between two steps of a slot's writer gets a whole value or no value",
           "[plugin]") {
-  // The reader's first step is a load.
+  // In steps 1 and 13 the writer has not begun or has finished. In between, the read fails.
   for (int step = 1; step <= 13; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
@@ -91,7 +91,7 @@ TEST_CASE("a read between two steps of a slot's writer gets a whole value or no 
     CHECK(whole(value));
     CHECK(value.last == (step == 1 ? 1U : step == 13 ? 2U : 7U));
     CHECK(taken == (step == 1 || step == 13));
-    // A read that comes too early does not lose the value.
+    // A read that fails does not lose the value.
     if (step != 13) CHECK(slot.take(value));
     CHECK(value.last == 2U);
   }
@@ -130,13 +130,13 @@ TEST_CASE("after a stop a force slot passes no force until a zero has been writt
   std::atomic<int> turn{0};
   std::atomic<bool> stopped{false};
   long wrong = 0;
-  // The SDK's thread. After stop() has returned, this thread must get zeros until the next turn.
+  // The SDK's thread. From the return of stop() until the next turn, it must get zeros.
   std::thread sdk([&] {
     for (int n = turn; n < 2000; n = turn) {
       const bool was_stopped = stopped;
       const Order order = orders.now(0);
       if (was_stopped && turn == n && order.force[0] != 0.0) ++wrong;
-      // A force that was written before the zero must not come after it.
+      // After a written zero, an older force must not appear.
       if (order.force[0] != 0.0 && order.force[0] < n) ++wrong;
     }
   });
@@ -155,7 +155,7 @@ TEST_CASE("after a stop a force slot passes no force until a zero has been writt
 
 TEST_CASE("stop() returns when zero has been sent or when no thread sends forces", "[plugin]") {
   Orders orders;
-  orders.stop(1'000'000);  // no thread sends
+  orders.stop(1'000'000);  // no SDK thread sends
   CHECK(orders.write(forceOf(0.0), 0.0, 0) == PALPATE_PLUGIN_OK);
   orders.serve(true);
   std::atomic<bool> ends{false};
@@ -163,7 +163,7 @@ TEST_CASE("stop() returns when zero has been sent or when no thread sends forces
   std::thread sdk([&] {
     while (!ends) {
       const Order order = orders.now(0);
-      std::this_thread::yield();  // another thread is still sending the force
+      std::this_thread::yield();  // the SDK's thread is still sending the force
       motor = order.force[0];
       orders.sent(order);
     }

@@ -1,5 +1,5 @@
-/// A simulated arm in a shared file. Through this file, a test sees the motors of a plug-in in
-/// another process.
+/// A simulated arm in a shared memory file. Through the file, the test sees the motors of a plug-in
+/// that runs in another process.
 #pragma once
 
 #include <atomic>
@@ -12,15 +12,15 @@
 
 namespace palpate::test {
 
-/// State of motors and sensors. All zeros at first, like a new file.
+/// State of motors and sensors. A new file holds zeros, which are valid.
 struct OddArm {
-  /// Environment variable with the file's name.
+  /// Environment variable that holds the file's name.
   static constexpr const char* kFile = "PALPATE_ODD_ARM";
-  std::atomic<double> position[3];       ///< Position, which the test sets [m].
+  std::atomic<double> position[3];       ///< Position [m]; the test sets it.
   std::atomic<double> force[3];          ///< Force of the motors [N].
-  std::atomic<double> carried;           ///< Share of the weight that is carried.
-  std::atomic<double> most;              ///< The largest force so far [N].
-  std::atomic<std::int64_t> wrote_at;    ///< [ns]
+  std::atomic<double> carried;           ///< Carried share of the weight.
+  std::atomic<double> most;              ///< Largest force so far [N].
+  std::atomic<std::int64_t> wrote_at;    ///< Time of the last force [ns].
   std::atomic<std::int64_t> trouble_at;  ///< Time at which the trouble began [ns].
   std::atomic<std::int64_t> zero_at;     ///< Time of the first zero force after the trouble [ns].
   std::atomic<std::uint32_t> reads, writes, stops, opens, closes;
@@ -40,7 +40,7 @@ struct OddArm {
     return std::abs(force[0]) + std::abs(force[1]) + std::abs(force[2]);
   }
 
-  /// Returns the arm in a file; null if the file cannot be opened.
+  /// Maps the arm in a file. Returns null if the file cannot be opened.
   static OddArm* at(const char* file) noexcept {
     const int descriptor = open(file, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (descriptor < 0 || ftruncate(descriptor, sizeof(OddArm)) != 0) return nullptr;

@@ -1,5 +1,5 @@
-/// A plug-in that simulates faults of plug-ins. The part of the arm's serial number before a #
-/// selects the fault. The part after the # distinguishes tests that run at the same time.
+/// A plug-in with faults. The part of the arm's serial number before a # selects the fault. The
+/// part after the # separates tests that run at the same time.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -31,13 +31,13 @@ Odd& oddOf(palpate_plugin_device* device) {
   return *static_cast<Odd*>(device->data);
 }
 
-/// Stores the time at which the trouble begins.
+/// Stores the time at which the trouble began, unless it is already stored.
 void begins(Odd& odd) {
   std::int64_t none = 0;
   odd.arm->trouble_at.compare_exchange_strong(none, host->now());
 }
 
-/// Recurses until the stack is used up.
+/// Recurses until the stack overflows.
 int deeper(int depth) {
   volatile char some[4096];
   some[0] = static_cast<char>(depth);
@@ -91,7 +91,7 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   Odd& odd = oddOf(device);
   OddArm& arm = *odd.arm;
   ++arm.reads;
-  // Acts like a plug-in that was compiled for a host that knows all fields.
+  // Acts like a plug-in that accepts only hosts with the full reading struct.
   if (reading->size < sizeof(palpate_plugin_reading)) return PALPATE_PLUGIN_NOTHING;
   if (arm.trouble != 0) begins(odd);
   if (odd.is("crash")) crash();
@@ -118,7 +118,7 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   reading->orientation[3] = 0.8;
   reading->gripper = 0.25;
   reading->joints[0] = 0.5;
-  // Writes beyond the given memory, which damages the process itself.
+  // Writes beyond the given memory, which corrupts the process.
   if (odd.is("long")) std::memset(reading, 0xFF, 1U << 20U);
   return PALPATE_PLUGIN_OK;
 }
@@ -146,7 +146,7 @@ int write(palpate_plugin_device* device, const palpate_plugin_force* force) {
 void stop(palpate_plugin_device* device) {
   Odd& odd = oddOf(device);
   ++odd.arm->stops;
-  // Acts as if stop waited for a lock that read holds.
+  // Acts as if stop() waited for a lock that read() holds.
   if (odd.is("deadlock")) hang();
   odd.stopped = true;
   odd.arm->give(0.0, 0.0, 0.0, host->now());
@@ -201,10 +201,9 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
   odd->kind = std::string(serial).substr(0, std::string(serial).find('#'));
   odd->arm = OddArm::at(file);
   ++odd->arm->opens;
-  // A real arm keeps its last force until a program sets the force to zero.
+  // Opening sets the force to zero, because a real arm keeps its last force.
   odd->arm->give(0.0, 0.0, 0.0, host->now());
-  // Waits, so that the next process opens the arm after the test has ended the previous process'
-  // trouble.
+  // Waits, so that the test can end the trouble before the new process opens the arm.
   while (odd->is("exit") && host->ends() == 0) usleep(1000);
   odd->device = {sizeof(palpate_plugin_device),
                  0,

@@ -1,5 +1,5 @@
-/// A host for tests of plug-ins: loads a plug-in, has a clock that the test sets, and stores the
-/// plug-in's messages.
+/// A host for tests of plug-ins: loads a plug-in, stores its messages, and gives it a clock that
+/// the test sets.
 #pragma once
 
 #include <atomic>
@@ -49,7 +49,7 @@ class PluginHost {
     REQUIRE(arms != nullptr);
   }
 
-  /// Opens an arm. Sets `error` to the reason for a failure.
+  /// Opens an arm. Returns false on failure and stores the reason in `error`.
   bool open(const char* serial) {
     char line[256] = "";
     if (arms == nullptr) begin();
@@ -82,7 +82,8 @@ class PluginHost {
     return arm->write(arm, &force);
   }
 
-  /// Returns true if the error is one clear line with its source's name and a remedy.
+  /// Returns true if the error is one short line that begins with the source's name and contains a
+  /// remedy.
   bool errorIsALine(const std::string& name) const {
     return error.rfind(name + ": ", 0) == 0 && error.find('\n') == std::string::npos &&
            error.size() < 200 && error.find_first_of(",;") != std::string::npos;
@@ -112,8 +113,8 @@ class PluginHost {
   palpate_plugin_host host_{};
 };
 
-/// A struct as another palpate version knows it, with only `room` bytes. The bytes after these must
-/// not change.
+/// A struct of another palpate version that has only `room` bytes. The bytes behind it must not
+/// change.
 template <class T>
 struct Other {
   explicit Other(std::size_t room) {

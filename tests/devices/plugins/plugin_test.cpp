@@ -1,4 +1,4 @@
-/// Tests which data of plug-ins palpate accepts, and how it reacts to each fault of a plug-in.
+/// Tests which facts and readings of plug-ins palpate accepts, and how it reacts to their faults.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -56,14 +56,14 @@ std::int64_t testTime() noexcept {
   return the_time;
 }
 
-/// A port that returns the values of the test.
+/// A port that returns the values that the test sets.
 struct FakePort final : PluginPort {
   palpate_plugin_facts told = goodFacts();
   PluginNews next;
   std::vector<PluginOrder> orders;
   bool there = true;
   double weight = 5.0;
-  bool takes = true;  ///< Orders are taken immediately.
+  bool takes = true;  ///< True: orders are taken at once.
   std::uint32_t opened = 1;
 
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return told; }
@@ -81,7 +81,7 @@ struct FakePort final : PluginPort {
   }
 };
 
-/// An arm on this port, with its own clock.
+/// An arm on a FakePort, with a clock that the test sets.
 struct Fake {
   FakePort* port;
   std::unique_ptr<PluginArm> arm;
@@ -96,7 +96,7 @@ struct Fake {
     arm = std::make_unique<PluginArm>(std::move(made), "plugin:fake", tested, host);
     port->next.reading.state = PALPATE_PLUGIN_READY;
   }
-  /// Reads a millisecond later, with a new position at `x`.
+  /// Advances the clock by 1 ms and reads a new position at `x` [m].
   HandState fresh(double x = 0.0) {
     the_time += 1'000'000;
     port->next.reading.taken = the_time;
@@ -136,7 +136,6 @@ TEST_CASE("the limits of a plug-in's arm are those in its facts", "[plugin]") {
   CHECK(held.limits.peak == kUntestedForce);
   CHECK(held.max_stiffness == kUntestedStiffness);
 
-  // A device without motors needs no force limits.
   facts.has = 0;
   facts.force = facts.stiffness = 0.0;
   CHECK_FALSE(infoFor(facts, "plugin:fake", false).hand);
@@ -199,11 +198,11 @@ TEST_CASE("the state of the hand is taken from the plug-in's reading", "[plugin]
   CHECK(hand.ready);
   CHECK(hand.age == 0.0);
   CHECK(hand.position.x() == 0.01);
-  CHECK(hand.handle.buttons == 2);  // the arm has three buttons
+  CHECK(hand.handle.buttons == 2);  // the fourth button's bit is dropped: the arm has three
   CHECK(hand.handle.orientation[2] == Approx(-0.8));
   CHECK(hand.handle.gripper == 0.3);
   CHECK(hand.handle.joints[1] == 1.5);
-  CHECK(hand.handle.joints[2] == 0.0);  // the arm has two
+  CHECK(hand.handle.joints[2] == 0.0);  // dropped: the arm has two joints
   hand = fake.later(0.001);
   CHECK(hand.age == Approx(0.001));
   // An invalid orientation, gripper or joint keeps its last value.
@@ -234,11 +233,11 @@ TEST_CASE("the speed limit judges the positions of a plug-in's arm and not its r
     CHECK(hand.velocity.norm() == 0.0);
   }
   CHECK(hand.handle.velocity[0] == 4.9);
-  // An invalid velocity leaves the previous velocity.
+  // An invalid velocity is replaced by the previous one.
   fake.port->next.reading.velocity[1] = kNan;
   fake.port->next.reading.velocity[0] = 1.0;
   CHECK(fake.fresh().handle.velocity[0] == 4.9);
-  // The reported velocity is zero although the arm moves away. Its positions show the motion.
+  // The plug-in reports zero velocity while the arm moves away. The loop must use the positions.
   fake.port->next.reading.velocity[0] = fake.port->next.reading.velocity[1] = 0.0;
   Fault fault = Fault::kNone;
   bool braked = false;
@@ -259,7 +258,7 @@ TEST_CASE("a plug-in's reading with a wrong time still becomes stale", "[plugin]
     (void)fake.fresh();
     fake.port->next.reading.taken = taken;
     HandState hand = fake.later(0.001);
-    // A time in the future counts as now, a time before the clock's start as old.
+    // A time in the future counts as now. A time before the clock's start counts as old.
     CHECK((hand.age == 0.0) == (taken > 0));
     hand = fake.later(0.06);
     HandWatch watch(fake.arm->info().watch);
@@ -303,7 +302,7 @@ TEST_CASE("the state that a plug-in reports makes the arm not ready or sets a fa
   fake.port->there = false;
   CHECK(fake.later(0.001).fault == Fault::kGone);
   fake.port->there = true;
-  // The position from before the absence must not be used.
+  // The position from before the interruption must not be used.
   CHECK_FALSE(fake.arm->read().ready);
   CHECK(with(kGood).ready);
   fake.port->next.wrote = PALPATE_PLUGIN_FAILED;
@@ -326,7 +325,7 @@ TEST_CASE("a force that the plug-in does not take within 20 ms is a fault", "[pl
   }
   CHECK(fault == Fault::kWrite);
   CHECK(ticks >= 20);
-  CHECK(ticks <= 23);  // 20 ms and a period
+  CHECK(ticks <= 23);  // 20 ms and one period
   fake.arm->write(Vec3(kNan, 0.0, 0.0));
   CHECK(fake.port->orders.back().force.force[0] == 0.0);
 }
@@ -337,7 +336,8 @@ TEST_CASE("a force that a plug-in's process withheld is reported exactly once as
   CHECK(fake.fresh().fault == Fault::kNone);
   fake.port->next.withheld = 1;
   CHECK(fake.fresh().fault == Fault::kLate);
-  CHECK(fake.fresh().fault == Fault::kNone);  // the loop has latched the fault
+  CHECK(fake.fresh().fault ==
+        Fault::kNone);  // the arm reports the fault once, and the loop latches it
 }
 
 TEST_CASE("a plug-in's gravity compensation grows over half a second and ends immediately",
@@ -415,7 +415,7 @@ TEST_CASE("mutated facts of a plug-in never give invalid limits", "[plugin]") {
   long taken = 0;
   for (long i = 0; i < count; ++i) {
     palpate_plugin_facts facts = goodFacts();
-    // Mutates the numbers only, because most of the bytes are texts.
+    // Mutates the numbers only: most of the bytes are texts.
     auto bytes = std::as_writable_bytes(std::span(&facts, 1));
     const int numbers = static_cast<int>(offsetof(palpate_plugin_facts, button));
     const int changes = random.integer(4);
@@ -483,7 +483,7 @@ TEST_CASE("the reader of a seqlock gets whole values in rising order", "[plugin]
   bool rises = true;
   std::uint64_t last = 0;
   long seen = 0;
-  // The writer may begin later than the reader.
+  // The writer thread may start later than the reader.
   while (seen < count) {
     if (!lock.load(value)) continue;
     ++seen;

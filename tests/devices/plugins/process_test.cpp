@@ -1,4 +1,4 @@
-/// Tests how plug-ins are loaded and run, in their own process and in the program's.
+/// Tests the loading of plug-ins, and running them in a separate process or in the program's.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -37,7 +37,7 @@ const std::filesystem::path kOther = kPlugins / "other.so";
 const std::filesystem::path kNone = kPlugins / "none.so";
 const std::filesystem::path kProgram = PALPATE_PLUGIN_PROGRAM;
 
-/// The simulated arm, which the plug-in's process shares.
+/// The simulated arm in memory that the plug-in's process shares.
 class Bench {
  public:
   Bench() {
@@ -68,7 +68,7 @@ std::string refusal(const std::function<void()>& act) {
   }
 }
 
-/// Returns a serial number that only this test uses.
+/// Returns a serial number that no other test uses.
 std::string oddly(const std::string& kind) {
   return kind + "#" + std::to_string(getpid());
 }
@@ -78,7 +78,7 @@ std::unique_ptr<PluginArm> openOdd(const std::string& kind, const ArmHost& host 
                                      "plugin:odd", true, host);
 }
 
-/// Returns true as soon as the condition holds, or false if it does not hold within `seconds` [s].
+/// Returns true as soon as the condition holds; false if it does not hold within `seconds` [s].
 bool within(double seconds, const std::function<bool()>& is) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
   while (!is()) {
@@ -88,7 +88,7 @@ bool within(double seconds, const std::function<bool()>& is) {
   return true;
 }
 
-constexpr double kLong = 20.0;  // [s]; every step takes less than this, even on a busy machine
+constexpr double kLong = 20.0;  // [s]; time limit of a step, generous for a busy machine
 
 HandState tick(PluginArm& arm, const Vec3& force) {
   const HandState hand = arm.read();
@@ -130,7 +130,7 @@ TEST_CASE("plug-ins load only from their folders and only if no other user can w
       std::filesystem::temp_directory_path() / ("palpate_plugins_" + std::to_string(getpid()));
   std::filesystem::create_directories(folder);
   std::filesystem::copy_file(kOdd, folder / "odd.so");
-  // Sets the permissions explicitly, because the user's umask may differ.
+  // Sets the permissions explicitly, because they depend on the user's umask.
   std::filesystem::permissions(folder, std::filesystem::perms(0755));
   std::filesystem::permissions(folder / "odd.so", std::filesystem::perms(0755));
   setenv("PALPATE_PLUGINS", folder.c_str(), 1);
@@ -165,7 +165,6 @@ TEST_CASE("an arm in a plug-in's own process can be read and driven", "[plugin]"
   CHECK(hand.handle.orientation[3] == Approx(0.8));
   CHECK(hand.handle.gripper == 0.25);
   CHECK(hand.fault == Fault::kNone);
-  // Each force arrives exactly as it was sent.
   int wrong = 0;
   for (int i = 1; i <= 100; ++i) {
     const Vec3 force(0.01 * i, -0.02 * i, 0.005);
@@ -192,7 +191,7 @@ TEST_CASE("a plug-in's force ends if the program stops sending forces", "[plugin
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
   (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   CHECK(within(kLong, [&] { return bench->stops > 0 && bench->norm() == 0.0; }));
-  // After a stop, forces are not passed on until the program has written zero.
+  // After a stop, forces are blocked until the program has written zero.
   (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   std::this_thread::sleep_for(std::chrono::milliseconds(5));
   CHECK(bench->norm() == 0.0);
@@ -211,7 +210,7 @@ TEST_CASE("a zero message from the guardian ends a plug-in's force", "[plugin]")
   const ZeroForce zero = arm->zeroForce();
   REQUIRE(zero.descriptor >= 0);
   std::atomic<bool> over{false};
-  // Orders continue, so the lack of orders cannot end the force.
+  // Orders continue, so a lack of orders cannot be the reason why the force ends.
   std::thread haptic([&] {
     while (!over) (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   });
@@ -226,7 +225,7 @@ TEST_CASE("a zero message from the guardian ends a plug-in's force", "[plugin]")
 
 TEST_CASE("a stop during a write leaves neither force nor gravity compensation on a plug-in's arm",
           "[plugin]") {
-  // During carry() this arm receives a stop, as if from another thread.
+  // During carry(), this arm gets a stop, as if from another thread.
   static struct {
     double force, share, next;
     bool stopped, trips;
@@ -279,10 +278,9 @@ TEST_CASE("a stop during a write leaves neither force nor gravity compensation o
     });
   };
   std::thread haptic([&] { server.loop(); });
-  // Share of the weight: five times the share that one order may add.
+  // Share of the weight: five times the largest step of one order.
   constexpr double kShare = 0.002;
-  // First weight alone, then weight with a force. Both must be off after a stop that came during
-  // the order.
+  // First the weight alone, then the weight and a force. A stop during the order must end both.
   for (const double force : {0.0, 0.5}) {
     REQUIRE(give(0.0, 0.0, 1));
     arm.trips = true;
@@ -304,7 +302,8 @@ TEST_CASE("a stop during a write leaves neither force nor gravity compensation o
 }
 
 TEST_CASE("a force above the peak or slew limit is not passed to a plug-in's arm", "[plugin]") {
-  // The plug-in's own code can overwrite an order before the order is passed on.
+  // The plug-in runs in the server's process and can overwrite an order in memory, so the server
+  // checks each order again.
   static struct {
     std::vector<double> forces;
     double share;
@@ -335,8 +334,8 @@ TEST_CASE("a force above the peak or slew limit is not passed to a plug-in's arm
     double carry;
     bool given;
   };
-  // The limits allow 5 ms of growth immediately: 0.1 N and 0.01 of the weight. In each further
-  // second, a slow machine adds 20 N and twice the weight.
+  // The limits permit 5 ms of growth at once: 0.1 N and 0.01 of the weight. Each second of delay on
+  // a slow machine permits 20 N and twice the weight more.
   for (const Case& c : {Case{0.03, 0.0, true},
                         {-0.03, 0.01, true},
                         {0.03, 1.0, false},
@@ -367,7 +366,7 @@ TEST_CASE("a force above the peak or slew limit is not passed to a plug-in's arm
     };
     CHECK(order(0.0, 0.0).withheld == 0);
     CHECK(order(c.force, c.carry).withheld == (c.given ? 0 : 1));
-    // The server does not pass on further forces until an order is zero.
+    // After a refused order, all forces are refused until an order is zero.
     CHECK(order(0.009, 0.0).withheld == (c.given ? 0 : 2));
     CHECK(order(0.0, 0.0).withheld == (c.given ? 0 : 2));
     CHECK(order(0.009, 0.0).withheld == (c.given ? 0 : 2));
@@ -403,7 +402,7 @@ TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", 
   using Look = PluginServer::Look;
   constexpr std::int64_t kMs = 1000000;  // [ns]
   struct Case {
-    std::vector<std::int64_t> looks;  // [ms] since the last turn, for each call of look()
+    std::vector<std::int64_t> looks;  // [ms]; times of calls of look(), from the last turn
     bool blamed;
   };
   std::vector<std::int64_t> punctual;
@@ -411,9 +410,9 @@ TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", 
   const Case cases[] = {
       {punctual, true},  // the plug-in hangs
       {{18}, false},     // the machine was late
-      // The machine was late for a part of the time.
+      // The machine was late during a part of the time.
       {{2, 4, 14, 16, 18}, false},
-      // The machine was late, and then the plug-in hangs.
+      // The machine was late, and then the plug-in hung.
       {{18, 20, 22, 24, 26, 28, 30, 32, 34, 36}, true},
   };
   for (const Case& c : cases) {
@@ -442,7 +441,7 @@ TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", 
     CHECK(news().wrote == PALPATE_PLUGIN_OK);
     arm.hangs = true;
     REQUIRE(within(kLong, [] { return arm.hung.load(); }));
-    // The test supplies the times, so the machine's load has no effect.
+    // The test supplies the times, so a busy machine has no effect.
     const std::int64_t now = nowNs();
     CHECK(server.look(now) == Look::kTurns);
     int stops = 0;
@@ -455,7 +454,8 @@ TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", 
     arm.hangs = false;
     PluginNews after = news();
     CHECK(after.withheld >= 1);
-    // The program reports a failed write, which keeps the force off, or a late tick.
+    // If the plug-in hung, the arm reports a failed write, which latches a fault. If the machine
+    // was late, it does not.
     CHECK(after.wrote == (c.blamed ? -1 : static_cast<int>(PALPATE_PLUGIN_OK)));
     order(0.0);
     CHECK(news().wrote == PALPATE_PLUGIN_OK);
@@ -483,7 +483,7 @@ TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]")
   CHECK(refusal([] {
           (void)openPluginProcess(kOdd, "good", {}, "/nowhere/palpate-plugin");
         }).find("check the installation") != std::string::npos);
-  // A user may end the program while it waits for the arm's button.
+  // A user can end the program while it waits for the arm's button.
   std::atomic<bool> ends{false};
   ArmHost host;
   std::string words;
@@ -529,14 +529,14 @@ TEST_CASE("palpate restarts a plug-in's process that has exited", "[plugin]") {
   CHECK(bench->opens == 2);
   const ZeroForce zero = arm->zeroForce();
   CHECK(zero.version != version);
-  // The guardian's descriptor was redirected to the new process.
+  // The guardian's descriptor now leads to the new process.
   const std::uint32_t stops = bench->stops;
   CHECK(::write(zero.descriptor, zero.bytes.data(), zero.bytes.size()) == 4);
   CHECK(within(kLong, [&] { return bench->stops > stops; }));
 }
 
 /// Checks that the loop latches one of `faults` after the plug-in's trouble `kind`. Also checks
-/// that the arm has no force within `limit` [s] plus one time slice of a busy scheduler.
+/// that the force is zero within `limit` [s] plus one scheduler time slice.
 void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faults) {
   Bench bench;
   bench->position[2] = 0.05;
@@ -546,7 +546,7 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   HapticThread loop(*arm, params);
   loop.publish(ballScene(ballField()));
   INFO(kind << ", then " << wordFor(loop.latest().fault));
-  // The hand trembles, so that its position does not stay constant.
+  // The hand trembles, because a constant position would end the force.
   std::atomic<bool> over{false};
   std::thread trembles([&] {
     for (int i = 0; !over; ++i) {
@@ -554,7 +554,8 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
       std::this_thread::sleep_for(std::chrono::milliseconds(3));
     }
   });
-  // The hand moves into the ball. If the loop was late on the way, the hand moves out and in again.
+  // The hand moves into the ball. If the loop reported a late tick meanwhile, the hand tries again
+  // from outside.
   CHECK(within(kLong, [&] {
     bench->position[2] = 0.05;
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
@@ -579,9 +580,9 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   CHECK(took <= limit + 0.010);
 }
 
-// The limits are those of docs/loop.md: 50 ms for a stale arm, 20 ms for a process that hangs,
-// otherwise one tick. On a busy machine a process takes milliseconds to end. The scheduler decides
-// which of its effects is noticed first.
+// The limits are from docs/loop.md: 50 ms for a stale arm, 20 ms for a process that hangs,
+// otherwise one tick. Several faults can follow one trouble; the scheduler decides which the loop
+// finds first.
 constexpr double kTick = 0.002;
 #define PALPATE_TROUBLE(kind, limit, ...)                                              \
   TEST_CASE("the force ends in time after plug-in trouble: " kind, "[plugin][host]") { \

@@ -15,7 +15,7 @@ namespace {
 const std::string kSample = PALPATE_PLUGINS "/sample.so";
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-/// Advances the time in steps of 1 ms. Each step reads, and writes the force again.
+/// Advances the clock by `ms`, in steps of 1 ms. Each step reads, then writes the force [N].
 void goOn(PluginHost& host, int ms, double x, double y, double z) {
   for (int i = 0; i < ms; ++i) {
     PluginHost::now() += kMillisecond;
@@ -24,7 +24,7 @@ void goOn(PluginHost& host, int ms, double x, double y, double z) {
   }
 }
 
-/// Returns the displacement that the force causes, without the hand's own path.
+/// Returns the displacement along x that the force causes [m], without the simulated hand's motion.
 double pushed(const PluginHost& host) {
   const double t = 1e-9 * static_cast<double>(host.reading.taken - 1000 * kMillisecond);
   return host.reading.position[0] - 0.02 * std::sin(0.5 * t);
@@ -74,8 +74,8 @@ TEST_CASE("the sample plug-in gives 1000 readings per second of the host's clock
   PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   CHECK(host.reading.state == PALPATE_PLUGIN_READY);
-  // After an hour without reads, the plug-in answers immediately and with the current time. The arm
-  // rested for most of that hour, and has not yet returned from its displacement.
+  // After an hour without reads, the plug-in must answer at once with a current reading. It
+  // simulates only the end of that hour, so the displacement has not yet decayed.
   goOn(host, 1000, 0.6, 0.0, 0.0);
   PluginHost::now() += 3600 * 1000 * kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
@@ -112,7 +112,7 @@ TEST_CASE("the sample plug-in's arm moves with the force until the arm is stoppe
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
   goOn(host, 1000, 0.6, 0.0, 0.0);
-  CHECK(pushed(host) == Approx(0.02).margin(1e-4));  // 0.6 N divided by 30 N/m
+  CHECK(pushed(host) == Approx(0.02).margin(1e-4));  // 0.6 N / (30 N/m)
   host.arm->stop(host.arm);
   goOn(host, 1000, 0.6, 0.0, 0.0);
   CHECK(pushed(host) == Approx(0.0).margin(1e-4));
@@ -149,7 +149,7 @@ TEST_CASE("the sample plug-in's gravity compensation starts with the next write"
   CHECK(weight->size == sizeof *weight);
   CHECK(host.arm->extension(host.arm, "palpate.other/1") == nullptr);
   goOn(host, 1000, 0.0, 0.0, 0.0);
-  CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));  // 0.3 N divided by 30 N/m
+  CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));  // 0.3 N / (30 N/m)
   weight->carry(host.arm, 1.0);
   PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
@@ -172,7 +172,7 @@ TEST_CASE("the sample plug-in's motors give only their continuous force when the
   goOn(host, 1000, 3.0, 0.0, 0.0);
   CHECK(heat->given(host.arm) == 1.0);
   CHECK(pushed(host) == Approx(0.1).margin(1e-3));
-  // At twice the continuous force, the motors reach their limit after 20 s ln(4/3).
+  // At twice the continuous force, the motors reach their limit after 20 s ln(4/3) = 5.8 s.
   goOn(host, 6000, 3.0, 0.0, 0.0);
   CHECK(heat->given(host.arm) == 0.5);
   CHECK(pushed(host) < 0.099);

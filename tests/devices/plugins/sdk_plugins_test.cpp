@@ -1,4 +1,4 @@
-/// Tests the plug-ins for makers' SDKs through their C interface. Stubs replace the SDKs.
+/// Tests the plug-ins for manufacturers' SDKs through their C interface. Stubs replace the SDKs.
 #include <HD/hd.h>
 #include <array>
 #include <chrono>
@@ -22,11 +22,11 @@ using palpate::test::PluginHost;
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr int kTurns = 4;  // turns of its loop in which a library passes on an order
+constexpr int kTurns = 4;  // cycles of the SDK's loop after which an order has reached the motors
 
 using Vec = std::array<double, 3>;
 
-/// Access to a stub. The conversion of frame and units shares no code with the plug-in.
+/// Access to a stub. It converts frames and units independently of the plug-in.
 struct Sdk {
   const char* name;
   const char* serial;
@@ -60,7 +60,7 @@ const Sdk kOpenHaptics = {
     [] { stub_hd::arm().lost = true; },
     [] { stub_hd::arm().calibration = HD_CALIBRATION_NEEDS_MANUAL_INPUT; },
     [] { return stub_hd::arm().open; },
-    // The API's nominal force is less than that in the plug-in's table for the Touch.
+    // The API's nominal force is less than the plug-in's table has for the Touch.
     {3.0, 400.0, 0.075},
 };
 const Sdk kDhd = {
@@ -116,7 +116,7 @@ std::string fileOf(const Sdk& sdk) {
   return std::string(PALPATE_STUBBED_PLUGINS "/") + sdk.name + ".so";
 }
 
-/// A stub's arm, opened by its plug-in. Its loop runs only in turn().
+/// An arm of a stub, opened through its plug-in. The SDK's loop runs only during turn().
 class Bench {
  public:
   explicit Bench(const Sdk& which) : sdk(which), fresh_(which.plug), host(fileOf(which)) {}
@@ -136,7 +136,7 @@ class Bench {
     return sdk.force_W();
   }
 
-  /// Waits until the arm is reported as gone. This is the only wait that uses the clock.
+  /// Waits until the arm is reported as gone. Only this wait uses the real clock.
   bool gone() {
     sdk.gate().release();
     for (int i = 0; i < 10000; ++i) {
@@ -149,7 +149,7 @@ class Bench {
   const Sdk& sdk;
 
  private:
-  // The stub's arm is reset before the plug-in is loaded.
+  // First member: resets the stub's arm before `host` loads the plug-in.
   struct Fresh {
     explicit Fresh(void (*plug)()) { plug(); }
   } fresh_;
@@ -196,7 +196,7 @@ TEST_CASE("an SDK's plug-in lists an arm without opening or closing it", "[plugi
   CHECK(bench.host.arms->find(&found, 1) == 1);
   CHECK(found.size == sizeof found);
   CHECK_FALSE(std::string(found.model).empty());
-  // libnifalcon has no serial numbers.
+  // libnifalcon does not report serial numbers.
   const std::string serial = &bench.sdk == &kNifalcon ? "" : bench.sdk.serial;
   CHECK(found.serial == serial);
   CHECK(bench.sdk.open() == 0);
@@ -272,7 +272,7 @@ TEST_CASE(
   same(bench.given(), {0.0, 0.0, 0.0});
   CHECK(bench.host.write(f[0], f[1], f[2]) == PALPATE_PLUGIN_OK);
   same(bench.given(), f);
-  // A zero directly after the stop must not let an older force through.
+  // A zero directly after a stop must not release an older force.
   bench.host.arm->stop(bench.host.arm);
   CHECK(bench.host.write(0.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
   same(bench.given(), {0.0, 0.0, 0.0});
@@ -371,11 +371,11 @@ TEST_CASE("an SDK's plug-in accepts smaller and larger structs of older and newe
   CHECK(arm->facts(arm, facts.get()) == PALPATE_PLUGIN_OK);
   CHECK(facts.get()->force == bench.sdk.limits[0]);
   CHECK(facts.untouchedFrom(kFacts));
-  // A force struct that ends within its third number. This number counts as zero.
+  // The struct ends within its third number, which therefore counts as zero.
   palpate_plugin_force force = {offsetof(palpate_plugin_force, force) + 16, 0, {1.0, 2.0, 3.0}, {}};
   CHECK(arm->write(arm, &force) == PALPATE_PLUGIN_OK);
   same(bench.given(), {1.0, 2.0, 0.0});
-  // The plug-in advances through an array of larger structs by the host's struct size.
+  // In an array of larger structs, the plug-in must advance by the host's struct size.
   Other<palpate_plugin_found> found(offsetof(palpate_plugin_found, model));
   CHECK(bench.host.arms->find(found.get(), 1) == 1);
   CHECK(found.untouchedFrom(offsetof(palpate_plugin_found, model)));
@@ -419,7 +419,7 @@ TEST_CASE("OpenHaptics: the plug-in reads orientation, velocity and buttons in w
   Bench bench(kOpenHaptics);
   bench.ready();
   stub_hd::Arm& arm = stub_hd::arm();
-  // A quarter turn about the API's y, which is W's z: x to -z, z to x. Stored column by column.
+  // A quarter turn about the API's y axis, which is W's z: x to -z, z to x. Column-major.
   const double turned[16] = {0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1};
   std::copy(turned, turned + 16, arm.transform);
   arm.velocity[2] = -250.0;
@@ -450,7 +450,7 @@ TEST_CASE("OpenHaptics: the plug-in reads all queued errors and reports each by 
   REQUIRE(bench.host.read() == PALPATE_PLUGIN_OK);
   CHECK(bench.host.reading.state == PALPATE_PLUGIN_READY);
   CHECK(bench.host.write(0.1, 0.0, 0.0) == PALPATE_PLUGIN_OK);
-  // The plug-in finds the error that reports a lost device among other errors.
+  // The plug-in must find the error that means a lost device among other errors.
   stub_hd::arm().fails = {HD_WARM_MOTORS, HD_DEVICE_FAULT, HD_WARM_MOTORS};
   CHECK(bench.gone());
   same(bench.sdk.force_W(), {0.0, 0.0, 0.0});
@@ -511,7 +511,7 @@ TEST_CASE("DHD: handle, velocity, gripper and buttons are read in world space, t
   Bench bench(kDhd);
   bench.ready();
   stub_dhd::Arm& arm = stub_dhd::arm();
-  // Half a turn about the SDK's x, which is W's -y.
+  // Half a turn about the SDK's x axis, which is W's -y.
   arm.turned[1][1] = arm.turned[2][2] = -1.0;
   arm.velocity[0] = -0.25;
   arm.gripper = 0.3;
@@ -526,7 +526,7 @@ TEST_CASE("DHD: handle, velocity, gripper and buttons are read in world space, t
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
   bench.turn();
   CHECK(arm.rest == 0.0);
-  // A velocity that the SDK cannot compute yet does not mean a lost arm.
+  // If the SDK cannot compute a velocity yet, the arm does not count as lost.
   arm.no_speed = true;
   bench.turn();
   CHECK(bench.host.read() == PALPATE_PLUGIN_OK);
@@ -572,7 +572,7 @@ TEST_CASE("DHD: lost power, an open switch and a lost home are reported as the a
   stub_dhd::arm().power = false;
   stub_dhd::arm().force_on = false;
   stub_dhd::arm().reset = false;
-  bench.turn(40);  // the plug-in reads the state only once in several turns
+  bench.turn(40);  // the plug-in reads the state only once in several cycles
   REQUIRE(bench.host.read() == PALPATE_PLUGIN_OK);
   CHECK(bench.host.reading.state == (PALPATE_PLUGIN_UNPOWERED | PALPATE_PLUGIN_OPEN));
 }

@@ -2,9 +2,9 @@
 # Tests arms on a real kernel without hardware: run_vm.sh uhid|usb|test BIN WORK MAKE_VOLUMES
 # uhid: an arm and devices of USB's PID class. usb: an arm behind USB. test: an arm behind uhid, tested by the program.
 #
-# Starts a small machine in QEMU. Its clock counts instructions, so that the load of the host does not affect it. BIN:
-# the folder of palpate, virtual_arm, vm_check. Kernel: Debian's, unpacked, not installed. Exits with 77 and the reason
-# if QEMU or the kernel is not available.
+# Starts a small machine in QEMU whose clock counts instructions, so the host's load has no effect. BIN has palpate,
+# virtual_arm and vm_check. The kernel is Debian's, unpacked but not installed. Exits with 77 and the reason if QEMU or
+# the kernel is missing.
 set -euo pipefail
 wire=$1 bin=$2 work=$3 volumes=$4
 here=$(cd "$(dirname "$0")" && pwd)
@@ -17,7 +17,7 @@ for tool in qemu-system-x86_64 busybox cpio dpkg-deb; do
 done
 [ "$(uname -m)" = x86_64 ] || skip "the machine is no x86_64"
 
-# Debian's small kernel for clouds has uhid. Only the full kernel has USB's virtual host controller.
+# Debian's small cloud kernel has uhid. Only the full kernel has USB's virtual host controller.
 meta=linux-image-cloud-amd64
 [ "$wire" = usb ] && meta=linux-image-amd64
 mkdir -p "$work"
@@ -56,10 +56,9 @@ done
 rm -rf "$root"
 
 log=$work/$wire.log
-# The machine has its own time; the host determines how long the run takes. If permitted, QEMU runs before other
-# programs. Both of QEMU's threads share one core. QEMU's main thread runs the machine's timers; the other thread must
-# not preempt it. Otherwise the machine computes on while a timer waits: a delay of milliseconds on the host is a delay
-# of as many milliseconds in the machine.
+# The host determines how long the run takes, but not the machine's time. If permitted, QEMU has priority. Both of
+# QEMU's threads share a core, and the thread that computes must not preempt the main thread, which runs the timers:
+# each millisecond of a timer's delay on the host would be one in the machine.
 core=$((1 % $(nproc)))
 [ "$wire" = test ] && core=0
 pin=(taskset -c $core)
@@ -68,8 +67,7 @@ identity=$work/pid.$wire
 rm -f "$identity"
 {
     for ((i = 0; i < 100; ++i)); do
-        # Waits until the second thread (and a third one, which waits) exists: started later, it would inherit the
-        # priority.
+        # Waits for the second and third thread: threads that start later inherit the priority.
         [ "$(ls "/proc/$(cat "$identity")/task" | wc -l)" -lt 3 ] || break
         sleep 0.1
     done

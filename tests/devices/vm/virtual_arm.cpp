@@ -1,8 +1,7 @@
 /// Simulates an arm with its own dynamics in a virtual machine: virtual_arm uhid|usb LOG.
 /// `virtual_arm pid LOG` simulates devices of USB's PID class through uhid.
-///
-/// uhid: the kernel's HID core and hidraw are real. usb: usbcore and usbhid are real as well,
-/// because the process uses vhci_hcd and USB/IP: full speed, one transaction per millisecond.
+/// With uhid, the kernel's HID core and hidraw are real. With usb, usbcore and usbhid are real too:
+/// the process uses vhci_hcd and USB/IP, at full speed, with one transaction per millisecond.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -39,7 +38,7 @@ using namespace palpate::vm;
   std::exit(2);
 }
 
-/// Transports reports.
+/// A transport of reports.
 class Wire {
  public:
   Wire() = default;
@@ -50,7 +49,7 @@ class Wire {
   virtual void unplug() = 0;
   /// Called once per millisecond.
   virtual void frame(const In& report) = 0;
-  /// Reads available data. Returns true if the data are a report from the host.
+  /// Reads available data. Returns true if it has received a report from the host.
   virtual bool take(Out& report) = 0;
   [[nodiscard]] virtual int descriptor() const = 0;
 };
@@ -114,7 +113,7 @@ class Uhid final : public Wire {
   int uhid_;
 };
 
-/// The USB/IP protocol to the kernel's virtual host controller, through a socket pair.
+/// Speaks USB/IP to the kernel's virtual host controller through a socket pair.
 class Usb final : public Wire {
  public:
   void plug() override {
@@ -141,7 +140,7 @@ class Usb final : public Wire {
       answer(in_, 0, &report, sizeof(report), sizeof(report));
       in_ = 0;
     }
-    // Takes one transaction from the host per frame.
+    // Completes one of the host's output transactions per frame.
     if (!out_.empty()) {
       answer(out_.front().first, 0, nullptr, 0, out_.front().second);
       out_.erase(out_.begin());
@@ -261,12 +260,12 @@ class Usb final : public Wire {
   }
 
   int socket_ = -1;
-  std::uint32_t in_ = 0;  ///< The request that waits for a report; 0: none.
-  /// Requests that wait for the next frame.
+  std::uint32_t in_ = 0;  ///< Sequence number of the pending input request; 0: none.
+  /// Output requests that wait for the next frame.
   std::vector<std::pair<std::uint32_t, std::uint32_t>> out_;
 };
 
-/// A device of USB's PID class whose reported position is where its motors push it.
+/// A device of USB's PID class whose reported position is proportional to its motors' force.
 class PidArm {
  public:
   explicit PidArm(std::size_t kind)
@@ -356,7 +355,7 @@ class Arm {
  public:
   explicit Arm(const char* log) : log_(log) { hold(); }
 
-  /// Advances the arm by a millisecond under the newest force.
+  /// Advances the arm by 1 ms under the newest force.
   In step() {
     const Vec3 force = kForce * Vec3(force_[0], force_[1], force_[2]);
     if (moves_) {
@@ -454,14 +453,14 @@ int main(int argc, char** argv) {
   const bool pid = std::strcmp(argv[1], "pid") == 0;
   std::unique_ptr<Wire> wire;
   if (pid) {
-    // PID arms make their own wires (runPidArms)
+    // each PidArm opens uhid itself (runPidArms)
   } else if (std::strcmp(argv[1], "usb") == 0) {
     wire = std::make_unique<Usb>();
   } else {
     wire = std::make_unique<Uhid>();
   }
   sched_param priority{};
-  // As high as a simulated device needs, because hardware does not wait.
+  // A simulated device needs a high priority, because real hardware does not wait.
   priority.sched_priority = 98;
   sched_setscheduler(0, SCHED_FIFO, &priority);
   const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
@@ -473,7 +472,7 @@ int main(int argc, char** argv) {
   wire->plug();
   bool plugged = true;
   int away = 0;  // milliseconds until the device returns
-  int late = 0;  // [ms]: printed at the end, because printing would make it later
+  int late = 0;  // [ms]; printed at the end, because printing delays the arm
   for (;;) {
     std::array<pollfd, 2> waits{{{timer, POLLIN, 0}, {wire->descriptor(), POLLIN, 0}}};
     if (poll(waits.data(), plugged ? 2 : 1, -1) < 0) continue;

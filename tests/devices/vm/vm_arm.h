@@ -1,4 +1,4 @@
-/// The arm in the virtual machine: constants and structs that the arm and its host share.
+/// Constants and structs that the simulated arm and its host share.
 #pragma once
 
 #include <array>
@@ -15,9 +15,9 @@ inline constexpr std::uint16_t kProduct = 0x0001;
 /// One product number for each kind of device.
 inline constexpr std::array<std::uint16_t, 2> kPidProducts{0x0002, 0x0003};
 inline constexpr const char* kSerial = "ARM0001";
-inline constexpr double kStep = 1e-5;     // [m], of an encoder
-inline constexpr double kForce = 1e-6;    // [N], of an output count
-inline constexpr double kRulerWay = 0.1;  // [m]
+inline constexpr double kStep = 1e-5;     // encoder step [m]
+inline constexpr double kForce = 1e-6;    // force per output count [N]
+inline constexpr double kRulerWay = 0.1;  // path of a ruler measurement [m]
 inline constexpr std::size_t kInBytes = 40;
 inline constexpr std::size_t kOutBytes = 24;
 
@@ -29,22 +29,22 @@ inline constexpr std::array<std::uint8_t, 42> kDescriptor{
 
 enum Command : std::uint32_t {
   kNothing = 0,
-  kUnplug = 1,  ///< The arm is unplugged, and returns after 200 ms.
-  kGo = 2,      ///< The hand starts its path; every step is logged.
-  kEnd = 3,     ///< The arm is unplugged for good.
-  /// The hand moves the arm by kRulerWay: to +x after 6 s, to +y and +z 5 s later each. It moves
-  /// back after 20 s, and lets go after 24 s.
+  kUnplug = 1,  ///< Unplugs the arm and plugs it in again after 200 ms.
+  kGo = 2,      ///< Starts the hand's path. The arm logs every step.
+  kEnd = 3,     ///< Unplugs the arm for good.
+  /// The hand moves the arm by kRulerWay: along +x after 6 s, along +y and +z 5 s later each. It
+  /// moves back after 20 s and lets go after 24 s.
   kRuler = 4,
 };
 
 #pragma pack(push, 1)
 struct In {
   std::uint8_t id = 1;
-  std::uint32_t count = 0;     ///< Number of reports, one per millisecond.
+  std::uint32_t count = 0;     ///< Number of the report; one per millisecond.
   std::uint32_t received = 0;  ///< Number of received forces.
   std::array<std::int32_t, 3> position{};
-  std::uint32_t step = 0;   ///< Present step of the hand's path; 0 before the start.
-  std::uint32_t phase = 0;  ///< Time from the last report to the newest force [us].
+  std::uint32_t step = 0;   ///< Step of the hand's path; 0 before the start.
+  std::uint32_t phase = 0;  ///< Time from the last report to the newest received force [us].
   std::array<std::uint8_t, 12> rest{};
 };
 struct Out {
@@ -57,7 +57,7 @@ struct Out {
 static_assert(sizeof(In) == kInBytes + 1);
 static_assert(sizeof(Out) == kOutBytes + 1);
 
-/// Returns a device of USB's PID class whose reported position is where its motors push it.
+/// Returns one of two kinds of PID devices: 0 has two axes, 1 has three.
 inline test::PidShape pidShape(std::size_t kind) {
   test::PidShape shape;
   shape.rhino = kind == 1;
@@ -75,8 +75,8 @@ inline ArmParams armParams() {
   return arm;
 }
 
-/// Returns a path onto a ball of 3 cm: from above to some millimetres deep, along the surface, and
-/// out again.
+/// Returns a path on a ball of radius 3 cm: from above to 6 mm deep, along the surface, and out
+/// again.
 inline HandTarget handPath() {
   constexpr double kSeconds = 4.0;
   return {[](double t) -> Vec3 {

@@ -1,6 +1,6 @@
 /// Checks an arm through a real kernel's HID layer: vm_check uhid|usb|pid|ruler|chain VOLUME
-/// PROFILE. Runs in a virtual machine whose clock counts instructions, so that limits can be tight.
-/// Returns 1 if a check failed. Returns 3 if the machine stood still and the run must be repeated.
+/// PROFILE. Runs in a virtual machine whose clock counts instructions, so limits can be tight. Exit
+/// status: 1 if a check failed; 3 if the machine paused and the run must be repeated.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -55,7 +55,7 @@ double quantile(std::vector<double> values, double q) {
                          static_cast<std::size_t>(q * static_cast<double>(values.size())))];
 }
 
-/// A port without hidapi, which does not check who owns the device.
+/// A port without hidapi. It does not check which process owns the device.
 class BarePort final : public ReportPort {
  public:
   explicit BarePort(const std::string& path) : file_(open(path.c_str(), O_RDWR | O_NONBLOCK)) {}
@@ -76,7 +76,7 @@ class BarePort final : public ReportPort {
   int file_;
 };
 
-/// A second connection to the arm. It reads the arm's own counters and sends commands.
+/// A second connection to the arm. It reads the arm's internal counters and sends commands.
 class Aside {
  public:
   Aside(const HidProfile& profile, const std::string& path)
@@ -88,7 +88,7 @@ class Aside {
   }
   /// Returns the newest value of a field.
   double ask(std::size_t field) {
-    // Reads again after an overflow, because the waiting reports may be old.
+    // Reads again after an overflow, because queued reports may be old.
     while (input_.takeNewest(*port_) != ReadStatus::kReport || drops_ != input_.counts().dropped) {
       drops_ = input_.counts().dropped;
       usleep(200);
@@ -103,7 +103,7 @@ class Aside {
   std::int64_t drops_ = -1;
 };
 
-// Fields in the order of their names in the profile, because JSON objects are sorted.
+// In alphabetical order of the profile's names: the JSON parser sorts objects.
 enum Field : std::size_t { kCount, kPhase, kReceived, kStepField, kX, kY, kZ };
 
 std::string pathOfArm() {
@@ -196,7 +196,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
         "a second program is refused, and told who has it");
 }
 
-/// Opens the arm of a profile's file. Messages to the user are stored in `said`.
+/// Opens the arm of a profile file. Stores messages to the user in `said`.
 std::unique_ptr<HidDevice> openHidArm(const std::string& file, std::vector<std::string>& said) {
   ArmHost host;
   host.say = [&said](const std::string& words) { said.push_back(words); };
@@ -206,7 +206,7 @@ std::unique_ptr<HidDevice> openHidArm(const std::string& file, std::vector<std::
   return std::unique_ptr<HidDevice>(&device);
 }
 
-/// Reads and writes for `seconds`, once a millisecond, and checks the traffic.
+/// Reads and writes once a millisecond for `seconds`, and checks the traffic.
 void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
   std::vector<double> periods;
   std::vector<double> reads;
@@ -272,9 +272,9 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
         "a new position every period: p50 " + text(quantile(periods, 0.5)) + " us, p99 " +
             text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
   // On a crowded host the virtual machine pauses for 3 to 5 ms, several times a minute. Then all
-  // due ticks come at once, and only the newest force is sent. If the loop began its wait for a
-  // late tick in time, the machine caused the delay of that tick and of all ticks due before. The
-  // machine can also pause while a tick computes.
+  // due ticks come at once, and only the newest force is sent. A late tick counts as the machine's
+  // fault if the loop began to wait for it in time; so do all ticks due before it. The machine can
+  // also pause while a tick computes.
   check(late - excused <= ticks / 1000,
         "no tick late but where the machine slept on, or one of a thousand: " +
             text(late - excused) + ", and the machine's " + text(excused));
@@ -293,7 +293,7 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
 }
 
 void checkStall(HidDevice& arm, Aside& aside) {
-  aside.command(kGo);  // positions move, so that old positions can be recognised
+  aside.command(kGo);  // motion reveals old positions
   usleep(500000);
   (void)arm.read();
   const Vec3 before = arm.read().position;
@@ -313,8 +313,8 @@ void checkStall(HidDevice& arm, Aside& aside) {
             text(1e6 * (fresh.position.z() - now)) + " um");
 }
 
-/// Runs the real loop. When the arm is unplugged, the force is cut. When it is plugged in, the arm
-/// works again, but the force stays off until the program clears the fault.
+/// Runs the real loop. When the arm is unplugged, the force is cut. After plugging in, the force
+/// stays off until the program clears the fault.
 void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
   LoopParams params;
   const ZeroForce zero = arm.zeroForce();
@@ -344,7 +344,7 @@ void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
   const ZeroForce renewed = arm.zeroForce();
   check(renewed.version != zero.version, "its guardian can be told");
   guardian.renew(params.watch, renewed);
-  usleep(100000);  // the watcher is a new process, which needs time on the only core
+  usleep(100000);  // the new watcher process needs time on the only core
   hand.clear();
   usleep(50000);
   check(hand.latest().fault == Fault::kNone,
@@ -360,14 +360,14 @@ struct Felt {
 
 /// Tests the whole chain: a volume from a file, the engine, hidapi, the kernel, and an arm with its
 /// own dynamics. Compares the result with a run in virtual time. Returns false if ticks were late,
-/// because ticks in virtual time never are.
+/// because then the runs are not comparable.
 [[nodiscard]] bool checkChain(const std::string& volume, const std::string& profile_file) {
   SceneSpec spec;
   spec.coupling.stiffness = 500.0;
   VolumeSpec ball;
   ball.file = volume;
   ball.place.kind = PlaceSpec::Kind::kMap;
-  ball.place.scale = 0.015;  // a ball of 2 units becomes 3 cm
+  ball.place.scale = 0.015;  // the ball in the file has a radius of 2 units, which becomes 3 cm
   spec.volumes["ball"] = ball;
   ModeSpec mode;
   mode.kind = ModeKind::kIsosurface;
@@ -384,15 +384,15 @@ struct Felt {
   std::int64_t late = 0;
   {
     Aside aside(arm->profile(), pathOfArm());
-    // The time between the arm's steps and the loop's ticks is arbitrary. If a force arrives about
-    // when the arm steps, it acts in that step or in the next. In virtual time it always arrives
-    // before the step.
+    // The time between the arm's steps and the loop's ticks is random. A force that arrives close
+    // to a step can act in that step or in the next. In virtual time it always arrives before the
+    // step.
     std::unique_ptr<HapticThread> thread;
     double phase = 0.0;
     for (int tries = 0; tries < 20 && !(phase > 300.0 && phase < 800.0); ++tries) {
       thread.reset();
-      // Waits longer at each attempt, because equal attempts would end alike on a machine that
-      // counts instructions.
+      // Waits longer at each attempt: on a machine that counts instructions, equal attempts have
+      // equal results.
       usleep(1370 + 170 * static_cast<unsigned>(tries));
       thread = std::make_unique<HapticThread>(*arm);
       usleep(100000);
@@ -432,7 +432,7 @@ struct Felt {
   check(real.size() > 4000,
         "the arm has logged " + text(static_cast<double>(real.size())) + " steps");
 
-  // The same scene in virtual time, with an arm that has the same limits.
+  // The same scene in virtual time, on an arm with the same limits.
   HandTarget path = handPath();
   path.seconds = 1e9;
   SimulatedDevice simulated(armParams(), GripParams{}, path, 1000.0);
@@ -477,8 +477,7 @@ struct Felt {
     farthest = std::max(farthest, (stood - at).norm());
     largest = std::max(largest, limited.sent.norm());
   }
-  // If an encoder step more pushes a slipping hand deeper, the load on the hand grows, and so does
-  // the friction.
+  // One encoder step deeper increases the load of a slipping hand, and so also the friction.
   const double allowed = std::hypot(1.0, kFriction) * spec.coupling.stiffness * kStep;
   check(largest > 1.0, "the ball is felt: " + text(largest) + " N");
   check(worst <= allowed, "the forces are those of virtual time within " + text(allowed) +
@@ -488,7 +487,7 @@ struct Felt {
   return true;
 }
 
-/// Returns the raw position that a PID arm reports at a place.
+/// Returns the raw position that a PID arm reports at a position [m].
 std::array<int, 3> standsAt(const Vec3& position, const std::vector<double>& steps) {
   std::array<int, 3> raw{};
   for (std::size_t a = 0; a < steps.size(); ++a) {
@@ -497,8 +496,8 @@ std::array<int, 3> standsAt(const Vec3& position, const std::vector<double>& ste
   return raw;
 }
 
-/// Checks a device of USB's PID class that moves to where its motors push. So its reports show
-/// which forces it has received.
+/// Checks a PID device whose reported position follows its motors' force. So its reports reveal the
+/// forces that it received.
 void checkPid(std::size_t kind) {
   const int axes = pidShape(kind).axes;
   std::string spec;
@@ -568,7 +567,6 @@ void checkPid(std::size_t kind) {
         name + ": its guardian's one report takes the force off");
 }
 
-/// Runs the check. Returns false if the run must be repeated.
 bool run(const std::string& what, const std::string& volume, const std::string& profile_file) {
   if (what == "chain") return checkChain(volume, profile_file);
   if (what == "pid") {

@@ -2,7 +2,7 @@
 ///
 ///   itk_oracle read FILE|FOLDER    prints x,y,z,value [mm, right anterior superior] at voxels and
 ///                                  between them; a folder holds one DICOM series (read by GDCM)
-///   itk_oracle write FILE|FOLDER   writes a turned image, in the format of FILE's name
+///   itk_oracle write FILE|FOLDER   writes a rotated image, in the format of FILE's name
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -37,7 +37,7 @@ Read::Pointer read(const std::string& path) {
   return reader->GetOutput();
 }
 
-/// ITK's axes point left, posterior and superior.
+/// Prints RAS coordinates; ITK's are LPS.
 void print(const itk::Point<double, 3>& place, double value) {
   std::printf("%.9g,%.9g,%.9g,%.9g\n", -place[0], -place[1], place[2], value);
 }
@@ -67,7 +67,7 @@ Written::Pointer turned() {
   image->SetRegions(Written::SizeType{{9, 8, 7}});
   image->SetSpacing(std::array{0.7, 0.9, 1.3}.data());
   image->SetOrigin(std::array{-31.0, 12.5, 104.0}.data());
-  // Rotated by 0.4 about (1, 2, 3), so that all axes change and stay right-handed.
+  // Rotated by 0.4 rad about (1, 2, 3): all axes change and stay right-handed.
   const double c = std::cos(0.4);
   const double s = std::sin(0.4);
   const double n[3] = {1 / std::sqrt(14.0), 2 / std::sqrt(14.0), 3 / std::sqrt(14.0)};

@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
-"""Compares palpate-import with ITK (and GDCM, which reads DICOM for it): oracle_test.py BIN_DIR ITK_ORACLE.
-
-Sources: files that ITK writes, files that are written here byte by byte, and Debian's image of a head. At voxels and
-between them both programs have the same value at the same place."""
+"""Compares palpate-import with ITK (and GDCM, ITK's reader of DICOM): oracle_test.py BIN_DIR ITK_ORACLE. The files are
+written by ITK or by this test, or are Debian's image of a head. At and between voxels both programs must give the same
+values."""
 import csv
 import io
 import sys
@@ -23,7 +22,7 @@ HEAD = Path("/usr/share/mricron/templates/ch2bet.nii.gz")
 
 class BesideItk(images_test.Case):
     def agrees(self, path, *, within=1e-5):
-        """Checks palpate's value at every place that ITK sampled. within: relative to the range of values."""
+        """Checks palpate's value at every point that ITK sampled. `within` is relative to the range of values."""
         done = process.run([str(ORACLE), "read", str(path)], capture_output=True, text=True,
                               timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""), path)

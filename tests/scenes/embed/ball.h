@@ -1,4 +1,5 @@
-// The scene of the programs in docs/embed.md: a ball of 4 cm that holds a hand with 2 N.
+// The scene of the programs in docs/embed.md: a ball of radius 4 cm that holds a hand with up to 2
+// N.
 #pragma once
 
 #include <memory>

@@ -1,4 +1,4 @@
-// palpate in CHAI3D's haptics thread. docs/embed.md
+// Runs palpate in CHAI3D's haptics thread. See docs/embed.md.
 #include "chai3d.h"
 
 #include <cstdio>
@@ -6,7 +6,7 @@
 #include "ball.h"
 #include "palpate/devices/arm/servo.h"
 
-// The arm's data from CHAI3D. Positions are metres, forces newtons, z is up in both.
+// The arm's limits, from CHAI3D. Both use metres, newtons and z up.
 palpate::DeviceInfo infoOf(chai3d::cGenericHapticDevice& device) {
   const chai3d::cHapticDeviceInfo known = device.getSpecifications();
   palpate::DeviceInfo info;

@@ -1,4 +1,4 @@
-// A user-defined device. docs/embed.md
+// A user's own device. See docs/embed.md.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -6,7 +6,7 @@
 
 #include "ball.h"
 
-// Replaces a driver: simulates an arm that moves down to 38 mm above the ball's centre at 10 mm/s.
+// Stands for a driver: an arm that moves down at 10 mm/s to 38 mm above the ball's centre.
 struct Driver {
   bool counts(int out[3], double& age) {
     age = 0.0;
@@ -27,18 +27,18 @@ class MyArm final : public palpate::Device {
     info_.limits.peak = 5.0;      // [N]
     info_.limits.slew = 2000.0;   // [N/s]
     info_.max_stiffness = 800.0;  // [N/m]
-    info_.watch.stale = 0.01;     // a position older than this is a fault [s]
+    info_.watch.stale = 0.01;     // [s]; an older position is a fault
     info_.source = "its data sheet";
   }
 
   const palpate::DeviceInfo& info() const noexcept override { return info_; }
 
-  // Returns the newest counts and their age. Neither allocates nor waits.
+  // Returns the newest position and its age. Must neither allocate nor wait.
   palpate::HandState read() noexcept override {
     palpate::HandState hand;
     int counts[3] = {0, 0, 0};
     if (!driver_.counts(counts, hand.age)) hand.fault = palpate::Fault::kGone;
-    hand.position = palpate::Vec3(counts[0], counts[1], counts[2]) * 1e-5;  // 10 um a count
+    hand.position = palpate::Vec3(counts[0], counts[1], counts[2]) * 1e-5;  // 10 um per count
     return hand;
   }
 

@@ -1,4 +1,4 @@
-// A user-defined mode: honey, felt where a value lies in a band. docs/embed.md
+// A user's own mode: resistance where a value is in a band. See docs/embed.md.
 #include <cstdio>
 
 #include "palpate/scenes/palpate.h"
@@ -11,8 +11,8 @@ struct Band {
   double strength = 0.0;  // [N]
 };
 
-// The tick calls this function once per balance. A point at the proxy's own place is a drag: it
-// holds the proxy while the spring's force is at most the point's strength.
+// Each tick calls this function once per balance. A point at the proxy is a drag: it holds the
+// proxy while the spring's force is at most the point's strength.
 bool placeHoney(void* state, const ModeInput& input, PrimitiveSet& set) noexcept {
   const Band& band = *static_cast<const Band*>(state);
   const auto index = static_cast<std::size_t>(input.reads[0]);
@@ -24,7 +24,8 @@ bool placeHoney(void* state, const ModeInput& input, PrimitiveSet& set) noexcept
 
 int main() try {
   SceneSpec spec;
-  spec.volumes["distance"].field = makeSphere(Vec3::Zero(), 0.04);  // to the ball's surface [m]
+  spec.volumes["distance"].field = makeSphere(Vec3::Zero(), 0.04);  // distance to the ball's
+                                                                    // surface [m]
   ModeSpec honey;
   honey.name = "honey";
   honey.kind = ModeKind::kUser;

@@ -1,11 +1,12 @@
-// palpate in a callback of OpenHaptics' scheduler. docs/embed.md
+// Runs palpate in a callback of OpenHaptics' scheduler. See docs/embed.md.
 #include <HD/hd.h>
 #include <cstdio>
 
 #include "ball.h"
 #include "palpate/devices/arm/servo.h"
 
-// OpenHaptics uses millimetres and x right, y up, z to the user. A volume has metres and z up.
+// OpenHaptics uses millimetres, with x right, y up, z towards the user. palpate uses metres, with z
+// up.
 const palpate::Mat3 kFromArm = (palpate::Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
 
 palpate::DeviceInfo infoOfArm() {
@@ -17,7 +18,6 @@ palpate::DeviceInfo infoOfArm() {
   return info;
 }
 
-// The callback for hdScheduleAsynchronous. `data` is the Servo.
 HDCallbackCode HDCALLBACK onServo(void* data) {
   auto& servo = *static_cast<palpate::Servo*>(data);
   hdBeginFrame(hdGetCurrentDevice());

@@ -1,4 +1,4 @@
-/// A host program that runs a scene of palpate, and has headers with the same names as palpate's.
+/// A host program that runs a palpate scene and has headers with the same names as palpate's.
 #include <cstdio>
 
 #include "engine/step.h"

@@ -1,4 +1,4 @@
-/// Makes a stub's loop wait for its test before each turn, so that no test depends on time.
+/// Makes a stub's loop wait for the test before each cycle, so that tests do not depend on time.
 #pragma once
 
 #include <condition_variable>
@@ -6,7 +6,7 @@
 
 class Gate {
  public:
-  /// The loop calls this function at the start of each cycle.
+  /// Called by the loop at the start of each cycle.
   void arrive() {
     std::unique_lock lock(mutex_);
     ++waiting_;
@@ -16,7 +16,7 @@ class Gate {
     --waiting_;
   }
 
-  /// Makes the loop wait from now on. Returns when it waits.
+  /// Makes the loop wait at its next cycle. Returns when it waits.
   void hold() {
     std::unique_lock lock(mutex_);
     held_ = true;
@@ -34,7 +34,7 @@ class Gate {
     }
   }
 
-  /// Lets the loop run without waiting.
+  /// Lets the loop run freely.
   void release() {
     const std::lock_guard lock(mutex_);
     held_ = false;

@@ -1,5 +1,5 @@
-// Stands in for CHAI3D's header: the names, types and units that docs/embed.md's program uses, and
-// an arm that comes down from 0.1 m at 0.1 m/s in steps of 1 ms.
+// A stub of CHAI3D's header with the names that docs/embed.md's program uses. Its arm moves down
+// from 0.1 m at 0.1 m/s, in steps of 1 ms.
 #pragma once
 
 #include <cmath>

@@ -1,4 +1,4 @@
-/// A header of a host program. palpate has a header with the same name.
+/// A host program's header, with the same name as one of palpate's.
 #pragma once
 
 namespace host {

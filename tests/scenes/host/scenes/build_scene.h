@@ -1,11 +1,11 @@
-/// A header of a host program. palpate has a header with the same name.
+/// A host program's header, with the same name as one of palpate's.
 #pragma once
 
 #include <palpate/scenes/palpate.h>
 
 namespace host {
 
-/// Builds a scene of a ball of 40 mm, felt with 3 N.
+/// Builds a scene of a ball of radius 40 mm that holds a hand with up to 3 N.
 inline palpate::BuiltScene buildScene() {
   palpate::SceneSpec spec;
   spec.volumes["ball"].field = palpate::makeSphere(palpate::Vec3::Zero(), 0.04);

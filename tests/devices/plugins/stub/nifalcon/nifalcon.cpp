@@ -47,8 +47,8 @@ bool FalconDevice::isFirmwareLoaded() {
   return the_arm->firmware;
 }
 
-// Acts like the library: the motors get the forces of the previous exchange. Then position and
-// forces are updated if the kinematics has a solution; otherwise they stay.
+// Like the library's function: sends the forces of the previous call to the motors. Then it updates
+// position and forces, unless the kinematics has no solution.
 bool FalconDevice::runIOLoop(unsigned) {
   the_arm->gate.arrive();
   if (the_arm->throws) throw std::runtime_error("no USB");

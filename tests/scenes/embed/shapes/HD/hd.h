@@ -1,5 +1,5 @@
-// Stands in for OpenHaptics' header: the names, types and units that docs/embed.md's program uses,
-// and an arm that comes down from 100 mm at 0.1 m/s in steps of 1 ms. Its y is up.
+// A stub of OpenHaptics' header with the names that docs/embed.md's program uses. Its arm moves
+// down from 100 mm at 0.1 m/s, in steps of 1 ms; y is up.
 #pragma once
 
 using HDdouble = double;

@@ -1,5 +1,5 @@
-/// The published names of Force Dimension's SDK that a plug-in uses, and a simulated arm behind
-/// them for tests. The declarations and the values of constants are ours.
+/// A stub of Force Dimension's SDK: the published names that the plug-in uses, and a simulated arm.
+/// We wrote the declarations and chose the values of the constants.
 #pragma once
 
 #include <atomic>
@@ -61,8 +61,8 @@ int dhdDisableExpertMode();
 int dhdSetWatchdog(unsigned char val, char ID = -1);
 }
 
-/// The arm. The test may access it while the plug-in's loop waits at the gate. It may access atomic
-/// members at any time.
+/// The arm. The test may access it while the plug-in's loop waits at the gate; atomic members at
+/// any time.
 namespace stub_dhd {
 struct Arm {
   Gate gate;
@@ -72,7 +72,7 @@ struct Arm {
   double velocity[3] = {};
   double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   double gripper = 0.0;
-  bool old = false;       // the arm was read too soon: DHD_TIMEGUARD
+  bool old = false;       // a read came too soon: DHD_TIMEGUARD
   bool no_speed = false;  // the SDK has too few readings for a velocity
   uint buttons = 0;
   std::atomic<bool> reset{true};
@@ -80,11 +80,11 @@ struct Arm {
   bool force_on = true;
   std::atomic<bool> lost{false};
   double force[3] = {};
-  double force_at_stop = -1.0;  // largest force before dhdStop set it to zero
+  double force_at_stop = -1.0;  // largest force component when dhdStop set the forces to zero
   double rest = 0.0;            // largest torque and gripper force
   double gravity = 9.81;        // gravity from which the weight is computed [m/s^2]
-  bool carries = true;          // the weight is carried, as on a new arm
-  int fails = 0;                // number of positions that cannot be read
+  bool carries = true;          // gravity compensation is on, as on a new arm
+  int fails = 0;                // number of further reads of the position that fail
   int watchdog = 0;
   bool expert = false;
   int open = 0;

@@ -1,5 +1,5 @@
-/// The published names of OpenHaptics' HD API that a plug-in uses, and a simulated arm behind them
-/// for tests. The declarations and the values of constants are ours.
+/// A stub of OpenHaptics' HD API: the published names that the plug-in uses, and a simulated arm.
+/// We wrote the declarations and chose the values of the constants.
 #pragma once
 
 #include <atomic>
@@ -87,8 +87,8 @@ HDSchedulerHandle hdScheduleAsynchronous(HDSchedulerCallback callback, void* dat
 void hdUnschedule(HDSchedulerHandle handle);
 }
 
-/// The arm. The test may access it while its loop waits at the gate. It may access atomic members
-/// at any time.
+/// The arm. The test may access it while the plug-in's loop waits at the gate; atomic members at
+/// any time.
 namespace stub_hd {
 struct Arm {
   Gate gate;
@@ -100,13 +100,13 @@ struct Arm {
   int buttons = 0;
   int style = HD_CALIBRATION_AUTO;
   HDenum calibration = HD_CALIBRATION_NEEDS_UPDATE;
-  std::vector<HDerror> fails;  // errors that the next frame puts on the stack
+  std::vector<HDerror> fails;  // errors that the next frame pushes on the error stack
   std::atomic<bool> lost{false};
   std::atomic<bool> inkwell{false};  // the stylus is in the inkwell
-  double force[3] = {};              // in the motors' frame and unit of force
+  double force[3] = {};              // in the API's frame [N]
   bool enabled = false;
   int open = 0;
-  int outside = 0;  // number of calls outside a frame that must be made inside one
+  int outside = 0;  // number of calls outside a frame that are allowed only inside one
 };
 Arm& arm();
 void plugAnew();

@@ -1,5 +1,5 @@
-/// The published names of libnifalcon that a plug-in uses, and a simulated arm behind them for
-/// tests. The declarations are ours.
+/// A stub of libnifalcon: the published names that the plug-in uses, and a simulated arm. We wrote
+/// the declarations.
 #pragma once
 
 #include <array>
@@ -27,7 +27,7 @@ class FalconFirmware {
 
  private:
   friend class FalconDevice;
-  std::array<int, 3> forces_ = {};  // for the next exchange
+  std::array<int, 3> forces_ = {};  // sent to the motors in the next exchange
   unsigned leds_ = 0;
   bool homing_ = false;
   unsigned homed_ = 0;
@@ -82,25 +82,25 @@ class FalconDevice {
 
 }  // namespace libnifalcon
 
-/// The arm. The test may access it while the plug-in's loop waits at the gate. It may access atomic
-/// members at any time.
+/// The arm. The test may access it while the plug-in's loop waits at the gate; atomic members at
+/// any time.
 namespace stub_nifalcon {
 struct Arm {
   Gate gate;
   unsigned count = 1;
   bool refuses = false;                               // the arm cannot be opened
   std::array<double, 3> position = {0.0, 0.0, 0.11};  // [m]
-  bool beyond = false;                                // the kinematics has no solution
+  bool beyond = false;  // the position is out of reach: the kinematics has no solution
   unsigned buttons = 0;
   std::atomic<bool> lost{false};
   std::atomic<bool> throws{false};
   std::atomic<bool> quiet{false};  // the arm sends no new data
   std::atomic<unsigned> homed{0};
-  std::atomic<int> homes_after{5};  // exchanges in homing mode; -1: never
+  std::atomic<int> homes_after{5};  // number of exchanges until homed; -1: never
   bool firmware = false;
   int loads = 0;
-  int bad_loads = 1;               // number of firmware uploads that fail
-  std::array<int, 3> motors = {};  // in the motors' unit: thousandths of a newton
+  int bad_loads = 1;               // number of further firmware uploads that fail
+  std::array<int, 3> motors = {};  // in thousandths of a newton
   int open = 0;
 };
 Arm& arm();
