@@ -174,7 +174,7 @@ std::string ArmWatch::arm(std::int64_t now) const {
     const ArmPose pose = profile_.kinematics->at(joints_);
     const Vec3 p_W = profile_.world_from_device * (pose.position_D - profile_.origin_D);
     if (!pose.reachable) {
-      out += "tip: outside of the geometry\n";
+      out += "tip: unknown, because the joint values do not fit the arm's geometry\n";
     } else if (profile_.rate_control > 0.0) {
       out += fmt::format("deflected by ({:.3f}, {:.3f}, {:.3f}), full scale 1", p_W.x(), p_W.y(),
                          p_W.z());

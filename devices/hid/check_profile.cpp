@@ -41,7 +41,7 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
               "correct bit, bits or size");
   }
   if (field.wraps && field.type == Type::kFloat) {
-    node.child("wraps").fail("a float is not a counter", "remove it");
+    node.child("wraps").fail("a field of type float cannot be a counter that wraps", "remove it");
   }
   const bool with_sign = field.type == Type::kSigned;
   field.least = with_sign ? -std::ldexp(1.0, file.bits - 1) : 0.0;

@@ -303,7 +303,7 @@ void refuseEffects(const std::string& path, const std::vector<std::string>& node
   for (const std::string& node : nodes) {
     const auto programs = whoHas(node);
     if (programs.empty()) continue;
-    throw DeviceError(path, programs[0] + " uses its effects through " + node,
+    throw DeviceError(path, programs[0] + " uses this arm's force effects through " + node,
                       "end that program: two programs on one arm would both send forces");
   }
 }

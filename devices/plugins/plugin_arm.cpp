@@ -75,7 +75,7 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
         "correct the plug-in: report at most 6 and 32");
   }
   if (!drives) info.output_rate = 0.0;
-  info.source = facts.source[0] != '\0' ? facts.source : "its plug-in, without a source";
+  info.source = facts.source[0] != '\0' ? facts.source : "its plug-in, which states no source";
   if (drives && !tested) holdUntested(info);
   info.limits.continuous = std::min(info.limits.continuous, info.limits.peak);
   info.handle.velocity = (facts.has & PALPATE_PLUGIN_VELOCITY) != 0;

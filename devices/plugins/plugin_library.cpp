@@ -152,7 +152,7 @@ std::filesystem::path pluginFile(const std::string& name) {
 PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
     : name_("plugin:" + file.stem().string()) {
   if (!Loaded::add(name_)) {
-    throw DeviceError(name_, "another hand of this program uses it inside",
+    throw DeviceError(name_, "another hand already runs this plug-in inside this program",
                       "use plugin:NAME for this hand, which runs in a process of its own");
   }
   try {

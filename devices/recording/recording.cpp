@@ -26,7 +26,8 @@ namespace {
 
 using OrderedJson = nlohmann::ordered_json;
 
-static_assert(std::endian::native == std::endian::little, "records are kept as they are in memory");
+static_assert(std::endian::native == std::endian::little,
+              "a recording stores ticks in their layout in memory");
 
 constexpr int kVersion = 4;
 constexpr std::int64_t kChunk = -1;  // value of RecordedTick::tick in a chunk's mark
@@ -308,10 +309,13 @@ DeviceInfo deviceOf(const OrderedJson& json) {
 }
 
 /// Parses a header. Rejects JSON that is nested deeper than any header that palpate writes.
-OrderedJson parsed(const std::string& line) {
+OrderedJson parsed(const std::string& line, const std::string& file) {
   constexpr int kDeepest = 16;
-  return OrderedJson::parse(line, [](int depth, auto, OrderedJson&) {
-    if (depth > kDeepest) throw Error("a recording", "its header is damaged", "record again");
+  return OrderedJson::parse(line, [&](int depth, auto, OrderedJson&) {
+    if (depth > kDeepest) {
+      throw Error(file, fmt::format("its header is nested deeper than {} levels", kDeepest),
+                  "give a file of palpate feel --record");
+    }
     return true;
   });
 }
@@ -385,6 +389,17 @@ std::string headerLine(std::span<const std::byte> bytes, const std::string& file
     throw Error(file, "it is not a recording", "give a file of palpate feel --record");
   }
   return {begin, static_cast<const char*>(end)};
+}
+
+/// Throws Error if the ticks do not begin at the header's end, or if the rate is not valid.
+void checkHeader(const std::string& file, std::size_t offset, std::size_t end, double rate) {
+  std::string why;
+  if (offset != end) {
+    why = fmt::format("its header ends at byte {}, but states {}", end, offset);
+  } else if (!(rate > 0.0) || !std::isfinite(rate)) {
+    why = fmt::format("its header states a rate of {} Hz", rate);
+  }
+  if (!why.empty()) throw Error(file, why, "give a file of palpate feel --record");
 }
 
 }  // namespace
@@ -483,7 +498,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
   std::size_t offset = 0;
   try {
     const std::string line = headerLine(bytes_, name);
-    const OrderedJson json = parsed(line);
+    const OrderedJson json = parsed(line, name);
     const OrderedJson written = OrderedJson::parse(recordingHeader({}));
     if (json.at("palpate_recording") != kVersion || json.at("dtype") != written.at("dtype")) {
       throw Error(name, "it is a recording of another version of palpate",
@@ -493,9 +508,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
     setting_.rate = json.at("rate").get<double>();
     setting_.device = deviceOf(json.at("device"));
     setting_.about = json.at("about").dump();
-    if (offset != line.size() + 1 || !(setting_.rate > 0.0) || !std::isfinite(setting_.rate)) {
-      throw Error(name, "its header is damaged", "give a file of palpate feel --record");
-    }
+    checkHeader(name, offset, line.size() + 1, setting_.rate);
     static_cast<void>(limitsInLoop(setting_.device, setting_.rate));
   } catch (const nlohmann::json::exception& error) {
     unmap(bytes_);

@@ -974,9 +974,10 @@ TEST_CASE("a PID device is refused while another program uses its force effects"
   }
   char word = 0;
   REQUIRE(read(ready[0], &word, 1) == 1);
-  CHECK_THROWS_WITH(refuseEffects("/dev/hidraw3", {node}),
-                    Contains("/dev/hidraw3: ") && Contains("(" + std::to_string(other) +
-                                                           ") uses its effects through " + node));
+  CHECK_THROWS_WITH(
+      refuseEffects("/dev/hidraw3", {node}),
+      Contains("/dev/hidraw3: ") && Contains("(" + std::to_string(other) +
+                                             ") uses this arm's force effects through " + node));
   kill(other, SIGKILL);
   waitpid(other, nullptr, 0);
   close(ready[0]);
