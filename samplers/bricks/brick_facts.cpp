@@ -36,7 +36,7 @@ constexpr std::uint64_t kFew = 8;
 constexpr std::int32_t kBand = 3;
 
 static_assert(sizeof(BrickEntry) == 36 && std::is_trivially_copyable_v<BrickEntry>,
-              "a row of the manifest");
+              "the manifest stores an entry in 36 bytes, as in memory");
 static_assert(std::endian::native == std::endian::little, "manifests are little-endian");
 
 std::int32_t floorShift(std::int32_t v, int bits) noexcept {
@@ -79,6 +79,12 @@ std::string textOf(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
+/// Returns the beginning of a value's JSON text, in ASCII, for messages.
+std::string shown(const Json& json) {
+  constexpr std::size_t kLongest = 40;
+  return json.dump(-1, ' ', true, Json::error_handler_t::replace).substr(0, kLongest);
+}
+
 std::uint64_t hashOf(std::string_view text) noexcept {
   std::uint64_t hash = 0xCBF29CE484222325U;
   for (const char c : text) {
@@ -103,13 +109,14 @@ class FactsReader {
 
   static double number(const Json& json) {
     const double v = json.is_number() ? json.get<double>() : std::nan("");
-    if (!std::isfinite(v)) throw std::range_error("a value is not a finite number");
+    if (!std::isfinite(v))
+      throw std::range_error("the value " + shown(json) + " is not a finite number");
     return v;
   }
   static std::int32_t whole(const Json& json) {
     const double v = number(json);
     if (!(std::abs(v) <= kFarthestVoxel) || v != std::floor(v)) {
-      throw std::range_error("a value is not an integer, or is too large");
+      throw std::range_error("the value " + shown(json) + " is not an integer from -2^30 to 2^30");
     }
     return static_cast<std::int32_t>(v);
   }
@@ -129,7 +136,7 @@ class FactsReader {
   }
   static std::uint64_t hexadecimal(const std::string& text) {
     if (text.size() != 16 || text.find_first_not_of("0123456789abcdef") != std::string::npos) {
-      throw std::range_error("its identity does not consist of 16 hexadecimal digits");
+      throw std::range_error("its identity " + shown(text) + " is not 16 hexadecimal digits");
     }
     return std::stoull(text, nullptr, 16);
   }
@@ -137,7 +144,8 @@ class FactsReader {
  private:
   static const Json& list(const Json& json, std::size_t size) {
     if (!json.is_array() || json.size() != size)
-      throw std::range_error("a value is not a list of the expected length");
+      throw std::range_error("the value " + shown(json) + " is not a list of " +
+                             std::to_string(size) + " values");
     return json;
   }
 
@@ -148,7 +156,7 @@ GridClass classNamed(const std::string& word) {
   for (const GridClass one : {GridClass::kUnknown, GridClass::kLevelSet, GridClass::kFog}) {
     if (word == wordFor(one)) return one;
   }
-  throw std::range_error("its class is unknown");
+  throw std::range_error("its class " + shown(word) + " is unknown");
 }
 
 bool isMap(const Mat3& linear, const Vec3& origin) {
@@ -344,12 +352,15 @@ class ManifestReader {
     if (brickChecksum(rest_) != checksum) refuse("it is cut off or damaged");
     (void)take(kMagic.size());
   }
-  [[noreturn]] void refuse(const char* why) const { throw VolumeError(called_, why, kRemedy); }
+  [[noreturn]] void refuse(const std::string& why) const {
+    throw VolumeError(called_, why, kRemedy);
+  }
   void checkEnd() const {
-    if (!rest_.empty()) refuse("it is damaged: it is longer than its content");
+    if (rest_.empty()) return;
+    refuse("it is damaged (" + std::to_string(rest_.size()) + " bytes follow the last entry)");
   }
   std::span<const std::byte> take(std::uint64_t count, std::size_t bytes_each = 1) {
-    if (count > rest_.size() / bytes_each) refuse("it is damaged: it ends too early");
+    if (count > rest_.size() / bytes_each) refuse("it is damaged (it ends before its last entry)");
     const auto taken = rest_.first(count * bytes_each);
     rest_ = rest_.subspan(taken.size());
     return taken;
@@ -384,10 +395,11 @@ class ManifestReader {
 
 BrickFormat readFormat(const FactsReader& facts) {
   const std::string type = facts.text("type");
-  if (type != "half" && type != "float") throw std::range_error("its type is not half or float");
+  if (type != "half" && type != "float")
+    throw std::range_error("its type " + shown(type) + " is not half or float");
   const std::int32_t components = FactsReader::whole(facts.at("components"));
   if (components != 1 && components != 3)
-    throw std::range_error("its number of components is not 1 or 3");
+    throw std::range_error("it has " + std::to_string(components) + " components, not 1 or 3");
   return {components == 3, type == "half"};
 }
 
@@ -450,7 +462,8 @@ std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest&
   for (std::size_t n = 0; n < entries.size(); ++n) {
     if (!isValidEntry(entries[n], {level, entries[n].at}, manifest) ||
         (n > 0 && entries[n - 1].at >= entries[n].at)) {
-      reader.refuse("it is damaged: the entry of a brick is invalid");
+      reader.refuse("it is damaged (entry " + std::to_string(n + 1) + " of level " +
+                    std::to_string(level) + " is invalid or not in order)");
     }
   }
   return entries;
@@ -477,7 +490,7 @@ std::uint64_t BrickFacts::identityIn(const std::string& attributes) noexcept {
 void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   const FactsReader facts(json);
   if (FactsReader::whole(facts.at("bricks")) != kVersion) {
-    throw std::range_error("it is of another version");
+    throw std::range_error("its JSON is of another version than its first bytes");
   }
   GridInfo& info = manifest.info_;
   info.name = facts.text("name");

@@ -20,7 +20,8 @@
 namespace palpate {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "a .vdb is little-endian, as we read it");
+static_assert(std::endian::native == std::endian::little,
+              "palpate reads .vdb files only on little-endian machines");
 
 /// Describes how the file stores a value of one type of grid.
 struct ValueKind {
@@ -120,7 +121,7 @@ class VdbCheck::Walk {
     if (d.parent.empty()) return d;
     const GridEntry* parent = find(d.parent);
     if (parent == nullptr || !parent->parent.empty() || parent->type != d.type) {
-      damaged("a grid shares the tree of a grid that does not exist");
+      damaged("a grid shares the tree of a grid that does not exist or has another type");
     }
     return *parent;
   }
@@ -245,7 +246,7 @@ class VdbCheck::Walk {
         }
       }
       if (saved_as_half && type != openvdb::BoolMetadata::staticTypeName()) {
-        damaged("it does not state whether a grid is saved as half");
+        damaged("the metadata of a grid that mark 16-bit values are not a boolean");
       }
       skip(end - position());
     }
@@ -474,7 +475,10 @@ class VdbCheck::Walk {
   void chunk(const Storage& storage, std::uint64_t bytes, bool unpack) {
     const auto size = take<std::int64_t>();
     if (size <= 0) {  // the array is stored without compression
-      if (0 - static_cast<std::uint64_t>(size) != bytes) damaged("a node has too many values");
+      if (0 - static_cast<std::uint64_t>(size) != bytes) {
+        damaged("the values of a node have another size than the " + std::to_string(bytes) +
+                " bytes of its mask");
+      }
       skip(bytes);
       return;
     }
@@ -526,7 +530,7 @@ class VdbCheck::Walk {
     }
     if (unpacked == 0) return header;
     if (type == 0 || block == 0 || block > unpacked) {
-      damaged("a compressed part has blocks of size 0");
+      damaged("a compressed part has blocks of an invalid size");
     }
     // The data are stored without compression, or with one offset for each block.
     const std::uint64_t blocks = (unpacked + block - 1) / block;

@@ -1014,15 +1014,15 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
         whole, [](Json&) {},
         [&](Bytes& bytes) { std::memcpy(bytes.data() + at, &number, sizeof number); }));
   };
-  CHECK_THAT(table(0, std::uint64_t{1} << 60U), Contains("it ends too early"));
-  CHECK_THAT(table(0, ~std::uint64_t{0}), Contains("it ends too early"));
+  CHECK_THAT(table(0, std::uint64_t{1} << 60U), Contains("it ends before its last entry"));
+  CHECK_THAT(table(0, ~std::uint64_t{0}), Contains("it ends before its last entry"));
   CHECK_THAT(table(0, std::uint64_t{7}), Contains("it is damaged"));
-  CHECK_THAT(table(8, std::int32_t{-1}), Contains("the entry of a brick is invalid"));
-  CHECK_THAT(table(8, std::int32_t{2}), Contains("the entry of a brick is invalid"));
-  CHECK_THAT(table(20, std::uint32_t{3}), Contains("the entry of a brick is invalid"));
-  CHECK_THAT(table(24, std::uint32_t{0}), Contains("the entry of a brick is invalid"));
-  CHECK_THAT(table(32, std::nanf("")), Contains("the entry of a brick is invalid"));
-  CHECK_THAT(table(8 + 36 + 8, std::int32_t{0}), Contains("the entry of a brick is invalid"));
+  CHECK_THAT(table(8, std::int32_t{-1}), Contains("entry 1 of level 0 is invalid"));
+  CHECK_THAT(table(8, std::int32_t{2}), Contains("entry 1 of level 0 is invalid"));
+  CHECK_THAT(table(20, std::uint32_t{3}), Contains("entry 1 of level 0 is invalid"));
+  CHECK_THAT(table(24, std::uint32_t{0}), Contains("entry 1 of level 0 is invalid"));
+  CHECK_THAT(table(32, std::nanf("")), Contains("entry 1 of level 0 is invalid"));
+  CHECK_THAT(table(8 + 36 + 8, std::int32_t{0}), Contains(" is invalid or not in order"));
   const auto deep = std::string(60'000, '[');
   Bytes nested(whole.begin(), whole.begin() + 8);
   const auto size = static_cast<std::uint32_t>(deep.size());

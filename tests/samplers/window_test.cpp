@@ -576,7 +576,8 @@ TEST_CASE(
   CHECK(farthest(1.0) == 5);
 }
 
-TEST_CASE("a hand that waits for a window is not counted as silent", "[bricks]") {
+TEST_CASE("a hand that waits for its bricks longer than a second keeps its place in the window",
+          "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
