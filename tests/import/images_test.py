@@ -1061,7 +1061,7 @@ class WholeNumbers(Case):
                 self.assertEqual(found, values, (kind, base, path))
                 self.assertEqual(offset + int(grid["lowest"]), min(found), (kind, base))
 
-    def test_an_unsigned_number_above_all_signed_ones_has_an_offset(self):
+    def test_whole_numbers_above_the_signed_64_bit_range_are_stored_with_an_offset(self):
         values = [2 ** 64 - 1001 + (i * 367) % 1001 for i in range(120)]
         for path, words in self.files(values, "uint64"):
             (grid,) = self.report(path, *words)["grids"]
@@ -1069,7 +1069,7 @@ class WholeNumbers(Case):
             found = [grid["value_offset"] + int(float(row["value"])) for row in rows]
             self.assertEqual(found, values)
 
-    def test_missing_data_do_not_prevent_the_offset(self):
+    def test_large_whole_numbers_are_stored_with_an_offset_also_beside_missing_data(self):
         for kind, fill, base in (("int64", -2 ** 63, 2 ** 53), ("int32", -2 ** 31, 2 ** 30),
                                  ("int64", -9999, 2 ** 52)):
             values = [fill if i % 7 == 3 else base + i % 31 for i in range(120)]
@@ -1079,7 +1079,7 @@ class WholeNumbers(Case):
                 self.assertEqual(grid["value_offset"] + int(grid["lowest"]), base)
                 self.assertEqual(grid["value_offset"] + int(grid["highest"]), base + 30)
 
-    def test_numbers_that_floats_hold_or_that_differ_too_much_have_no_offset(self):
+    def test_whole_numbers_are_stored_without_an_offset_if_a_float_holds_them_or_they_differ_too_much(self):
         for kind, values, rounded in (
                 ("int32", [2 ** 24 - i for i in range(120)], False),
                 ("int64", [2 ** 30 * (i % 9) + i for i in range(120)], True)):
@@ -1108,7 +1108,7 @@ class WholeNumbers(Case):
         self.assertGreater(float(rows[1]["value"]), 0.0)
         self.assertLess(float(rows[2]["value"]), 0.0)
 
-    def test_all_steps_of_a_series_have_one_offset(self):
+    def test_all_time_steps_of_a_series_are_stored_with_the_same_offset(self):
         data = struct.pack("<240q", *(2 ** 53 + 100 * (i // 120) + i % 31 for i in range(240)))
         path = self.write("a.nii", nifti((*SIZE, 2), 1024, 64), data)
         steps = self.report(path, "--time", "all")

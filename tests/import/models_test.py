@@ -299,7 +299,7 @@ class Netcdf(Case):
                    lambda *_: heat(*next(found)), 1e-3)
         self.assertIn(b"km", self.out.read_bytes())
 
-    def test_an_upward_wind_in_the_unit_of_the_others_becomes_the_wind_s_z_component(self):
+    def test_a_vertical_wind_with_the_unit_of_the_horizontal_wind_becomes_the_z_component(self):
         names = ("eastward_wind", "northward_wind", "upward_air_velocity")
         field = ("time", "lev", "lat", "lon")
         more = {n: (netcdf.FLOAT, field, {"units": "m s-1", "standard_name": s}, [c] * 2 * 468)
@@ -445,14 +445,14 @@ class Netcdf(Case):
         source = self.grid(more={"b": (netcdf.FLOAT, {"missing_value": (netcdf.DOUBLE, [-9999.9])}, values)})
         self.assertEqual(self.imported(source)["grid"]["b"]["holes"], 1)
 
-    def test_large_whole_numbers_have_an_offset(self):
+    def test_large_whole_numbers_of_a_netcdf_file_are_stored_with_an_offset(self):
         values = [2 ** 30 + i for i in range(36)]
         report = self.imported(self.grid(more={"b": (netcdf.INT, {}, values)}))
         b = report["grid"]["b"]
         self.assertEqual((b["value_offset"], b["lowest"], b["highest"]), (2 ** 30, 0, 35))
 
-    def test_a_sentinel_without_an_attribute_is_missing_data(self):
-        """Missing values must not be interpolated when the file's uneven levels are resampled."""
+    def test_a_value_such_as_minus_9999_is_missing_data_even_without_an_attribute_that_states_it(self):
+        """No value is interpolated from it: the file's uneven levels are resampled."""
         for sentinel, kind in ((-9999.0, netcdf.FLOAT), (1e20, netcdf.FLOAT), (-1e34, netcdf.DOUBLE)):
             t = over(LEVELS, lambda x, y, p: heat(x, y, p) + 0.1 * x)
             t[0] = t[5] = sentinel
@@ -836,7 +836,7 @@ class Minc(Case):
                                    delta=1e-4, msg=(order, index))
 
     @suite.smoke
-    def test_places_and_scales_each_slice(self):
+    def test_each_slice_of_a_minc_image_has_its_documented_position_and_scale(self):
         for order in (("zspace", "yspace", "xspace"), ("xspace", "zspace", "yspace"),
                       ("yspace", "xspace", "zspace")):
             for scale in 0, 1, 2:
@@ -846,7 +846,7 @@ class Minc(Case):
                     10 + 3 * at))((0, k, j)[s]))
         self.assertIn(b"RAS", self.out.read_bytes())
 
-    def test_reads_the_types_and_the_sign(self):
+    def test_reads_signed_unsigned_and_floating_point_values_of_a_minc_image(self):
         order = ("zspace", "yspace", "xspace")
         self.imported(self.write(kind=netcdf.BYTE, scale=0, image={"signtype": "unsigned"},
                                  values=[(i * 5 + 100) % 256 - 256 * ((i * 5 + 100) % 256 > 127)
@@ -863,7 +863,7 @@ class Minc(Case):
         values[7], values[30] = -1, 1001
         self.assertEqual(self.imported(self.write(values=values))["grid"]["image"]["holes"], 2)
 
-    def test_refuses_images_of_other_dimensions(self):
+    def test_refuses_minc_images_with_a_time_dimension_or_irregular_spacing(self):
         more = dict(self.SIZES, time=2)
         self.refused(self.write(("time", "zspace", "yspace", "xspace"), sizes=more), "has 4 dimensions")
         path = self.write()
@@ -879,7 +879,7 @@ class Minc(Case):
 class WholeNumbers(Case):
     """Whole numbers that floats cannot represent keep their differences on meshes, too."""
 
-    def test_points_and_cells_of_a_mesh_have_an_offset(self):
+    def test_large_whole_numbers_of_points_and_cells_of_a_mesh_are_stored_with_an_offset(self):
         xs = [0, 1, 2.5, 4, 6, 7, 9, 10, 12]
         lines = "".join(f"{a}_COORDINATES {len(xs)} double\n{' '.join(map(str, xs))}\n" for a in "XYZ")
         for base in 2 ** 53, 2 ** 60:
@@ -893,7 +893,7 @@ class WholeNumbers(Case):
             report = self.imported(path, "--voxel", 0.5)
             for name in "s", "c":
                 self.assertEqual(report["grid"][name]["value_offset"], base)
-                self.assertEqual(report["note"].count(f"{name}: whole numbers beyond a float"), 1)
+                self.assertEqual(report["note"].count(f"{name}: a float cannot hold these whole numbers exactly"), 1)
             points = [(x, 4, 7) for x in xs]
             for n, row in enumerate(self.sample("s", points)):
                 self.assertAlmostEqual(float(row["value"]), n, delta=1e-4)

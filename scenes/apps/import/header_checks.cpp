@@ -34,7 +34,9 @@ double bytesOf(const std::filesystem::path& header, const std::vector<double>& s
       bytes *= size;
       continue;
     }
-    throw VolumeError(header.string(), fmt::format("size {} is not a count: {}", i + 1, size),
+    throw VolumeError(header.string(),
+                      fmt::format("size {} of the image is {}, not a whole number from 1 to {}",
+                                  i + 1, size, std::numeric_limits<int>::max()),
                       kCorrectHeader);
   }
   if (bytes > kMostBytes) {

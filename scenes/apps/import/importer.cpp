@@ -371,8 +371,8 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
     setMetadata(options, content, out, imported);
     if (imported.value_offset == 0.0) continue;
     out.notes.push_back(
-        fmt::format("{}: whole numbers beyond a float: the grid holds value - {:.0f} "
-                    "(value_offset), and so do the values of a scene",
+        fmt::format("{}: a float cannot hold these whole numbers exactly: the grid stores value - "
+                    "{:.0f} (its metadata value_offset), so give values in a scene in the same way",
                     imported.made.grid->getName(), imported.value_offset));
   }
   return out;

@@ -130,8 +130,15 @@ std::vector<double> NetcdfFile::positions(int d) const {
 void NetcdfFile::checkAbsurd(double values) const {
   std::error_code error;
   const auto there = static_cast<double>(std::filesystem::file_size(path_, error));
-  if (values <= kMostVoxels && leastDeflated(values) <= there) return;
-  refuse(fmt::format("the header states {:.3g} values, more than the file can hold", values));
+  if (leastDeflated(values) > there) {
+    refuse(fmt::format("the header states {:.3g} values, more than the file can hold", values));
+  }
+  if (values > kMostVoxels) {
+    throw VolumeError(path_.string(),
+                      fmt::format("a variable has {:.3g} values, more than the limit of {:.0g}",
+                                  values, kMostVoxels),
+                      "export a smaller part");
+  }
 }
 
 void NetcdfFile::check(int status) const {

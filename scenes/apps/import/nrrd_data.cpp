@@ -97,7 +97,10 @@ void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::siz
     const std::uint64_t needed =
         part_values_ * nrrdElementSize(nrrd_) + (static_cast<std::uint64_t>(-(skip + 1)));
     const std::uint64_t there = open()->finish();
-    if (there < needed) refuse("the packed values are too few", kNrrdDamaged);
+    if (there < needed) {
+      refuse(fmt::format("the packed values have {} bytes, but the header needs {}", there, needed),
+             kNrrdDamaged);
+    }
     before = there - needed;
   }
   const std::unique_ptr<Unpacked> in = open();

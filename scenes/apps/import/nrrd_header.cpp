@@ -60,7 +60,13 @@ std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, cons
         std::istringstream pair(line);
         long skip = 0;
         pair >> skip >> std::ws;
-        if (!pair) throw VolumeError(file.string(), "the SKIPLIST is damaged", kCorrectNrrdHeader);
+        if (!pair) {
+          throw VolumeError(
+              file.string(),
+              fmt::format("entry {} of the SKIPLIST does not begin with a number and a file name",
+                          parts.size() + 1),
+              kCorrectNrrdHeader);
+        }
         std::getline(pair, line);
         part.skip = skip;
       }

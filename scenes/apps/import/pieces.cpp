@@ -45,7 +45,10 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
     const auto u = static_cast<unsigned char>(c);
     if (u < 0x20 || u == 0x7f || (!plain && u > 0x7f)) c = '_';
   }
-  if (name != given) notes.push_back(fmt::format("an array was renamed to \"{}\"", name));
+  if (name != given)
+    notes.push_back(fmt::format(
+        "an array was renamed to \"{}\", because its name is long or has special characters",
+        name));
   return name.empty() ? "density" : name;
 }
 
@@ -71,7 +74,8 @@ std::vector<Array> readyArrays(std::vector<Array> given, const Content& content,
                       "and {0}_diffusivity",
                       array.name));
     } else {
-      notes.push_back(fmt::format("{}: skipped: {} values per point", array.name, components));
+      notes.push_back(fmt::format("{}: skipped: it has {} values per point, {}", array.name,
+                                  components, image ? "not 1, 2, 3, 6 or 9" : "not 1, 2 or 3"));
     }
   }
   return arrays;

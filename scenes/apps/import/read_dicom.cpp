@@ -272,7 +272,7 @@ class DicomReader final : public Reader {
       if (values.none() || values.components() != 1 || values.tuples() != plane * frames.size() ||
           (!out.none() && values.type() != out.type())) {
         throw VolumeError(paths_[file].string(),
-                          "the pixels differ in number or type from those of the other files",
+                          "the pixels do not match the header or the other files in number or type",
                           kAgain);
       }
       if (of_file.size() == 1) return values;
@@ -385,7 +385,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::error_code error;
   const bool is_folder = fs::is_directory(request.file, error);
   if (!is_folder && !isDicom(request.file)) {
-    throw VolumeError(request.file.string(), "the DICOM file is packed", "unpack it");
+    throw VolumeError(request.file.string(), "the DICOM file is compressed as a whole",
+                      "unpack it, for example with gunzip");
   }
   // A single file means its series, unless --series names another one.
   Request wanted = request;

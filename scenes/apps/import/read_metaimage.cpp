@@ -45,11 +45,12 @@ class Header {
     std::ifstream in(file_, std::ios::binary);
     std::string line;
     std::size_t length = 0;
-    while (std::getline(in, line)) {
+    for (int number = 1; std::getline(in, line); ++number) {
       length += line.size();
+      if (length > kLongest) refuse("the header is longer than 1 MiB", kCorrectHeader);
       const auto equals = line.find('=');
-      if (length > kLongest || (equals == std::string::npos && !trimmed(line).empty())) {
-        refuse("the header is damaged", kCorrectHeader);
+      if (equals == std::string::npos && !trimmed(line).empty()) {
+        refuse(fmt::format("line {} of the header has no \"=\"", number), kCorrectHeader);
       }
       if (equals == std::string::npos) continue;
       const std::string key = trimmed(line.substr(0, equals));

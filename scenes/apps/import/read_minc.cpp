@@ -45,12 +45,14 @@ void placeImage(const Request& request, const NetcdfFile& file, const Variable& 
                                       dimension.name));
     }
     if (dimension.length > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
-      refuseMinc(request, fmt::format("the dimension {} is too long", dimension.name));
+      refuseMinc(request,
+                 fmt::format("the dimension {} has {} points, more than {}", dimension.name,
+                             dimension.length, std::numeric_limits<int>::max()));
     }
     piece.size[a] = static_cast<int>(dimension.length);
     const int v = file.variableNamed(dimension.name);
     if (file.text(v, "spacing") == "irregular") {
-      refuseMinc(request, fmt::format("the distances along {} change", dimension.name));
+      refuseMinc(request, fmt::format("the distances along {} are irregular", dimension.name));
     }
     const auto first = [&](const char* name, double otherwise) {
       const std::vector<double> numbers = file.numbers(v, name);

@@ -139,10 +139,18 @@ class NiftiReader final : public Reader {
     const std::size_t there = in.readSome(bytes.data(), bytes.size());
     const std::string_view magic(bytes.data() + 344, 3);
     const bool second = magic != "n+1" && magic != "ni1";
-    if (there < (second ? 540U : 348U)) refuse("the NIfTI header is damaged", kCheckWriter);
+    if (const std::size_t least = second ? 540U : 348U; there < least) {
+      refuse(fmt::format("the NIfTI header is truncated: it has {} of {} bytes", there, least),
+             kCheckWriter);
+    }
     header_ = headerFrom(bytes, second);
-    if (header_.size[0] < 1 || header_.size[0] > 7 || std::isnan(header_.offset)) {
-      refuse("the NIfTI header is damaged", kCheckWriter);
+    if (header_.size[0] < 1 || header_.size[0] > 7) {
+      refuse(fmt::format("the NIfTI header states {} dimensions (dim[0]), not 1 to 7",
+                         header_.size[0]),
+             kCheckWriter);
+    }
+    if (std::isnan(header_.offset)) {
+      refuse("the offset of the voxels (vox_offset) is not a number", kCheckWriter);
     }
     classify();
     weigh();
@@ -315,7 +323,8 @@ class NiftiReader final : public Reader {
   void weigh() const {
     const std::vector<double> sizes(header_.size.begin() + 1, header_.size.end());
     const double bytes = bytesOf(request_.file, sizes, header_.bits / 8.0);
-    if (header_.offset < 0) refuse("the offset of the voxels is negative", kCheckWriter);
+    if (header_.offset < 0)
+      refuse("the offset of the voxels (vox_offset) is negative", kCheckWriter);
     const fs::path data = dataFile();
     const double least = bytes + header_.offset;
     checkHeld(request_.file, data, sizeOfData(request_.file, data, true),

@@ -443,7 +443,8 @@ class NrrdReader final : public Reader {
       content.notes.emplace_back(
           "no measurement frame: components are read along the axes of the space");
     }
-    if (!M.allFinite()) refuse("the measurement frame is damaged", kCorrectNrrdHeader);
+    if (!M.allFinite())
+      refuse("the measurement frame has a number that is not finite", kCorrectNrrdHeader);
     return turned(values, turn() * M);
   }
 
