@@ -303,7 +303,8 @@ std::vector<Json> scalarModes(const Candidate& c, std::size_t most) {
 }
 
 Json levelSetSurface(const Candidate& c) {
-  return isosurface(c.name, c.name, 0.0, false, kFirm, "The surface of the level set.");
+  return isosurface(c.name, c.name, 0.0, false, kFirm,
+                    "The surface of the level set, at the value 0. Values below 0 are solid.");
 }
 
 Json materialSurface(const Candidate& c, double share) {
@@ -315,17 +316,19 @@ Json materialSurface(const Candidate& c, double share) {
 }
 
 Json followDirections(const Candidate& directions) {
-  return makeMode("along " + directions.name, "follow", directions.name, Json::object(),
-                  strengthBySpeed(directions.vector),
-                  "Free both ways along the direction, and held perpendicular to it. The strength "
-                  "grows with the length of the vectors. A first guess.");
+  return makeMode(
+      "along " + directions.name, "follow", directions.name, Json::object(),
+      strengthBySpeed(directions.vector),
+      "The hand moves freely both ways along the direction, and a force resists motion across "
+      "it. The strength grows with the length of the vectors. A first guess.");
 }
 
 Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions) {
   const std::string name = "along " + directions.name;
   const std::string free =
-      "Free along the fibres and held perpendicular to them. The strength grows with the "
-      "anisotropy. ";
+      "The hand moves freely along the fibres, and a force resists motion across them. The "
+      "strength "
+      "grows with the anisotropy. ";
   const ScalarAnalysis& scalar = anisotropy.scalar;
   // Fractional anisotropy is at most 1. A measure that ends below kMiddle is another one.
   constexpr double kHighest = 1.001;
@@ -347,14 +350,17 @@ Json followFlow(const Candidate& flow, const std::string& speed) {
   const double median = percentile(flow.vector.speed, 50.0);
   return makeMode("along " + flow.name, "follow", flow.name, {{"by", speed}},
                   strengthBySpeed(flow.vector),
-                  fmt::format("Free along the stream and held perpendicular to it. The strength "
-                              "grows with the speed. The median speed is {}{}. A first guess.",
+                  fmt::format("The hand moves freely along the stream, and a force resists motion "
+                              "across it. The strength grows with the speed. The median speed is "
+                              "{}{}. A first guess.",
                               rounded(median, median), flow.unit()));
 }
 
 Json followUniform(const Candidate& vector) {
-  return makeMode("along " + vector.name, "follow", vector.name, Json::object(), 1.0,
-                  "Free along the common direction of all vectors and held perpendicular to it.");
+  return makeMode(
+      "along " + vector.name, "follow", vector.name, Json::object(), 1.0,
+      "All vectors have the same direction. The hand moves freely along it, and a force "
+      "resists motion across it.");
 }
 
 bool hasVortices(const VectorAnalysis& flow) {
@@ -376,8 +382,10 @@ Json vortexTube(const Candidate& flow) {
   return makeMode(
       "vortices", "vortex_tube", flow.name, Json::object(),
       curve({{rounded(middle, most), 0}, {rounded(most, most), 1.5}}),
-      "Free along and around a vortex, and held at a constant distance from the core. The strength "
-      "grows with the vorticity, from its median to its 95th percentile. A first guess.");
+      "The hand moves freely along and around a vortex, and a force resists motion towards its "
+      "core "
+      "or away from it. The strength grows with the vorticity, from its median to its 95th "
+      "percentile. A first guess.");
 }
 
 Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity) {
