@@ -320,7 +320,8 @@ JsonType<ReadVolume> volumeType() {
       .may("smooth",
            smoothType().says(
                "Standard deviation of a Gaussian at load: a number of voxels, or a length such as "
-               "\"1.5 mm\" in m, cm, mm, um or the file's unit (\"file\"). The background counts. "
+               "\"1.5 mm\" in m, cm, mm, um or the file's unit (\"file\"). The Gaussian counts all "
+               "voxels and the background. "
                "The default is 0."),
            [](ReadVolume& to, const ReadWidth& read) {
              to.smooth = read.width;

@@ -606,7 +606,8 @@ TEST_CASE("a whole number of voxels to smooth is noted, because older versions s
   CHECK(notes("17").empty());  // older versions refused this width
 }
 
-TEST_CASE("a length to smooth over becomes the file's unit by the volume's place", "[scene]") {
+TEST_CASE("a smoothing length in metres is converted to the file's unit by the volume's scale",
+          "[scene]") {
   const auto width = [](const char* volume, const char* text) {
     Json scene = fullScene();
     REQUIRE(schemaAccepts(scene));

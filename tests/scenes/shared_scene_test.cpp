@@ -131,7 +131,10 @@ TEST_CASE("sites have the same edits in the end despite lost, late and repeated 
   }
 }
 
-TEST_CASE("the edit with the largest stamp wins for each part of a shared scene", "[site]") {
+TEST_CASE(
+    "for each part of a shared scene the edit with the larger number wins, then the later site "
+    "name",
+    "[site]") {
   SharedEdits edits;
   CHECK(merge(edits, edit("wall", 1, 5, "boston")));
   CHECK_FALSE(merge(edits, edit("wall", 2, 4, "uppsala")));
@@ -186,7 +189,8 @@ TEST_CASE("local files and device settings of a site are never sent to other sit
   SharedScene other("uppsala", scene().dump());
   CHECK(other.hear("boston", *told).empty());
   SharedEdits all = other.edits();
-  CHECK_THROWS_WITH(other.textWith(all), Contains("volume \"new\": this site does not have it"));
+  CHECK_THROWS_WITH(other.textWith(all),
+                    Contains("volume \"new\": the scene of this site does not have it"));
   all.erase({"volumes", "new"});
   const Json felt = Json::parse(other.textWith(all));
   Json wanted = scene();
@@ -350,7 +354,8 @@ TEST_CASE("the total size of all sites' edits is bounded", "[site][release]") {
   CHECK(told->size() <= kMostSceneText);
 }
 
-TEST_CASE("a site rejects an edit whose stamp is above the limit", "[site]") {
+TEST_CASE("a site rejects an edit whose number is far above those of the edits that it knows",
+          "[site]") {
   SharedScene site("uppsala", scene().dump());
   const std::uint64_t most = std::uint64_t{1} << 20U;
   CHECK(site.hear("boston", textOf({edit("wall", 1.0, most + 1, "boston"), {}})).size() == 1);

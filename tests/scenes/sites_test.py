@@ -529,7 +529,7 @@ class Edits(Case):
                            "name": "rim"}]}
         self.write("A", (1, 1, 2), **more)
         self.wait_for("B", 'site A: its edit of mode "rim", volume "tumour" is rejected: '
-                           'volume "tumour": this site does not have it')
+                           'volume "tumour": the scene of this site does not have it')
         self.write("A", (2.5, 1, 2), **more)
         self.wait_for("B", 'site A: its edit of mode "x" is active')
         self.write("C", (1, 3, 1))

@@ -879,7 +879,10 @@ TEST_CASE("a stream of one speed with a wake gets a strength that rises graduall
   CHECK(knots[1][0].get<double>() - knots[0][0].get<double>() > 0.2);
 }
 
-TEST_CASE("labels are named by their value, and values of 1e-4 are not labels", "[guess]") {
+TEST_CASE(
+    "modes of labels are named by the label's value, and a field of values near 1e-4 is not "
+    "guessed as labels",
+    "[guess]") {
   const auto shells = [](double outer, double middle, double inner) {
     return scalar(
         [=](const Vec3d& p) {

@@ -299,7 +299,7 @@ void sayVolume(const std::string& name, const OrderedJson& volume) {
   }
   if (volume.contains("bricks")) {
     const OrderedJson& bricks = volume["bricks"];
-    say("in bricks, {} MB stored in {} levels, {} bricks at a time; ",
+    say("in bricks, {} MB stored in {} levels, at most {} bricks in memory; ",
         rounded(bricks["stored_bytes"].get<double>() / 1e6), bricks["levels"].get<std::size_t>(),
         bricks["slots"].get<std::uint64_t>());
   }

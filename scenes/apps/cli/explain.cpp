@@ -76,7 +76,7 @@ void printBalance(const OrderedJson& json) {
   say("spring    {} N; sum of the loads {} N, residual {} N\n", text(balance["spring"]),
       text(balance["loads"]), text(balance["left_over"]));
   if (told(balance["waiting"])) {
-    say("waiting   {} N: the negative of the pull that remains along a stream\n",
+    say("waiting   {} N: minus the pull along a stream that is left for the next tick\n",
         text(balance["waiting"]));
   }
   const OrderedJson& force = json["force"];

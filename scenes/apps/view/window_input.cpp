@@ -25,7 +25,7 @@ void ViewWindow::withdraw() {
   if (refused < wishes_.dialled) return;
   for (std::size_t i = 0; i < wishes_.dial_count; ++i) wishes_.dials[i] = modes_.modes[i].dial;
   ++changes_;
-  message_ = "change rejected: read the loop's terminal";
+  message_ = "change rejected: see the terminal for the reason";
   message_until_ = Clock::now() + std::chrono::seconds(10);
 }
 
@@ -79,7 +79,7 @@ void ViewWindow::key(const std::string& name) {
   } else if (name == "s") {
     slice();
   } else if (name == "space") {
-    message_ = "the window cannot record: run palpate feel with --record";
+    message_ = "no recording here: run palpate feel --record";
     message_until_ = Clock::now() + std::chrono::seconds(3);
   } else if (name.size() == 1 && name[0] >= '1' && name[0] <= '9') {
     choose(static_cast<std::size_t>(name[0] - '1'));

@@ -118,7 +118,7 @@ SharedKey keyFrom(const Json& json) {
     refuse(fmt::format("the key of a part has a word that is not a text of at most {} bytes",
                        kLongestName));
   }
-  if (!isTold(key)) refuse("the key of a part is unknown");
+  if (!isTold(key)) refuse("the key of a part names no volume, field, mode or play");
   return key;
 }
 
@@ -135,7 +135,7 @@ void checkValue(const SharedKey& key, const Json& value) {
   if (key[0] != "modes") return;
   const SharedKey own = keyOfMode(value);
   if (own.size() + 1 != key.size() || !std::equal(own.begin(), own.end(), key.begin())) {
-    refuse(wordsForOne(key) + " does not match its key");
+    refuse(wordsForOne(key) + " has another name or kind than its key");
   }
 }
 
@@ -228,7 +228,7 @@ Json withEdits(Json scene, const SharedEdits& edits) {
       continue;
     }
     if (key[0] == "volumes" && !where.contains(name)) {
-      throw SceneError(wordsForOne(key), "this site does not have it",
+      throw SceneError(wordsForOne(key), "the scene of this site does not have it",
                        "add it to the scene's file");
     }
     // Keeps the keys that sites do not share, such as files.
@@ -266,21 +266,23 @@ SharedText sharedTextFrom(const std::string& text) {
   SharedText told;
   for (const Json& one : json.at("edits")) {
     if (!is_list(one, "of") || !is_list(one, "at") || !one.contains("is"))
-      refuse("an edit is not valid");
+      refuse("an edit has no list \"of\", no list \"at\" or no value \"is\"");
     const Json& at = one.at("at");
     if (at.size() != 2 || !at[0].is_number_unsigned() || !at[1].is_string()) {
-      refuse("an edit has no valid stamp");
+      refuse("\"at\" of an edit is not a number and the name of a site");
     }
     const SharedStamp stamp{at[0].get<std::uint64_t>(), at[1].get<std::string>()};
-    if (stamp.count == 0 || stamp.count > kMostCount || !isSiteName(stamp.site)) {
-      refuse("an edit has no valid stamp");
+    if (stamp.count == 0 || stamp.count > kMostCount) {
+      refuse(fmt::format("an edit has the number {}, not 1 to {}", stamp.count, kMostCount));
     }
+    if (!isSiteName(stamp.site)) refuse("the name of the site in an edit is not valid");
     const SharedKey key = keyFrom(one.at("of"));
     checkValue(key, one.at("is"));
     merge(told.edits, {{key, {one.at("is"), stamp}}});
   }
   for (const Json& one : json.at("rest")) {
-    if (!one.is_array() || one.size() != 2 || !one[1].is_string()) refuse("a digest is not valid");
+    if (!one.is_array() || one.size() != 2 || !one[1].is_string())
+      refuse("an entry of \"rest\" is not a key and a digest");
     told.rest.emplace(keyFrom(one[0]), one[1].get<std::string>());
   }
   return told;
@@ -295,10 +297,14 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
     SharedEdits all = edits_;
     const std::uint64_t most = newest() + kMostAhead;
     for (const auto& [key, edit] : other.edits) {
-      if (edit.stamp.count > most) refuse("the stamp of an edit is too far ahead");
+      if (edit.stamp.count > most) {
+        refuse(fmt::format("an edit has the number {}, but edits now have at most the number {}",
+                           edit.stamp.count, most));
+      }
     }
     if (merge(all, other.edits)) {
-      if (textOf({all, {}}).size() > kMostSceneText) refuse("all edits together are too long");
+      if (textOf({all, {}}).size() > kMostSceneText)
+        refuse(fmt::format("all edits together have more than {} bytes", kMostSceneText));
       edits_ = std::move(all);
       news_ = untold_ = true;
     }

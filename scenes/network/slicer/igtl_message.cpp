@@ -189,7 +189,8 @@ void checkImageHead(const std::string& what, const ImageHead& head) {
            "send 1 (big) or 2 (little)");
   }
   if (head.space != 1 && head.space != 2) {
-    refuse(what, fmt::format("its coordinates are {}", head.space), "send 1 (RAS) or 2 (LPS)");
+    refuse(what, fmt::format("its coordinate system {} is unknown", head.space),
+           "send 1 (RAS) or 2 (LPS)");
   }
   if (head.part != head.size || head.offset != std::array<std::int64_t, 3>{}) {
     refuse(what, "it is a part of an image", "send the whole image in one message");
