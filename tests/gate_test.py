@@ -27,7 +27,7 @@ CONSOLE = {
 
 
 class Rooms(unittest.TestCase):
-    def test_the_hash_of_a_room_changes_with_its_code_and_not_with_its_comments(self):
+    def test_the_hash_of_a_group_of_sources_changes_with_its_code_and_not_with_its_comments(self):
         with tempfile.TemporaryDirectory() as folder:
             for name, value in (("ROOT", Path(folder)), ("ROOMS", {"room": ("room",)})):
                 self.addCleanup(setattr, gate, name, getattr(gate, name))
@@ -81,7 +81,7 @@ class Report(unittest.TestCase):
             result = gate.report(self.folder / "minutes", self.folder / "budgets", [self.folder])
         return result, said.getvalue().splitlines()
 
-    def test_a_program_without_case_lines_counts_as_one_test(self):
+    def test_a_program_that_prints_no_case_names_counts_as_one_test(self):
         self.assertEqual(self.report([("a", "passed")])[1][-1], "1 passed, 0 failed")
         self.assertEqual(self.report([("a", "passed")])[0], 0)
 
@@ -123,20 +123,20 @@ class Report(unittest.TestCase):
             if data is not None:
                 os.environ["PALPATE_DATA"] = data
 
-    def test_too_many_processor_minutes_fail_the_gate_except_those_of_compilers_and_lint(self):
+    def test_the_gate_fails_if_the_tests_without_compilers_and_lint_take_too_many_processor_minutes(self):
         many = str(60 * (gate.BUDGET + 1))
         self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\tdev: tests\t\n")[0], 1)
         for step in ("dev: build", "lint"):
             self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\t{step}\t\n")[0], 0)
 
-    def test_tests_that_depend_on_the_machine_fail_the_gate_above_their_common_budget(self):
+    def test_the_gate_reports_if_tests_that_depend_on_the_machine_s_timing_exceed_their_common_budget(self):
         minutes = "200\t1\trelease: host\t\n100\t1\trelease: host_suites\t\n100\t1\trelease: tests\t\n"
         words = "tests that depend on how the machine schedules: 300 s of 240: over their budget"
         self.assertIn(words, self.report([("a", "passed")], minutes=minutes)[1])
 
 
 class Structure(unittest.TestCase):
-    def test_includes_of_a_folder_above_or_beside_are_reported(self):
+    def test_an_include_of_a_header_in_a_higher_or_unrelated_folder_is_reported(self):
         fault = structure.fault_of
         self.assertIsNone(fault("engine/tick/step.cpp", "engine/balance/solver.h"))
         self.assertIsNone(fault("scenes/apps/view/window.cpp", "scenes/apps/common/touch.h"))

@@ -126,7 +126,7 @@ class Keys(unittest.TestCase):
         node = {"properties": {"rate": {"type": "number", "description": "Rate [1/s]. The default is 0.5. Or more."}}}
         self.assertEqual(schema_keys.rows(node, "scene"), [("rate", "number", "", "0.5", "Rate [1/s]. Or more.")])
 
-    def test_the_table_of_keys_names_the_forms_that_have_a_key(self):
+    def test_the_table_of_keys_states_with_which_shapes_a_key_is_valid(self):
         along = {"type": "object", "properties": {"x": {"type": "number"}}, "required": ["x"]}
         node = {"oneOf": [shape("point"), shape("line", along=along), shape("plane", along=along)]}
         self.assertEqual(schema_keys.rows(node, "scene"), [

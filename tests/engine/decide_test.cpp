@@ -26,7 +26,7 @@ constexpr bool kYes = true;
 }  // namespace
 
 TEST_CASE(
-    "after a trial step the tick reads, arrives, waits or releases as the table of states says",
+    "after a trial step the tick reads again, ends, waits or releases the proxy, by its state",
     "[step]") {
   constexpr std::array<TrialRow, 16> kRows{{
       // Without a reading, the next action is always a reading.

@@ -343,7 +343,7 @@ TEST_CASE(
 }
 
 TEST_CASE(
-    "friction on walls around one point is balanced, and a failed search keeps the held strengths",
+    "friction on walls around one point is balanced, and a search that ends early releases no wall",
     "[modes][friction]") {
   // The hand jumps between random positions within two to four walls.
   Random random(64);

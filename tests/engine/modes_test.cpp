@@ -704,8 +704,10 @@ TEST_CASE("a motion that stands still does not change the forces, bit for bit", 
   }
 }
 
-TEST_CASE("work from moving volumes is at most the injected and held energy, without allocations",
-          "[modes][moving][passivity][realtime][release]") {
+TEST_CASE(
+    "the hand gains at most the counted energy of moving volumes and of the spring, and no tick "
+    "allocates",
+    "[modes][moving][passivity][realtime][release]") {
   std::vector<std::vector<ModeSpec>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode.mode});
   std::vector<ModeSpec> all;
@@ -755,7 +757,7 @@ TEST_CASE("work from moving volumes is at most the injected and held energy, wit
   CHECK(injected_sum > 0.0);
 }
 
-TEST_CASE("the work on a closed path is at most the counted injection",
+TEST_CASE("on a closed path the hand gains at most the energy that the ticks count as injected",
           "[modes][passivity][release]") {
   std::vector<std::vector<Named>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode});

@@ -442,9 +442,12 @@ TEST_CASE("without encoder steps and delay the largest force of the tank equals 
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE("the energy tank is charged the derived energy for an encoder step", "[passivity]") {
-  // Positions are known to within an encoder step. A force costs half a step times the force when
-  // it begins to act, and again while it acts.
+TEST_CASE(
+    "the energy tank pays for the uncertainty of an encoder step when a force starts and while it "
+    "acts",
+    "[passivity]") {
+  // A path is known only to within an encoder step. A force costs half a step times the force when
+  // it starts to act, and again while it acts.
   const double b = 0.5;
   const double period = 1e-3;
   const double step = 1e-5;

@@ -300,8 +300,8 @@ class KillTable(unittest.TestCase):
         finally:
             victim.close()
 
-    def test_a_slow_write_is_followed_by_zero(self):
-        # One write takes 40 ms, and the next one blocks.
+    def test_a_write_of_40_ms_followed_by_one_that_hangs_ends_with_zero_force(self):
+        # One write takes 40 ms, and the next one does not return.
         victim = STARTED.take("slow")
         try:
             victim.press()
@@ -334,8 +334,8 @@ class KillTable(unittest.TestCase):
             finally:
                 victim.close()
 
-    def test_a_zero_is_retried_while_the_queue_is_full(self):
-        # The test does not read, so the device's queue is full when the program is killed.
+    def test_the_guardian_sends_zero_force_again_while_the_device_s_queue_is_full(self):
+        # The test does not read for a while, so the device's queue is full of forces when the program is killed.
         victim = Victim("fast")
         try:
             victim.press()

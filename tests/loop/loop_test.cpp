@@ -479,8 +479,10 @@ TEST_CASE("without a guardian process the force stays off after clear()", "[loop
   CHECK(rig.loop.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a device whose output rate is lower than the loop's adds its wait to the tank's delay",
-          "[loop]") {
+TEST_CASE(
+    "if a device takes fewer forces per second than the loop sends, the tank's delay includes the "
+    "wait",
+    "[loop]") {
   struct Sink final : public TickSink {
     void take(const Telemetry&, const ProxyState& state) noexcept override {
       arm = state.limits().tank.arm;

@@ -164,8 +164,8 @@ TEST_CASE("the proxy follows a streamline of a spline flow within the budget of 
 }
 
 TEST_CASE(
-    "the status reports a hairpin of a stream, and force steps are at most strength plus hand "
-    "motion",
+    "the status reports a hairpin of a stream, and the force then changes by at most the mode's "
+    "strength plus the hand's motion",
     "[motion][release]") {
   // If the hand is beyond the centre of curvature, the stream has no unique nearest point. With a
   // strength of 1 N the stream sometimes releases a hand 2.2 voxels to the side. With 3 N it always

@@ -376,7 +376,7 @@ class SweptBall final : public ScalarField {
 
 }  // namespace
 
-TEST_CASE("every path of the proxy in the rest frame begins where the last path ended",
+TEST_CASE("paths that are searched for surfaces of a deforming volume have no gaps between ticks",
           "[motion][warp]") {
   // If the paths have no gaps, the proxy cannot pass a surface unnoticed between two readings of
   // the warp, or between two ticks.
