@@ -221,7 +221,7 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
       {"/flags/0/equals", 9, "state cannot be 9", false},
       {"/limits/stale", 10, "more than 0.1 s", false},
       {"/limits/speed", 50, "more than 5 m/s", false},
-      {"/limits/continuous", 6, "it is more than limits/force", false},
+      {"/limits/continuous", 6, "is more than the", false},
       {"/close", {{{"pause", 3}}, {{"pause", 3}}}, "/close: its steps may take 6 s", false},
       {"/home/1/wait/seconds", 0, "0 is not > 0", true},
       {"/open/0/feature", {256}, "not a whole number from 0 to 255", true},

@@ -57,8 +57,9 @@ bool whole(const Large& value) {
 
 }  // namespace
 
-TEST_CASE("a reader of a slot never gets a torn value if a write comes between two of its steps",
-          "[plugin]") {
+TEST_CASE(
+    "a value that a plug-in shares is read whole if a write comes between two steps of the read",
+    "[plugin]") {
   for (int step = 1; step <= 12; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
@@ -75,9 +76,10 @@ TEST_CASE("a reader of a slot never gets a torn value if a write comes between t
   }
 }
 
-TEST_CASE("a read between two steps of a slot's writer gets a whole value or no value",
-          "[plugin]") {
-  // In steps 1 and 13 the writer has not begun or has finished. In between, the read fails.
+TEST_CASE(
+    "a read of a plug-in's shared value between two steps of a write gets a whole value or none",
+    "[plugin]") {
+  // The reader's first step is a load.
   for (int step = 1; step <= 13; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
