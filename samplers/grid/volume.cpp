@@ -312,7 +312,7 @@ class VdbFile {
       if (!steady_->kept()) throwTaken();
       grid = file_->readGrid(name);
     });
-    if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
+    if (!grid) throw VolumeError(path_.string(), "grid " + name + " has no data", "write it again");
     return grid;
   }
 
