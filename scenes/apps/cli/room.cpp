@@ -80,10 +80,10 @@ std::string roomNumbers(const OrderedJson& room) {
       room["stable"].is_null() ? "any stiffness" : newtons("stable"),
       room["holds"].is_null() ? "any size" : rounded(1e3 * room["holds"].get<double>()) + " mm");
   if (room["stiffness"].get<double>() > room["passive"].get<double>()) {
-    words += fmt::format("; it would be passive at {} or with {} N s/m of viscous friction",
+    words += fmt::format("; it would be passive {} with {} N s/m of viscous friction",
                          room["passive_rate"].is_null()
-                             ? "no rate"
-                             : rounded(room["passive_rate"].get<double>()) + " Hz",
+                             ? "only"
+                             : "at " + rounded(room["passive_rate"].get<double>()) + " Hz or",
                          rounded(room["passive_viscous"].get<double>()));
   }
   return words;

@@ -241,7 +241,7 @@ File headerOf(const fs::path& path) {
   }
   if (!file.is_image) {
     if (isImageClass(classOf(meta))) {
-      file.damage = "the header is truncated or damaged";
+      file.damage = "the header states no rows or no columns of the image";
     }
     return file;
   }

@@ -114,7 +114,9 @@ void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
   long count = 0;
   value >> count;
   if (!value || (key == "lineskip" && (count < 0 || count > 1000000))) {
-    throw VolumeError(file.string(), fmt::format("the field {} is not a count", key),
+    throw VolumeError(file.string(),
+                      fmt::format("the field {} is not a whole number{}", key,
+                                  key == "lineskip" ? " from 0 to 1000000" : ""),
                       kCorrectNrrdHeader);
   }
   if (key == "lineskip") {

@@ -189,7 +189,8 @@ class NrrdReader final : public Reader {
       case nrrdKindTime:
       case nrrdKindList:
         if (size == 1) return;
-        if (series_ >= 0) refuse("two axes are series", "export one of them");
+        if (series_ >= 0)
+          refuse("two axes are lists or times, and palpate imports only one", "export one of them");
         series_ = axis;
         return;
       default:
