@@ -267,7 +267,8 @@ TEST_CASE(
   CHECK(eight.reached < 0.99);
 }
 
-TEST_CASE("the simplex method finds the bottom of a long valley to 1e-7", "[methods]") {
+TEST_CASE("the simplex method finds the minimum of a narrow quadratic valley to 1e-7",
+          "[methods]") {
   const Vec3 bottom(0.3, -0.2, 0.7);
   const auto valley = [&](const Vec3& x) {
     const Vec3 d = x - bottom;
@@ -334,7 +335,8 @@ TEST_CASE("section 4.2: |f_res| can be smallest off the balance, and the start d
 }
 
 TEST_CASE(
-    "the smallest |f_res| is the balance of 85 to 99 % of pairs and 70 to 95 % of sets of eight",
+    "the place of the smallest residual force is the balance of 85 to 99 % of pairs of primitives "
+    "and 70 to 95 % of sets of eight",
     "[methods][eq15]") {
   const auto method = [](auto&&... problem) { return smallestResidual(problem...); };
   const Score two = scoreOf(method, knownProblems(2, 10));
@@ -345,8 +347,10 @@ TEST_CASE(
   CHECK(eight.reached < 0.95);
 }
 
-TEST_CASE("every method leaves the proxy at the probe without a force, and allocates no memory",
-          "[methods][realtime]") {
+TEST_CASE(
+    "every method leaves the proxy at the probe if no primitive has strength, and allocates no "
+    "memory",
+    "[methods][realtime]") {
   const Vec3 probe(1e-3, 2e-3, -3e-3);
   const std::vector<Primitive> none;
   const std::vector<Primitive> idle{{PrimitiveKind::kPoint, probe, Vec3::UnitX(), 0.0},

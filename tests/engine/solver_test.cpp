@@ -416,7 +416,8 @@ TEST_CASE("the error bound covers the rounding of forces that cancel", "[solver]
   }
 }
 
-TEST_CASE("the solver gives the same bits for the same input and memory", "[solver]") {
+TEST_CASE("the solver gives bitwise equal results for equal problems and equal earlier balances",
+          "[solver]") {
   Random random(8);
   for (const Family family : bench::kFamilies) {
     WarmStart one;

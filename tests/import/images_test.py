@@ -1088,7 +1088,7 @@ class WholeNumbers(Case):
                 self.assertNotIn("value_offset", report["grids"][0])
                 self.assertEqual(any("rounded" in n for n in report["notes"]), rounded)
 
-    def test_a_scene_and_a_level_set_have_the_values_of_the_grid(self):
+    def test_the_offset_counts_for_isovalues_of_a_scene_and_not_for_option_iso(self):
         size, base = 24, 2 ** 53
         data = struct.pack(f"<{size ** 3}q", *(
             base + (1000 if math.dist((i, j, k), (11.5, 11.5, 11.5)) < 8 else 100)

@@ -92,7 +92,9 @@ TEST_CASE("smoothing keeps a constant image and reports the rms change computed 
         Approx(std::sqrt(squares / static_cast<double>(before.tuples()))).epsilon(1e-9));
 }
 
-TEST_CASE("a width in voxels is this number of voxels along each axis", "[smooth]") {
+TEST_CASE(
+    "a smoothing width in voxels is this number of voxels along each axis, whatever their size",
+    "[smooth]") {
   Piece stretched = noise(1, Vec3(1.0, 0.7, 2.5));
   Piece cubic = noise(1, Vec3::Ones());
   (void)smoothImage(stretched, stretched.arrays[0], {1.5, false}, "x");

@@ -408,8 +408,10 @@ TEST_CASE("an edit of the scene does not interrupt the fade after a jump in play
   }
 }
 
-TEST_CASE("readers of a sequence do not allocate or lock, and read whole frames",
-          "[sequence][realtime]") {
+TEST_CASE(
+    "readers of a sequence neither allocate nor lock, and never read a frame that is partly "
+    "replaced",
+    "[sequence][realtime]") {
   const TemporaryFolder folder;
   // All voxels of a frame have one value, so a torn or wrong frame shows.
   const auto frames = framesIn(folder, 24, [](int i) {

@@ -147,7 +147,10 @@ TEMPLATE_TEST_CASE("smoothing equals a Gaussian sum over all voxels and the back
   CHECK(tree.isValueOn(Coord(4096 + 2048, 2048, 2048)));
 }
 
-TEST_CASE("a width in the file's unit is the same length along each axis", "[samplers][smooth]") {
+TEST_CASE(
+    "a smoothing width in the file's unit is the same length along each axis, whatever the voxels' "
+    "size",
+    "[samplers][smooth]") {
   const auto grid = noiseWithTiles<openvdb::FloatGrid>();
   auto transform = Transform::createLinearTransform(1.0);
   transform->postScale(Vec3d(0.5, 0.25, 0.4));

@@ -109,8 +109,10 @@ double blend(const Vec3d& p, F at) {
 
 }  // namespace
 
-TEST_CASE("the value is trilinear and the gradient its difference over the slope's reach",
-          "[samplers]") {
+TEST_CASE(
+    "the value is trilinear, and the gradient is the difference of values at slope_reach on both "
+    "sides",
+    "[samplers]") {
   const auto grid = roughGrid();
   const double reach = GENERATE(0.5, 1.0);
   Probe probe(fieldOf(grid, {}, {Interpolation::kTrilinear, false, reach}));

@@ -1156,8 +1156,9 @@ TEST_CASE("the reader and the schema accept every mode and material property", "
                     Contains("s.json: /coupling/stiffness") && Contains("\"by\""));
 }
 
-TEST_CASE("the inputs of transfer functions do not depend on the size of a scene",
-          "[scene][graph]") {
+TEST_CASE(
+    "a transfer function reads the same values, in the file's units, at any size of the scene",
+    "[scene][graph]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   Json scene = fullScene();
