@@ -136,7 +136,7 @@ std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions&
   if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
   if (name.rfind("replay:", 0) == 0) return openRecorded(name.substr(7), options);
   if (parseArmName(name) || parsePluginName(name)) return openRealArm(name, options);
-  throw DeviceError("--device", "\"" + name + "\" is not in this version",
+  throw DeviceError("--device", "\"" + name + "\" is not a device of this version",
                     "use simulated, simulated:TROUBLE, path:FILE.csv, replay:FILE, hid:PROFILE or "
                     "plugin:NAME");
 }
