@@ -286,7 +286,8 @@ class VdbFile {
 
  private:
   [[noreturn]] void throwTaken() const {
-    throw VolumeError(path_.string(), "another program has waited too long to change it",
+    throw VolumeError(path_.string(),
+                      "another program had to wait too long to change it, so the load was ended",
                       "load it when no program writes to it");
   }
 

@@ -311,9 +311,10 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
     } catch (const VolumeError& e) {
       why = e.what();
     }
-    CHECK(why == file.string() +
-                     ": another program has waited too long to change it: load it when no program "
-                     "writes to it");
+    CHECK(why ==
+          file.string() +
+              ": another program had to wait too long to change it, so the load was ended: load it "
+              "when no program writes to it");
     CHECK(parts == 1);
   }
 }
