@@ -708,7 +708,7 @@ class Feel(Case):
     def test_a_refused_command_feel_leaves_no_files(self):
         ball = self.dir / "ball.vdb"
         self.refused("feel", ball, "--device", "hid", says="add --realtime")
-        self.refused("feel", ball, "--device", "pid", says="is not in this version")
+        self.refused("feel", ball, "--device", "pid", says="is not a device of this version")
         self.refused("feel", ball, "--device", "path:/none.csv", says="/none.csv")
         self.refused("feel", ball, "--device", "path:/dev/zero", says="it is a pipe or a device")
         self.refused("feel", ball, "--device", "path:-", says="empty")

@@ -384,7 +384,7 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--grip", o->grip, "Stiffness of the hand [N/m] (default 300)");
   verb->add_option("--grip-damping", o->grip_damping, "Damping of the hand [N s/m] (default 5)");
   verb->add_option("--load", o->load, "Force with which the hand presses [N] (default 1)");
-  verb->add_option("--size", o->size, "Cells along each axis (default 65)");
+  verb->add_option("--size", o->size, "Cells of the map along each axis (default 65)");
   verb->add_flag("--json", o->json, "Print JSON");
   verb->footer("Example:\n  palpate stability --planes 20 --map planes");
   verb->callback([=, &body] {
