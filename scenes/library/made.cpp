@@ -321,9 +321,11 @@ void addCycle(std::vector<Making>& to, const Box& box_F, double voxel, int frame
 std::vector<Making> makeHeart(double voxel) {
   std::vector<Making> all{
       {levelSet("muscle", {{-36, -36, -52}, {36, 36, 28}}, voxel, made::ventricle),
-       {.name = "", .what = "distance to a ventricle's muscle at rest", .value_unit = "mm"}}};
-  addCycle(all, {{-48, -48, -66}, {48, 48, 42}}, 6.0, 16, "displacement back to the muscle at rest",
-           made::beat);
+       {.name = "",
+        .what = "distance to the surface of a heart's ventricle at rest",
+        .value_unit = "mm"}}};
+  addCycle(all, {{-48, -48, -66}, {48, 48, 42}}, 6.0, 16,
+           "displacement from the beating muscle back to its place at rest", made::beat);
   return all;
 }
 
@@ -338,7 +340,8 @@ std::vector<Making> makeBreathing(double voxel) {
                             .what = "a trunk after breathing out, in Hounsfield units",
                             .value_unit = "HU"}}};
   addCycle(all, {{-180, -140, -180}, {180, 140, 180}}, 20.0, 16,
-           "displacement back to the trunk after breathing out", made::breath);
+           "displacement from the breathing trunk back to its place after breathing out",
+           made::breath);
   return all;
 }
 

@@ -469,9 +469,10 @@ void addBodies(Step& step) {
     region.made.lowest = region.made.highest = 1.0;
     region.image = image.image;
     body->region->insertMeta(guess::kMetaFrom, openvdb::StringMetadata("image"));
-    step.notes.push_back(fmt::format(
-        "{}: the region of the largest body, for the scene; the hand does not feel {} other{}",
-        body->region->getName(), body->left, body->left == 1 ? "" : "s"));
+    step.notes.push_back(
+        fmt::format("{}: the region of the largest body, which the scene uses; the hand does not "
+                    "feel {} other {}",
+                    body->region->getName(), body->left, body->left == 1 ? "body" : "bodies"));
     step.grids.push_back(std::move(region));
   }
 }

@@ -248,7 +248,7 @@ int import(const Options& options, Teller& teller, ProcessGroup& group) {
 
 void checkTogether(const Options& options) {
   if (!options.bricks) {
-    throw Error("mpirun", "several processes can only write --bricks",
+    throw Error("mpirun", "several processes can write only a folder of bricks",
                 "add --bricks, or start one process without mpirun");
   }
   if (!canJoinGroup()) {

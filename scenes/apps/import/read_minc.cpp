@@ -116,7 +116,8 @@ class MincScale {
     if (v < 0) return {otherwise};
     const std::vector<int>& own = file.variable(v).dimensions;
     if (own.size() > 2 || !std::equal(own.begin(), own.end(), image.dimensions.begin())) {
-      refuseMinc(request, fmt::format("the dimensions of {} are not those of slices", name));
+      refuseMinc(request,
+                 fmt::format("the dimensions of {} are not the first ones of the image", name));
     }
     rank_ = own.size();
     std::vector<std::size_t> count;

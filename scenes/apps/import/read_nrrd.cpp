@@ -400,7 +400,7 @@ class NrrdReader final : public Reader {
     }
     if (is_scanner) {
       content.notes.emplace_back(
-          "the space is the scanner's, not the patient's: positions stay unchanged");
+          "positions are in the space of the scanner, not of the patient, and stay unchanged");
     }
     return map;
   }
