@@ -337,8 +337,9 @@ class GridWarp final : public Warp {
     if (folds || !(least >= 1.0 / kMostStretch) || !(most <= kMostStretch)) {
       std::ostringstream where;
       where.precision(3);
-      where << "at (" << x.x() << ", " << x.y() << ", " << x.z() << ") m and " << time
-            << " s the displacement ";
+      where << "at (" << x.x() << ", " << x.y() << ", " << x.z() << ") m";
+      if (!times_.empty()) where << " and " << time << " s";
+      where << " the displacement ";
       if (folds) {
         where << "folds space";
       } else {

@@ -118,7 +118,7 @@ bool isVtkXml(const std::string& b) {
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
     Format{"DICOM", isDicom, openDicom, nullptr, "--series"},
-    Format{"NRRD", isNrrd, openNrrd},
+    Format{"NRRD", isNrrd, openNrrd, nullptr, "--as"},
     Format{"MetaImage", isMetaImage, openMetaImage, nullptr, "--as"},
     Format{"MINC 2", isMinc2, nullptr, "convert it to NIfTI, for example with mnc2nii"},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},

@@ -137,9 +137,9 @@ Values constantLike(const Values& values, double constant) {
   return out;
 }
 
-Imported fromImage(const Options& options, const Piece& whole, Array array, const std::string& in,
-                   const Telling& telling, std::vector<std::string>& notes, const Shared& shared,
-                   EarlierSteps& earlier) {
+Imported fromImage(const Options& options, const Piece& whole, Array array,
+                   const std::string& length_unit, const std::string& in, const Telling& telling,
+                   std::vector<std::string>& notes, const Shared& shared, EarlierSteps& earlier) {
   telling.stage(array.name);
   prepareValues(array, earlier, notes, shared);
   Imported imported;
@@ -171,8 +171,8 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
     return on_cubes ? gridOnCubes(piece, array, options.voxel, within, in, telling.progress)
                     : gridFromImage(piece, array, within, in, telling.progress, shared);
   };
-  imported.made = make(tolerance);
-  if (imported.made.active == 0 && keepsConstant(options, array)) {
+  imported.made = make(isDisplacement(options) ? kKeepAll : tolerance);
+  if (!isDisplacement(options) && imported.made.active == 0 && keepsConstant(options, array)) {
     if (imported.made.holes == imported.made.voxels) {
       const double background = earlier.backgrounds[array.name];
       array.values = constantLike(array.values, background);
@@ -198,6 +198,13 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   } else {
     imported.image =
         openvdb::CoordBBox(0, 0, 0, piece.size[0] - 1, piece.size[1] - 1, piece.size[2] - 1);
+  }
+  if (isDisplacement(options)) {
+    // This follows errorOf(), which compares the given vectors with the array, not an inverse.
+    telling.stage("displacement");
+    takeDisplacement(imported.made,
+                     options.direction == "forward" ? Direction::kForward : Direction::kBackward,
+                     length_unit, in, telling.progress, notes);
   }
   return imported;
 }
@@ -298,12 +305,12 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
 void checkAsked(const Request& request, const Content& content) {
   if (request.as.empty()) return;
   const int width = content.pieces.front().arrays.front().values.components();
-  const bool vector = request.as == "vector";
-  if (vector ? width == 3 : width >= 6) return;
+  const bool tensor = request.as == "tensor";
+  if (tensor ? width >= 6 : width == 3) return;
   throw Error("--as",
               fmt::format("{} has {} per voxel, not the {} of a {}", request.file.string(),
                           width == 1 ? "one value" : fmt::format("{} values", width),
-                          vector ? 3 : 6, request.as),
+                          tensor ? 6 : 3, request.as),
               "omit this option");
 }
 
@@ -354,8 +361,8 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
     }
     for (Array& array : piece.arrays) {
       // Passes each array on before the next one is converted, so that only one is in memory twice.
-      Imported imported = fromImage(options, piece, std::exchange(array, {}), in, telling,
-                                    out.notes, shared, earlier);
+      Imported imported = fromImage(options, piece, std::exchange(array, {}), content.length_unit,
+                                    in, telling, out.notes, shared, earlier);
       const std::string name = imported.made.grid->getName();
       if (imported.made.active == 0) {
         out.notes.push_back(fmt::format("{}: skipped: {}", name, emptyBecause(imported)));

@@ -10,6 +10,7 @@
 
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/samplers/process_group.h"
+#include "palpate/scenes/apps/import/displacement.h"
 #include "palpate/scenes/apps/import/grids.h"
 #include "palpate/scenes/apps/import/level_set.h"
 #include "palpate/scenes/apps/import/reader.h"
@@ -25,7 +26,9 @@ struct Options {
   SmoothWidth smooth;  ///< Standard deviation of the smoothing filter; 0: no smoothing.
   /// Tolerance of the background [unit of the values], >= 0; unset: the default.
   std::optional<double> tolerance;
-  std::optional<double> iso;    ///< If set, makes a level set of the surface at this value.
+  std::optional<double> iso;  ///< If set, makes a level set of the surface at this value.
+  /// Direction of a displacement field: "backward" or "forward"; empty: backward.
+  std::string direction;
   std::string time;             ///< Empty, the number of a step, or "all".
   std::filesystem::path scene;  ///< File for the scene guess; empty: none; "-": standard output.
   bool json = false;
@@ -48,6 +51,11 @@ struct Imported {
   /// In a process group: the grid has only these bricks (BrickInput::share).
   std::optional<Share> share;
 };
+
+/// Returns true if --as states that the file is the displacement field of a registration.
+[[nodiscard]] inline bool isDisplacement(const Options& options) {
+  return options.request.as == "displacement";
+}
 
 struct Step {
   std::optional<double> time;

@@ -96,8 +96,9 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
   }
   if (first.empty()) return text;
   const std::string felt = scene.empty() ? first.string() : options.scene.string();
-  // Without a scene guess, the user must write a scene first.
-  const bool none = options.bricks || (scene.empty() && !options.scene.empty());
+  // If the scene guess failed, the volume needs a scene before the hand can feel it.
+  const bool none =
+      options.bricks || isDisplacement(options) || (scene.empty() && !options.scene.empty());
   return text + cli::words("next: palpate {} {}{}\n", none ? "info" : "feel",
                            cli::sentence(cli::shellWord(felt)), none ? "" : " --seconds 10")
                     .text();
@@ -175,6 +176,19 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
   return cli::kDone;
 }
 
+/// Throws Error for options that do not apply to displacement fields.
+void checkDisplacementOptions(const Options& options) {
+  const auto refuse = [](const char* name, bool given, const char* remedy) {
+    if (given) throw Error(name, "this option does not apply to a displacement field", remedy);
+  };
+  refuse("--bricks", options.bricks, "omit it, because a warp is in memory");
+  refuse("--scene", !options.scene.empty(),
+         "import the image with --scene, and add \"warp\" to its place");
+  refuse("--iso", options.iso.has_value(), "omit this option");
+  refuse("--tolerance", options.tolerance.has_value(),
+         "omit it, because a warp needs a displacement at each voxel");
+}
+
 void check(const Options& options) {
   if (!options.bricks) cli::checkReplaceable(options.out);
   if (options.scene != "-") cli::checkReplaceable(options.scene);
@@ -193,6 +207,12 @@ void check(const Options& options) {
                                   cli::isSamePlace(options.scene, options.request.file)))) {
     throw Error(options.out.string(), "two files of the command have the same path",
                 "give each file its own path");
+  }
+  if (isDisplacement(options)) {
+    checkDisplacementOptions(options);
+  } else if (!options.direction.empty()) {
+    throw Error("--direction", "only a displacement field has a direction",
+                "add --as displacement, or omit this option");
   }
   if (options.scene == "-" && options.json) {
     throw Error("--json", "--scene - already writes to standard output",
@@ -289,6 +309,28 @@ int importAlone(const Options& options) {
   });
 }
 
+/// Adds the options about how a file is read.
+void addReading(CLI::App& app, Options& options) {
+  Request& request = options.request;
+  app.add_option("--series", request.series,
+                 "DICOM: select a series by its number, UID or description");
+  app.add_option("--as", request.as,
+                 "Meaning of the volumes of a 4-D NIfTI, or of a MetaImage's channels: vector (3) "
+                 "or tensor (6); displacement: NIfTI, MetaImage or NRRD is the displacement field "
+                 "of a registration, for \"warp\" in a scene")
+      ->check(CLI::IsMember({"vector", "tensor", "displacement"}));
+  app.add_option("--direction", options.direction,
+                 "With --as displacement: backward, from the fixed to the moving image as in ITK, "
+                 "ANTs and elastix (default), or forward, which is inverted")
+      ->check(CLI::IsMember({"backward", "forward"}));
+  app.add_flag("--follow", request.follow,
+               "NRRD, MetaImage, .pvd: also read data files in other folders than the header's");
+  app.add_option("--solution", request.solution, "PLOT3D: the solution (Q file) of the grid IN");
+  app.add_option("--raw", request.raw,
+                 "Layout of raw values: JSON, or the path of a JSON file; keys: size, type, "
+                 "endian, components, order, skip, spacing, axes, origin, name, unit");
+}
+
 }  // namespace
 }  // namespace palpate::importer
 
@@ -321,18 +363,7 @@ int main(int argc, char** argv) {
                  "0, or 0.1 % of the range with --smooth");
   app.add_option("--time", options.time,
                  "Time step of a series, counted from 0; all: one .vdb per step; default: 0");
-  app.add_option("--series", request.series,
-                 "DICOM: select a series by its number, UID or description");
-  app.add_option("--as", request.as,
-                 "Meaning of the volumes of a 4-D NIfTI, or of a MetaImage's channels: vector (3) "
-                 "or tensor (6)")
-      ->check(CLI::IsMember({"vector", "tensor"}));
-  app.add_flag("--follow", request.follow,
-               "NRRD, MetaImage, .pvd: also read data files in other folders than the header's");
-  app.add_option("--solution", request.solution, "PLOT3D: the solution (Q file) of the grid IN");
-  app.add_option("--raw", request.raw,
-                 "Layout of raw values: JSON, or the path of a JSON file; keys: size, type, "
-                 "endian, components, order, skip, spacing, axes, origin, name, unit");
+  importer::addReading(app, options);
   app.add_option("--scene", options.scene, "Write a first scene file to edit; - prints the scene");
   app.add_flag("--bricks", options.bricks,
                "Write a folder of bricks, for volumes larger than memory");

@@ -24,6 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int kDisplacementIntent = 1006;
+constexpr int kVectorIntent = 1007;
 constexpr const char* kCheckWriter = "check the program that wrote the file";
 constexpr const char* kAsFsl =
     "along the voxel axes, as FSL writes them (x is mirrored if the axes are right-handed)";
@@ -51,6 +53,7 @@ struct Header {
   std::array<double, 3> shift{};
   std::array<double, 12> rows{};
   std::string description;
+  std::string intent_name;
 };
 
 class Fields {
@@ -101,6 +104,7 @@ Header headerFrom(const std::array<char, 540>& bytes, bool second) {
     in.take<double>(400, out.rows);
     out.units = in.at<std::int32_t>(500);
     out.intent = in.at<std::int32_t>(504);
+    out.intent_name = in.text(508, 16);
   } else {
     out.single = bytes[345] == '+';
     in.take<std::int16_t>(40, out.size);
@@ -119,6 +123,7 @@ Header headerFrom(const std::array<char, 540>& bytes, bool second) {
     in.take<float>(256, out.quaternion);
     in.take<float>(268, out.shift);
     in.take<float>(280, out.rows);
+    out.intent_name = in.text(328, 16);
   }
   out.step = out.spacing[4];
   for (std::size_t i = 1; i < 8; ++i) {
@@ -181,19 +186,53 @@ class NiftiReader final : public Reader {
       values = picked(values, as_components_ ? kUpperTriangle : kLowerTriangle);
     }
     if (as_components_) values = turned(values, fslFrame(image.file_from_index));
+    const char* units[] = {"", "m", "mm", "um"};
+    if ((header_.units & 7) < 4) content.length_unit = units[header_.units & 7];
+    if (isDisplacement()) values = turned(values, fromItk(content.length_unit));
     const char* names[] = {"density", "vector", "tensor"};
     image.arrays.push_back({names[static_cast<int>(meaning_)], values, "", "", axial_});
     content.pieces.push_back(std::move(image));
     content.description = header_.description;
-    content.patient = header_.sform > 0 || header_.qform > 0;
-    const char* units[] = {"", "m", "mm", "um"};
-    if ((header_.units & 7) < 4) content.length_unit = units[header_.units & 7];
+    content.patient = hasForm();
     return content;
   }
 
  private:
   [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const {
     throw VolumeError(file_, why, remedy);
+  }
+
+  [[nodiscard]] bool isDisplacement() const { return request_.as == "displacement"; }
+  [[nodiscard]] bool hasForm() const { return header_.sform > 0 || header_.qform > 0; }
+
+  /// Returns the map from ITK's vectors, which are along LPS in mm, to RAS in the file's unit.
+  static Mat3 fromItk(const std::string& unit) {
+    double per_mm = 1.0;
+    if (unit == "m") per_mm = 1e-3;
+    if (unit == "um") per_mm = 1e3;
+    return Vec3(-per_mm, -per_mm, per_mm).asDiagonal();
+  }
+
+  /// Throws VolumeError if the header does not describe displacements as ITK writes them.
+  void checkDisplacement() const {
+    constexpr const char* kByItk =
+        "export the field with ITK, ANTs or elastix, or as .nrrd or .mhd";
+    if (header_.size[5] != 3 ||
+        (header_.intent != kDisplacementIntent && header_.intent != kVectorIntent)) {
+      refuse(fmt::format("the header has the intent {} and the size {} along the fifth axis, but a "
+                         "displacement has 1006 or 1007, and 3",
+                         header_.intent, header_.size[5]),
+             kByItk);
+    }
+    if (header_.intent_name.starts_with("NREG_TRANS")) {
+      refuse("NiftyReg wrote the field, and its vectors are not those of ITK", kByItk);
+    }
+    if (!hasForm()) {
+      refuse(
+          "the header has neither an sform nor a qform, so the axes of its displacements are "
+          "unknown",
+          "write one of them, for example with fslorient");
+    }
   }
 
   void classify() {
@@ -204,14 +243,19 @@ class NiftiReader final : public Reader {
              "export the image with 3, 4 or 5 dimensions");
     }
     series_ = size[4] > 1;
-    constexpr int kDisplacement = 1006;
-    constexpr int kVector = 1007;
     if (size[4] == 3 && size[5] == 1 &&
-        (header_.intent == kVector || header_.intent == kDisplacement)) {
-      // Some files store components as time steps. The intent code says that they are components.
+        (header_.intent == kVectorIntent || header_.intent == kDisplacementIntent)) {
+      // Some files store components as time steps; the intent code says that they are components.
       header_.size[5] = 3;
       header_.size[4] = 1;
       series_ = false;
+    }
+    if (isDisplacement()) {
+      checkDisplacement();
+      meaning_ = Meaning::kVector;
+      notes_.emplace_back(
+          "components are read along x (left), y (back) and z (up) in mm, as ITK writes them");
+      return;
     }
     if (size[5] > 1) {
       constexpr int kSymmetricMatrix = 1005;

@@ -189,6 +189,10 @@ class NrrdReader final : public Reader {
       case nrrdKindTime:
       case nrrdKindList:
         if (size == 1) return;
+        if (size == 3 && request_.as == "displacement" &&
+            (kind == nrrdKindList || kind == nrrdKindUnknown)) {
+          return component(Meaning::kVector);
+        }
         if (series_ >= 0)
           refuse("two axes are lists or times, and palpate imports only one", "export one of them");
         series_ = axis;

@@ -123,7 +123,8 @@ struct Request {
   std::filesystem::path solution;  ///< For PLOT3D: solution file of the grid file.
   std::string raw;                 ///< Layout of a file without header: JSON, or the path of JSON.
   std::string series;              ///< For DICOM: number, UID or description of the series.
-  /// Meaning of a series of 3 or 6 steps: "vector" or "tensor"; empty: time steps.
+  /// Meaning of a series of 3 or 6 steps: "vector" or "tensor"; empty: time steps. "displacement":
+  /// vectors as ITK writes them, along LPS; a reader converts them as it converts positions.
   std::string as;
   bool follow = false;  ///< True: a header may name data files outside its folder.
   Progress progress;
