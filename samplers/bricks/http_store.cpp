@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks/http_keys.h"
 #include "palpate/samplers/module.h"
 
 namespace palpate {
@@ -37,6 +38,8 @@ bool isAddress(std::string_view name) noexcept {
 struct HttpRequest final : ObjectRequest {
   std::unique_ptr<CURL, EndsEasy> easy;
   bool too_long = false;
+  bool followed = false;  ///< It has followed a redirection.
+  bool keyed = false;     ///< It sends a key.
 };
 
 std::optional<std::string_view> valueOf(std::string_view line, std::string_view name) noexcept {
@@ -91,10 +94,18 @@ std::size_t readHeader(const char* bytes, std::size_t size, std::size_t count, v
   return 0;
 }
 
-/// For libcurl: appends received bytes. No exception may pass through libcurl.
+bool isRedirection(long code) noexcept {
+  return code == 301 || code == 302 || code == 303 || code == 307 || code == 308;
+}
+
+/// For libcurl: appends received bytes, except those of a redirection. No exception may pass
+/// through libcurl.
 std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void* to) noexcept {
   auto& request = *static_cast<HttpRequest*>(to);
   const std::size_t more = size * count;
+  long code = 0;
+  curl_easy_getinfo(request.easy.get(), CURLINFO_RESPONSE_CODE, &code);
+  if (isRedirection(code)) return more;
   const std::size_t kept = std::min(more, request.limit - request.body.size());
   request.last = std::chrono::steady_clock::now();
   request.too_long = kept < more;
@@ -120,6 +131,14 @@ void conclude(HttpRequest& request, CURLcode how) noexcept {
   curl_easy_getinfo(request.easy.get(), CURLINFO_RESPONSE_CODE, &code);
   if (code == 404 || code == 410) {
     request.status = BrickStatus::kMissing;
+  } else if (isRedirection(code)) {
+    request.fail(request.followed ? "the server redirects twice, with status"
+                                  : "the server redirects to another host, with status",
+                 code);
+  } else if (code == 401) {
+    request.fail(request.keyed ? "the server rejects the key in PALPATE_HTTP_KEYS, with status"
+                               : "the server requires a key in PALPATE_HTTP_KEYS, with status",
+                 code);
   } else if (code != 0 && code != 200 && !(request.part && code == 206)) {
     request.fail("the server answers with status", code);
   } else if (request.why != nullptr) {
@@ -137,8 +156,12 @@ void conclude(HttpRequest& request, CURLcode how) noexcept {
 
 class HttpStore final : public ObjectStore {
  public:
-  HttpStore(std::string address, const StoreParams& params)
-      : address_(std::move(address)), params_(params), multi_(curl_multi_init()) {
+  HttpStore(std::string address, HttpOrigin origin, const StoreParams& params)
+      : address_(std::move(address)),
+        origin_(std::move(origin)),
+        key_(findHttpKey(origin_)),
+        params_(params),
+        multi_(curl_multi_init()) {
     if (!multi_) throw VolumeError("libcurl", kNoMemory, "end other programs to free memory");
     // One more connection checks whether the volume exists.
     const long most = std::clamp(params.connections, 1, 32) + 1L;
@@ -175,16 +198,19 @@ class HttpStore final : public ObjectStore {
     auto& request = static_cast<HttpRequest&>(of);
     CURL* const easy = request.easy.get();
     // A long object may take long while bytes arrive, but all tries share one deadline.
-    const auto left = std::chrono::ceil<std::chrono::milliseconds>(
-        params_.opened - (std::chrono::steady_clock::now() - request.last));
-    curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, std::max(1L, static_cast<long>(left.count())));
+    const auto deadline = request.last + params_.opened;
+    const auto perform = [&] {
+      const auto left =
+          std::chrono::ceil<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
+      curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, std::max(1L, static_cast<long>(left.count())));
+      return curl_easy_perform(easy);
+    };
     const auto seconds = std::chrono::ceil<std::chrono::seconds>(params_.stalled).count();
     curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, 1'000L);
     curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, static_cast<long>(seconds)));
-    curl_easy_setopt(easy, CURLOPT_MAXFILESIZE_LARGE, static_cast<curl_off_t>(request.limit));
     if (!aim(name, request)) return;
-    const CURLcode how = curl_easy_perform(easy);
-    request.too_long = request.too_long || how == CURLE_FILESIZE_EXCEEDED;
+    CURLcode how = perform();
+    if (follow(request)) how = perform();
     conclude(request, how);
   }
 
@@ -217,16 +243,56 @@ class HttpStore final : public ObjectStore {
  private:
   [[nodiscard]] bool aim(const std::string& name, HttpRequest& request) noexcept {
     request.too_long = false;
+    request.followed = false;
     try {
       const std::string range = "0-" + std::to_string(std::max<std::size_t>(request.limit, 1) - 1);
       CURL* const easy = request.easy.get();
       curl_easy_setopt(easy, CURLOPT_URL, (address_ + "/" + name).c_str());
+      setKey(request, key_.has_value());
       curl_easy_setopt(easy, CURLOPT_RANGE, request.part ? range.c_str() : nullptr);
       return true;
     } catch (const std::bad_alloc&) {
       request.fail(kNoMemory);
       return false;
     }
+  }
+
+  /// Sets whether a request sends the key.
+  void setKey(HttpRequest& request, bool sent) noexcept {
+    CURL* const easy = request.easy.get();
+    request.keyed = sent;
+    const bool token = sent && !key_->token.empty();
+    curl_easy_setopt(easy, CURLOPT_HTTPAUTH, token ? CURLAUTH_BEARER : CURLAUTH_BASIC);
+    curl_easy_setopt(easy, CURLOPT_XOAUTH2_BEARER, token ? key_->token.c_str() : nullptr);
+    curl_easy_setopt(easy, CURLOPT_USERNAME, sent && !token ? key_->name.c_str() : nullptr);
+    curl_easy_setopt(easy, CURLOPT_PASSWORD, sent && !token ? key_->password.c_str() : nullptr);
+    // A proxy would see a key that is sent over http. Such a key is for this machine.
+    curl_easy_setopt(easy, CURLOPT_PROXY, sent && origin_.scheme == "http" ? "" : nullptr);
+  }
+
+  /// If the answer redirects an ended request to the same host, for the first time, prepares the
+  /// request for the new address and returns true. The key goes only to the server that it is for,
+  /// and https is never left.
+  [[nodiscard]] bool follow(HttpRequest& request) noexcept {
+    CURL* const easy = request.easy.get();
+    long code = 0;
+    char* to = nullptr;
+    curl_easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &code);
+    curl_easy_getinfo(easy, CURLINFO_REDIRECT_URL, &to);
+    if (!isRedirection(code) || request.followed || to == nullptr) return false;
+    try {
+      const std::string address = to;
+      const std::optional<HttpOrigin> origin = httpOriginOf(address);
+      if (!origin || origin->host != origin_.host) return false;
+      if (origin_.scheme == "https" && origin->scheme != "https") return false;
+      curl_easy_setopt(easy, CURLOPT_URL, address.c_str());
+      setKey(request, key_.has_value() && *origin == origin_);
+    } catch (const std::bad_alloc&) {
+      request.why = kNoMemory;
+      return false;
+    }
+    request.followed = true;
+    return true;
   }
 
   [[nodiscard]] HttpRequest* nextEnded() noexcept {
@@ -237,27 +303,31 @@ class HttpStore final : public ObjectStore {
       const CURLcode how = message->data.result;
       HttpRequest* request = nullptr;
       curl_easy_getinfo(easy, CURLINFO_PRIVATE, &request);
-      conclude(*request, how);
       curl_multi_remove_handle(multi_.get(), easy);
+      if (follow(*request) && curl_multi_add_handle(multi_.get(), easy) == CURLM_OK) continue;
+      conclude(*request, how);
       return request;
     }
     return nullptr;
   }
 
   std::string address_;
+  HttpOrigin origin_;
+  std::optional<HttpKey> key_;
   StoreParams params_;
   std::unique_ptr<CURLM, EndsMulti> multi_;
 };
 
 std::unique_ptr<ObjectStore> openHttp(const std::string& address, const StoreParams& params) {
-  if (!isAddress(address)) {
+  const std::optional<HttpOrigin> origin = httpOriginOf(address);
+  if (!isAddress(address) || !origin) {
     throw VolumeError(address, "it is not an address of a folder",
                       "give http://host/folder, without a user, ? or #");
   }
   beginCurl();
   std::string folder = address;
   while (folder.back() == '/') folder.pop_back();
-  return std::make_unique<HttpStore>(std::move(folder), params);
+  return std::make_unique<HttpStore>(std::move(folder), *origin, params);
 }
 
 }  // namespace

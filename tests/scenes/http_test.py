@@ -4,6 +4,7 @@
 Apache serves correct answers; a Python server serves wrong ones. All programs run on this machine's loopback, or in
 networks of their own with a relay between them.
 """
+import base64
 import functools
 import http.server
 import json
@@ -23,6 +24,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 import suite  # noqa: E402
 from bowl import PALPATE, PATIENCE, Case, Ended, Stored, free_port, run  # noqa: E402
+from refusals import refusal  # noqa: E402
 
 RELAY = str(Path(sys.argv[2]).resolve())
 APACHE = shutil.which("apache2", path=os.environ.get("PATH", "") + ":/usr/sbin")
@@ -210,7 +212,8 @@ class Wrong(Case):
         self.refused(self.served_badly(lambda path: None).replace("/bowl", "/nothing"), "not a volume in bricks")
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"", 503)), "answers with status 503")
         self.refused(self.served_badly(
-            lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])), "answers with status 302")
+            lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])),
+                     "redirects to another host, with status 302")
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"x" * 100)), "palpate.bricks")
 
     @suite.smoke
@@ -236,6 +239,97 @@ class Wrong(Case):
         self.assertEqual(told["bricks"]["bowl"]["failed"], 0)
         self.assertGreater(told["bricks"]["bowl"]["fetched"], 0)
         self.assertGreater(told["force_max"], 1)
+
+    def keys(self, *lines, mode=0o600):
+        """Writes a file of keys, and names it in the environment until the test ends."""
+        file = self.dir / "keys"
+        file.unlink(missing_ok=True)
+        file.touch(mode)
+        file.chmod(mode)
+        file.write_text("".join(line + "\n" for line in lines))
+        os.environ["PALPATE_HTTP_KEYS"] = str(file)
+        self.addCleanup(os.environ.pop, "PALPATE_HTTP_KEYS", None)
+        return file
+
+    def locked(self, authorization, seen=None):
+        """Returns an address that answers only requests with this header."""
+        def answer(of):
+            got = of.headers.get("Authorization")
+            if seen is not None:
+                seen.append(got)
+            if got == authorization:
+                http.server.SimpleHTTPRequestHandler.do_GET(of)
+            else:
+                of.give(b"who?", 401)
+        return self.served_badly(lambda path: answer)
+
+    @suite.smoke
+    def test_a_server_gets_its_password_or_token(self):
+        basic = "Basic " + base64.b64encode(b"anna:a b:c").decode()
+        for authorization, key in ((basic, "basic anna a b:c"), ("Bearer t0k.en", "bearer t0k.en")):
+            address = self.locked(authorization)
+            origin = address.removesuffix("/bowl")
+            os.environ.pop("PALPATE_HTTP_KEYS", None)
+            self.refused(address, "the server requires a key in PALPATE_HTTP_KEYS, with status 401")
+            self.keys("# keys", "", "https://elsewhere bearer x", f"{origin} {key}")
+            _, told, said = self.feel(address)
+            self.assertEqual(told["bricks"]["bowl"]["failed"], 0)
+            self.assertNotIn("t0k", said)
+            self.keys(f"{origin} bearer wrong")
+            self.refused(address, "the server rejects the key in PALPATE_HTTP_KEYS, with status 401")
+
+    @suite.smoke
+    def test_a_file_of_keys_that_others_can_read_or_that_is_invalid_is_refused(self):
+        address = self.served_badly(lambda path: None)
+        origin = address.removesuffix("/bowl")
+        self.feel(address)
+        for mode in (0o640, 0o604, 0o620):
+            self.keys(f"{origin} bearer secret", mode=mode)
+            self.refused(address, "other users can read it or change it: own it, and run chmod 600 on it")
+        for line in (origin, f"{origin} bearer", f"{origin} bearer two secrets", f"{origin} basic secret",
+                     f"{origin} digest a secret", "ftp://a bearer secret", "https://a:secret@b bearer secret",
+                     f"{origin} bearer secret\r", f"{origin} basic a:b secret"):
+            self.keys("https://a bearer secret", line)
+            _, said = refusal(self, self.dir, lambda: run("feel", address, "--seconds", 1, status=2))
+            self.assertIn("line 2 is not a server with its key", said, line)
+            self.assertNotIn("secret", said)
+        self.keys("http://10.0.0.9 bearer secret")
+        self.refused(address, "line 1 has a key for http, which does not encrypt it")
+        self.keys("x" * 70000)
+        self.refused(address, "it has more than 64 kB")
+        os.environ["PALPATE_HTTP_KEYS"] = str(self.dir / "none")
+        self.refused(address, "it cannot be read")
+        os.environ["PALPATE_HTTP_KEYS"] = str(self.dir)
+        self.refused(address, "it is not a file")
+
+    def moved(self, to, more=b""):
+        """Returns an address whose folder has moved to `to`. The body of the redirection ends with `more`."""
+        def answer(path):
+            if not path.startswith("/bowl"):
+                return None
+            return lambda of: of.give(b"gone" + more, 302, [("Location", to + path.removeprefix("/bowl"))])
+        return self.served_badly(answer)
+
+    @suite.smoke
+    def test_one_redirection_to_the_same_host_is_followed(self):
+        (self.dir / "new").symlink_to("bowl")
+        self.addCleanup((self.dir / "new").unlink)
+        here, _, _ = self.feel(str(self.dir / "bowl"))
+        there, told, _ = self.feel(self.moved("/new", b"x" * 2_000_000))
+        self.assertEqual(here, there)
+        self.assertEqual(told["bricks"]["bowl"]["failed"], 0)
+        twice = self.moved("/bowl/bowl")
+        self.refused(twice, "redirects twice, with status 302")
+        for elsewhere in ("http://localhost:1/new", "ftp://127.0.0.1/new", "http://a@127.0.0.1:1/new"):
+            self.refused(self.moved(elsewhere), "redirects to another host, with status 302")
+
+    def test_a_key_is_not_sent_to_the_target_of_a_redirection_to_another_port(self):
+        seen = []
+        other = self.locked(None, seen)
+        address = self.moved(other)
+        self.keys(address.removesuffix("/bowl") + " bearer secret")
+        self.feel(address)
+        self.assertEqual(set(seen), {None})
 
     def served_badly(self, wrong, secret=None):
         """Returns the address of a server whose answer to each path is `wrong(path)`, or the correct one if that is

@@ -387,7 +387,6 @@ class IgtlTest(unittest.TestCase):
     def test_an_invalid_message_ends_only_its_own_connection(self):
         run = self.start()
         good = self.connect(run)
-        voxels = [0] * (SIZE[0] * SIZE[1] * SIZE[2])
         hostile = {
             "bad checksum": message("TRANSFORM", "PalpateSteer", transform(1, 2, 3), crc=1),
             "bad checksum of what is skipped": message("POINT", "x", b"1234", crc=1),
@@ -401,16 +400,6 @@ class IgtlTest(unittest.TestCase):
             "no number": message("TRANSFORM", "PalpateSteer", transform(float("nan"), 0, 0)),
             "infinite": message("TRANSFORM", "PalpateSteer", transform(0, float("inf"), 0)),
             "too far": message("TRANSFORM", "PalpateSteer", transform(0, 1e30, 0)),
-            "an image without a header": message("IMAGE", "head", b"12"),
-            "an image that is cut": message("IMAGE", "head", image(voxels[:-1], SIZE)),
-            "an image that is longer": message("IMAGE", "head", image(voxels + [1], SIZE)),
-            "a part of an image": message("IMAGE", "head", image(voxels, SIZE, part=(1, 1, 1))),
-            "a flat image": message("IMAGE", "head", image(voxels, SIZE, spacing=0.0)),
-            "an image nowhere": message("IMAGE", "head",
-                                        image(voxels, SIZE, middle=(float("nan"), 0, 0))),
-            "an empty image": message("IMAGE", "head", image([], (0, 12, 12))),
-            "a large image of nothing": message("IMAGE", "head", image([], (65535,) * 3)),
-            "two components": message("IMAGE", "head", image(voxels, SIZE, components=2)),
             "extended beyond its end": message("TRANSFORM", "PalpateSteer", struct.pack(
                 ">HHIi", 60000, 60000, 2**32 - 1, 0) + transform(0, 0, 0)).replace(
                     b"\0\1TRANS", b"\0\2TRANS", 1),
@@ -431,6 +420,41 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(len(lines) + sum(map(int, counted)), len(hostile))  # including the last ones
         for line in lines:
             self.assertTrue(line.startswith("palpate: "), line)
+
+    def test_a_refused_image_is_answered_and_its_connection_continues(self):
+        run = self.start()
+        client, other = self.connect(run), self.connect(run)
+        voxels = [0] * (SIZE[0] * SIZE[1] * SIZE[2])
+        not_finite = wall(0)
+        not_finite[7] = float("nan")
+        refused = {
+            "an image without a header": message("IMAGE", "head", b"12"),
+            "an image that is cut": message("IMAGE", "head", image(voxels[:-1], SIZE)),
+            "an image that is longer": message("IMAGE", "head", image(voxels + [1], SIZE)),
+            "a part of an image": message("IMAGE", "head", image(voxels, SIZE, part=(1, 1, 1))),
+            "a flat image": message("IMAGE", "head", image(voxels, SIZE, spacing=0.0)),
+            "an image nowhere": message("IMAGE", "head",
+                                        image(voxels, SIZE, middle=(float("nan"), 0, 0))),
+            "an empty image": message("IMAGE", "head", image([], (0, 12, 12))),
+            "a large image of nothing": message("IMAGE", "head", image([], (65535,) * 3)),
+            "two components": message("IMAGE", "head", image(voxels, SIZE, components=2)),
+            # The image's values are checked when the scene is built; the previous scene continues.
+            "a value that is not finite": message("IMAGE", "head", image(not_finite, SIZE, scalar=10)),
+        }
+        for what, data in refused.items():
+            client.socket.sendall(data)
+            code, why = client.until("STATUS")
+            self.assertEqual(code, 10, what)
+            self.assertRegex(why, "head.*: .*: ", what)
+            self.assertNotIn("head: the image is active", "".join(run.errors), what)
+        # Only the sender gets the answer; all clients get the result of the last image.
+        told = json.loads(client.until("STRING", "PalpateStatus", lambda text: json.loads(text)["image"]))
+        self.assertIn("are NaN", told["image"])
+        other.send("GET_STATUS", "x", b"")
+        self.assertEqual(other.until("STATUS")[0], 1)
+        client.send("IMAGE", "head", image([int(v) for v in wall(1)], SIZE))
+        run.said("image is active")
+        self.assertEqual(run.end()["igtl"]["ended"], 0)
 
     def test_unknown_messages_are_answered_or_skipped(self):
         run = self.start("--record", self.folder / "felt.rec", device="simulated")
@@ -459,11 +483,6 @@ class IgtlTest(unittest.TestCase):
         client.send("IMAGE", b"\x1b[2J", image([0], (1, 1, 1)))
         self.assertEqual(client.until("STATUS")[0], 4)
         self.assertNotIn("\x1b", "".join(run.errors))
-        # The values of an image are checked when the scene is built. On an error the previous scene stays.
-        values = wall(0)
-        values[7] = float("nan")
-        client.send("IMAGE", "head", image(values, SIZE, scalar=10))
-        client.until("STRING", "PalpateStatus", lambda text: json.loads(text)["image"])
         client.until("TRANSFORM", "PalpateHand")
         self.assertEqual(run.end()["igtl"]["ended"], 0)
 

@@ -653,7 +653,8 @@ class Far(Case):
             self.scene.write_text(before.replace('"strength": 2', '"strength": 3'))
 
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
-        said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch"),
+        # A does not name B's machine. --with opens a site to other machines; it is not a list of permitted machines.
+        said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.9", "--watch"),
                             self.words("B", hands[1], 6, "--with", "10.77.0.1"), act=act)
         self.assertIn("site A: its hand is connected", said)
         self.assertIn("has changed: the new scene is active", said)

@@ -213,7 +213,8 @@ void addSite(CLI::App& verb, FeelOptions& options) {
       "NAME[@DOMAIN]: link this hand with hands at other sites, and share edits of the scene; "
       "other machines need --with, and shared edits also --site-keys (docs/sites.md)");
   verb.add_option("--with", options.with,
-                  "With --site: address of another machine with sites; may be repeated");
+                  "With --site: address of another machine with sites; may be repeated. Sites of "
+                  "machines that are not named can connect too: only --site-keys restricts them");
   verb.add_option("--site-keys", options.site_keys,
                   "With --site: folder of keys from site_keys.sh; links only to sites with such "
                   "keys, encrypted");

@@ -214,8 +214,8 @@ void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands
       next_image = now + kBetweenImages;
     }
   }
-  const std::string news = watcher.takeNews();
-  if (!news.empty()) server.tell(news);
+  const Watcher::ImageNews news = watcher.takeNews();
+  if (!news.text.empty()) server.tell(news.text, news.refused);
 }
 
 }  // namespace

@@ -161,12 +161,12 @@ std::optional<BuiltScene> Watcher::takeBuilt() {
   try {
     return adopt(made_.get(), image.get());
   } catch (const std::bad_alloc&) {
-    if (image != nullptr) news_ = image->name + ": not enough memory for this image";
+    if (image != nullptr) news_ = {image->name + ": not enough memory for this image", true};
     complain(file_ +
              ": not enough memory for a second scene: use smaller volumes; the previous scene "
              "stays active");
   } catch (const std::exception& error) {
-    if (image != nullptr) news_ = error.what();
+    if (image != nullptr) news_ = {error.what(), true};
     complain(std::string(error.what()) + "; the previous scene stays active");
   }
   // The gains may still be valid, so the next build tries them with the present scene.
@@ -185,8 +185,8 @@ std::optional<BuiltScene> Watcher::adopt(Made made, const IgtlImage* image) {
   if (made.same) return std::nullopt;
   replaced_ = std::move(made.replaced);
   if (image != nullptr) {
-    news_ = image->name + ": the image is active";
-    sayAside("feel: {}\n", sentence(news_));
+    news_ = {image->name + ": the image is active", false};
+    sayAside("feel: {}\n", sentence(news_.text));
   }
   felt_ = tried_;
   if (edited_) next_edits_ = std::chrono::steady_clock::now() + kBetweenEdits;

@@ -61,8 +61,13 @@ class Watcher {
   }
   /// From the next look() on, `image` replaces the volume with its name, in later scenes too.
   void replace(std::shared_ptr<const IgtlImage> image) { image_ = std::move(image); }
-  /// Returns the message about the last image, once; otherwise an empty text.
-  [[nodiscard]] std::string takeNews() { return std::exchange(news_, {}); }
+  /// Result of an image.
+  struct ImageNews {
+    std::string text;      ///< Empty: no result.
+    bool refused = false;  ///< True if the previous volume remains.
+  };
+  /// Returns the result of the last image, once; otherwise an empty text.
+  [[nodiscard]] ImageNews takeNews() { return std::exchange(news_, {}); }
   /// Starts a build after a change. Returns the new scene once it is built; otherwise no value.
   std::optional<BuiltScene> look();
   [[nodiscard]] std::vector<LiveDial> dials() const { return inOrder(felt_, ids_); }
@@ -136,7 +141,7 @@ class Watcher {
   std::map<std::string, std::shared_ptr<const Volume>> replaced_;  ///< Volumes from images.
   std::shared_ptr<const IgtlImage> image_;  ///< Image for the present or the next build.
   bool making_image_ = false;
-  std::string news_;
+  ImageNews news_;
   std::future<Made> made_;
 };
 

@@ -13,7 +13,9 @@
 
 namespace palpate {
 
-/// A site's identity and its peers.
+/// Identity of a site, and its peers. The site announces itself to the machines of `with`. The list
+/// is not a filter: if it is not empty, sites on other machines can connect too. Only `keys`
+/// restricts the peers.
 struct SiteParams {
   std::string name;               ///< Unique name: at most 31 letters, digits, - and _.
   int domain = 0;                 ///< DDS domain, 0 to 230. Only sites of the same domain link.

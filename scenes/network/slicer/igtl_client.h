@@ -32,7 +32,8 @@ struct IgtlServer::Client {
   /// Limit of the data that wait for the client [bytes].
   static constexpr std::size_t kMostOut = 1U << 16U;
 
-  int socket = -1;  ///< -1: the connection has ended.
+  std::uint64_t number = 0;  ///< Identifies the client; unique in the run.
+  int socket = -1;           ///< -1: the connection has ended.
   std::string peer;
   At at = At::kHead;
   std::array<std::uint8_t, kIgtlHead> head_bytes{};

@@ -40,6 +40,7 @@ enum class IgtlCode : std::uint16_t {
   kNotFound = 4,
   kDenied = 5,
   kBusy = 6,
+  kInvalid = 10,  ///< "Configuration error": the data cannot be used.
   kUnknown = 12,
   kDisabled = 15,
 };

@@ -145,13 +145,7 @@ void IgtlServer::endBody(Client& client) {
     }
     return;
   }
-  if (head.type == "IMAGE") {
-    auto image = std::make_shared<const IgtlImage>(readIgtlImage(head, std::move(body)));
-    ++counts_->images;
-    const std::lock_guard lock(mutex_);
-    image_ = std::move(image);
-    return;
-  }
+  if (head.type == "IMAGE") return keepImage(client, head, std::move(body));
   const ByteView content = igtlContent(head, body);
   if (head.type == "STRING") {
     const std::string words = readIgtlString(content);
@@ -170,6 +164,34 @@ void IgtlServer::endBody(Client& client) {
   (void)stage_.refresh();
   const Vec3 p_W = stage_.current().first(place);
   aim_.write({{p_W.x(), p_W.y(), p_W.z()}});
+}
+
+void IgtlServer::keepImage(Client& client, const IgtlHead& head, Bytes body) {
+  std::shared_ptr<const IgtlImage> image;
+  try {
+    image = std::make_shared<const IgtlImage>(readIgtlImage(head, std::move(body)));
+  } catch (const Error& error) {
+    // The size and the checksum of the message are right, so the connection continues.
+    complaints_.say("igtl: " + client.peer + ": " + error.what());
+    return reply(client, IgtlCode::kInvalid, error.what());
+  }
+  ++counts_->images;
+  const std::lock_guard lock(mutex_);
+  image_ = std::move(image);
+  sender_ = client.number;
+}
+
+void IgtlServer::answerRefusal() {
+  Refusal refusal;
+  {
+    const std::lock_guard lock(mutex_);
+    refusal = std::exchange(refusal_, {});
+  }
+  if (refusal.why.empty()) return;
+  for (const auto& client : clients_) {
+    if (client->socket < 0 || client->number != refusal.client) continue;
+    reply(*client, IgtlCode::kInvalid, refusal.why);
+  }
 }
 
 void IgtlServer::obey(Client& client, const std::string& words) {

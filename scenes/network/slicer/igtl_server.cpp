@@ -161,13 +161,15 @@ void IgtlServer::show(const IgtlShown& shown) {
   shown_.publish();
 }
 
-void IgtlServer::tell(const std::string& news) {
+void IgtlServer::tell(const std::string& news, bool refused) {
   const std::lock_guard lock(mutex_);
   news_ = sentence(news).text();
+  if (refused) refusal_ = {taken_from_, news};
 }
 
 std::shared_ptr<const IgtlImage> IgtlServer::takeImage() {
   const std::lock_guard lock(mutex_);
+  taken_from_ = sender_;
   return std::exchange(image_, nullptr);
 }
 
@@ -223,6 +225,7 @@ void IgtlServer::round() {
       drop(client, error.what());
     }
   }
+  answerRefusal();
   if ((wanted.back().revents & POLLIN) != 0) accept();
   complaints_.look();
   greetings_.look();
@@ -271,6 +274,7 @@ void IgtlServer::accept() {
     setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
     setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &kSocketBuffer, sizeof kSocketBuffer);
     clients_.push_back(std::make_unique<Client>(socket, shownPlace(from, size)));
+    clients_.back()->number = static_cast<std::uint64_t>(counts_->connections);
     clients_.back()->took = nowNs();
     clients_.back()->waits = crowded;
     if (crowded) continue;

@@ -76,9 +76,10 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void cuts(std::vector<HapticThread*> hands);
   void expect(const BuiltScene& scene);
   void show(const IgtlShown& shown);
-  /// Sets the result of the last image, which the status message shows to all clients.
-  void tell(const std::string& news);
-  /// Returns a new image once, or null. Before this call, further images get the answer kBusy.
+  /// Reports the result of the image that was taken last to all clients. If the image was refused,
+  /// its sender also gets a STATUS.
+  void tell(const std::string& news, bool refused);
+  /// Returns a new image once, or null. Until then, other images get the answer kBusy.
   [[nodiscard]] std::shared_ptr<const IgtlImage> takeImage();
   [[nodiscard]] OrderedJson summary() const;
 
@@ -111,6 +112,10 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void feed(Client& client, ByteView bytes);
   void beginBody(Client& client);
   void endBody(Client& client);
+  /// Keeps an image for takeImage(), or answers that it is invalid.
+  void keepImage(Client& client, const IgtlHead& head, Bytes body);
+  /// Sends the refusal of an image to its sender.
+  void answerRefusal();
   void obey(Client& client, const std::string& words);
   void reply(Client& client, IgtlCode code, const std::string& text);
   void send();
@@ -140,6 +145,14 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::vector<HapticThread*> hands_;
   bool cut_asked_ = false;  ///< True if a client has requested a cut before cuts() was called.
   std::shared_ptr<const IgtlImage> image_;
+  /// Client that has sent `image_`, and client whose image was taken last; 0: none.
+  std::uint64_t sender_ = 0;
+  std::uint64_t taken_from_ = 0;
+  struct Refusal {
+    std::uint64_t client = 0;
+    std::string why;  ///< Empty: no refusal.
+  };
+  Refusal refusal_;  ///< Refusal of an image that its sender does not know yet.
   std::string news_;
 
   std::int64_t next_ = 0;  ///< Time at which the next messages are sent [ns].

@@ -1,0 +1,37 @@
+/// Private to the module palpate_http.so: names, passwords and tokens for web servers.
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace palpate {
+
+/// Scheme, host and port of an address, in the form that libcurl gives them.
+struct HttpOrigin {
+  std::string scheme;
+  std::string host;
+  std::string port;  ///< Never empty.
+
+  [[nodiscard]] bool operator==(const HttpOrigin&) const = default;
+};
+/// Returns the origin of an address; no value if it is invalid, or contains a user.
+[[nodiscard]] std::optional<HttpOrigin> httpOriginOf(const std::string& address);
+
+/// The secret for a server: a token, or a name and a password if the token is empty.
+struct HttpKey {
+  std::string name;
+  std::string password;
+  std::string token;
+};
+
+/// Returns the key for a server, from the file that the environment variable PALPATE_HTTP_KEYS
+/// names. Returns no value if the variable is not set, or if the file has no line for the server.
+///
+/// A line is `ADDRESS basic NAME PASSWORD` or `ADDRESS bearer TOKEN`. ADDRESS is that of the
+/// server, such as https://server:8443. A password may contain spaces. Empty lines and lines that
+/// begin with # are skipped. Throws VolumeError, without any text of the file, in these cases: the
+/// file cannot be read; another user can read it; a line is invalid; a key would be sent over http
+/// to another machine.
+[[nodiscard]] std::optional<HttpKey> findHttpKey(const HttpOrigin& origin);
+
+}  // namespace palpate
