@@ -24,6 +24,15 @@ std::uint64_t shapeOf(const Graph& graph, std::uint64_t shape) {
   return shape;
 }
 
+/// Returns Scene::still.
+bool isStill(const Scene& scene) noexcept {
+  const auto acts_anywhere = [](const Mode& mode) {
+    return std::holds_alternative<GuideMode>(mode) || std::holds_alternative<UserMode>(mode);
+  };
+  return scene.parts.empty() && scene.graph.motions.empty() &&
+         std::none_of(scene.graph.modes.begin(), scene.graph.modes.end(), acts_anywhere);
+}
+
 }  // namespace
 
 std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
@@ -69,6 +78,7 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
   }
   scene->bounds = BroadPhase(boxes);
   scene->parts = std::move(parts);
+  scene->still = isStill(*scene);
   return scene;
 }
 

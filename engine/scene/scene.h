@@ -67,6 +67,9 @@ struct Scene {
   CouplingParams coupling;
   StepParams step;      ///< Accuracy of the motion within each tick.
   SolverParams solver;  ///< Stopping criteria of each balance. makeScene leaves the defaults.
+  /// True if forces come only from volumes at rest: without parts, motions, guides and user-defined
+  /// modes. The proxy of a hand far from all data is then at the hand.
+  bool still = false;
 };
 
 /// Returns the fields that a tick reads at p_W [m]: those of modes whose support contains p_W and

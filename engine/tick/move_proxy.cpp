@@ -16,6 +16,9 @@ namespace {
 constexpr int kMostStrays = 16;
 /// Largest distance that a waiting proxy is pulled through surfaces that cannot hold it [voxels].
 constexpr int kMostStrides = 4;
+/// After this number of free ticks, properties and memories are those of a place without data. They
+/// stay so while the way is empty, and a tick need not read.
+constexpr int kSettled = 2;
 constexpr double kFree = 1e-9;  ///< [m]: a proxy within this distance of the probe counts as free
 /// A reading that advances less than this share of the tolerance stalls. Two stalls end the slice.
 constexpr double kStalls = 0.1;
@@ -260,11 +263,41 @@ void moveBodies(Tick& tick, int slice, int slices) noexcept {
   }
 }
 
+/// Returns true if no path from the proxy to the hand can meet data of a field: each field's bounds
+/// are elsewhere, or the field is empty as far as the hand.
+bool isWayEmpty(const Tick& tick) noexcept {
+  const Graph& graph = tick.scene.graph;
+  const Vec3& a = tick.proxy.position;
+  const Vec3& b = tick.probe;
+  const Box way{a.cwiseMin(b), a.cwiseMax(b)};
+  const auto empty = [&](const auto& fields, const std::vector<FieldFrame>& frames) {
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (meets(way, frames[i]) && !(fields[i]->freeWithin(a) > (b - a).norm())) return false;
+    }
+    return true;
+  };
+  return empty(graph.scalar_fields, graph.scalar_frames) &&
+         empty(graph.vector_fields, graph.vector_frames);
+}
+
+/// Returns true if the balance is at the hand without a reading: the proxy was there, and nothing
+/// is on the way.
+bool isFree(const Tick& tick) noexcept {
+  return tick.scene.still && tick.proxy.known && !tick.changed && tick.trace == nullptr &&
+         tick.proxy.offset.isZero(0.0) && isWayEmpty(tick);
+}
+
 }  // namespace
 
 bool moveProxy(Tick& tick, double time) noexcept {
   Proxy& proxy = tick.proxy;
   Bodies& bodies = tick.around.bodies;
+  const bool free = isFree(tick);
+  if (free && proxy.free_ticks >= kSettled) {
+    proxy.position = tick.probe;
+    tick.report.solver = SolverKind::kClosedForm;
+    return true;
+  }
   const int moves = bodies.empty() ? 1
                                    : bodies.plan(tick.felt(), time, proxy.position, tick.probe,
                                                  tick.scene.step.max_substeps, tick.report);
@@ -285,6 +318,8 @@ bool moveProxy(Tick& tick, double time) noexcept {
     settle(mode, proxy.position, last == Slice::kArrived, memory);
   });
   bodies.arrive();
+  const bool stayed = free && tick.report.primitives == 0 && proxy.offset.isZero(0.0);
+  proxy.free_ticks = stayed ? proxy.free_ticks + 1 : 0;
   return last != Slice::kSpoilt;
 }
 

@@ -49,6 +49,7 @@ struct StepReport {
             ///< spring's energy. At least the bound on the work on the hand (docs/tick.md, Energy).
   int iterations = 0;    ///< Solver iterations (SolveResult::iterations) of all sub-steps.
   int substeps = 0;      ///< Number of readings of properties on the path; a balance follows each.
+                         ///< 0 if the hand has been far from all data for some ticks.
   int samples = 0;       ///< Number of field reads in all sub-steps.
   bool coarse = false;   ///< True if coarser data, or data of another time, replaced missing data.
   int traced = 0;        ///< Number of vector reads along streams.
