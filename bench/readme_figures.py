@@ -250,8 +250,8 @@ class Build:
     def head(self):
         dates = sorted({result["date"] for result in self.results.values()})
         when = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
-        return (f"Measured at commit {self.commit} on {self.machine}, {when}; the numbers name the "
-                "command under the table.")
+        return (f"Measured at commit {self.commit} on {self.machine}, {when}. The column "
+                "*by* gives the number of the command under the table.")
 
 
 def machine():

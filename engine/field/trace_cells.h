@@ -1,6 +1,6 @@
 /// Traces a stream cell by cell, by RK4 with two error estimates. A trilinear field has kinks at
 /// the faces of its cells, and a step over a kink is of second order only. A step that ends at the
-/// face keeps the fourth order. A short step within a cell uses the midpoint rule.
+/// face keeps the fourth order. If at most 0.1 voxel is left to go, the midpoint rule can serve.
 #pragma once
 
 #include <algorithm>
@@ -399,8 +399,8 @@ class CellTrace {
 };
 
 /// Returns the trace of a CellTrace from `start`, in cell coordinates. RT: no allocation, if `flow`
-/// allocates no memory. Cost: four values of v for each tried step, and one more if it crosses a
-/// face. A step below 0.1 voxel takes one value if the midpoint rule is accurate enough.
+/// allocates no memory. Cost: four values of v for each tried step; one more if it crosses a face;
+/// one in all if at most 0.1 voxel is left to go and the midpoint rule is accurate enough.
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
   return CellTrace<Flow>(flow, start, order).run();

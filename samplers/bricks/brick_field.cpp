@@ -27,7 +27,7 @@ constexpr double kFade = 4.0;
 constexpr double kArrives = 10e6;
 /// Time constant of the velocity's filter, which smooths the steps of the encoders [s].
 constexpr double kSmooth = 0.02;
-/// Longest wait in virtual time [s].
+/// Longest wait of a tick in virtual time for its bricks [s of real time].
 constexpr double kLongestWait = 60.0;
 
 template <int C>

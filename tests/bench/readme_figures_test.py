@@ -81,7 +81,7 @@ class Readme(unittest.TestCase):
     def test_the_table_of_the_readme_has_the_written_format(self):
         page = figures.Page(ROOT / "README.md")
         self.assertEqual(page.part, figures.part(page.head, page.cells))
-        self.assertRegex(page.head, r"^Measured at .* on .*; the numbers name the command under")
+        self.assertRegex(page.head, r"^Measured at .* on .*\. The column \*by\* gives the number of the command")
 
 
 class Writing(unittest.TestCase):

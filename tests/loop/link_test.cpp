@@ -28,7 +28,7 @@ constexpr double kDt = 1e-3;
 struct Network {
   double delay = 0.0;    ///< [s]
   double jitter = 0.0;   ///< Added to the delay, at most [s].
-  double lost = 0.0;     ///< Largest random addition to the delay [s].
+  double lost = 0.0;     ///< Share of messages that do not arrive.
   double doubled = 0.0;  ///< Share of messages that arrive twice, the second time up to 1 s later.
   double apart = 0.0;    ///< Start of an outage [s].
   double again = 0.0;    ///< End of the outage [s].

@@ -104,7 +104,7 @@ TEST_CASE("the proxy stays within 1.25 times the scene's tolerance at any speed"
             feelSurface(motion, ModeKind::kIsosurface, speed, speed < 0.1 ? 2 : 5, step, kStrong);
         CAPTURE(tolerance, speed, words(motion, r));
         CHECK(r.capped == 0.0);
-        // The true error is at most 1.25 times the engine's estimate.
+        // The tick compares an estimate of the error with the tolerance, hence the factor.
         CHECK(r.off_max <= 1.25 * tolerance);
         if (speed == 0.5) {
           CHECK(r.samples >= cheapest);

@@ -181,7 +181,8 @@ void checkDisplacementOptions(const Options& options) {
   const auto refuse = [](const char* name, bool given, const char* remedy) {
     if (given) throw Error(name, "this option does not apply to a displacement field", remedy);
   };
-  refuse("--bricks", options.bricks, "omit it, because a warp is in memory");
+  refuse("--bricks", options.bricks,
+         "omit it, because palpate reads a whole displacement field into memory");
   refuse("--scene", !options.scene.empty(),
          "import the image with --scene, and add \"warp\" to its place");
   refuse("--iso", options.iso.has_value(), "omit this option");

@@ -113,7 +113,7 @@ void NrrdData::readPart(const NrrdPart& part, std::size_t first, std::size_t cou
   const std::string name = part.file.filename().string();
   const NrrdFile in(std::fopen(part.file.c_str(), "rb"));
   if (in == nullptr) {
-    refuse(fmt::format("the data file {} cannot be read", name), kCorrectNrrdHeader);
+    refuse(fmt::format("the data file {} cannot be opened", name), "check its permissions");
   }
   std::fseek(in.get(), part.offset, SEEK_SET);
   if (nrrdLineSkip(in.get(), state_) != 0) refuse(teemError(), kNrrdDamaged);

@@ -273,7 +273,8 @@ SharedText sharedTextFrom(const std::string& text) {
     }
     const SharedStamp stamp{at[0].get<std::uint64_t>(), at[1].get<std::string>()};
     if (stamp.count == 0 || stamp.count > kMostCount) {
-      refuse(fmt::format("an edit has the number {}, not 1 to {}", stamp.count, kMostCount));
+      refuse(
+          fmt::format("an edit has the sequence number {}, not 1 to {}", stamp.count, kMostCount));
     }
     if (!isSiteName(stamp.site)) refuse("the name of the site in an edit is not valid");
     const SharedKey key = keyFrom(one.at("of"));
@@ -298,7 +299,7 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
     const std::uint64_t most = newest() + kMostAhead;
     for (const auto& [key, edit] : other.edits) {
       if (edit.stamp.count > most) {
-        refuse(fmt::format("an edit has the number {}, but edits now have at most the number {}",
+        refuse(fmt::format("an edit has the sequence number {}, above the limit of {}",
                            edit.stamp.count, most));
       }
     }

@@ -328,7 +328,7 @@ Vec3 readIgtlTransform(ByteView content) {
   for (float& number : numbers) {
     number = in.take<float>();
     if (!std::isfinite(number))
-      refuse("TRANSFORM", "one of its numbers is not finite", "send millimetres");
+      refuse("TRANSFORM", "one of its numbers is not finite", "send twelve finite numbers");
   }
   return {numbers[9], numbers[10], numbers[11]};
 }
