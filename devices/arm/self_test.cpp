@@ -525,7 +525,7 @@ std::string SelfTest::fitTrouble(const AxisResult& axis) const {
   // A clearly negative friction shows a wrong scale of an encoder or a motor in the profile.
   if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
     return "its friction cannot be measured: let go of the arm during the test; if that does not "
-           "help, the encoder steps are too coarse";
+           "help, the encoder steps are too coarse, or the scale of an encoder or a motor is wrong";
   }
   if (axis.delay > (kLatest - 1) * period()) {
     return "its force is " + inWords(1e3 * axis.delay) +

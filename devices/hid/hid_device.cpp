@@ -1,8 +1,10 @@
 #include "palpate/devices/hid/hid_device.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <fcntl.h>
 #include <unistd.h>
 #include <utility>
@@ -22,6 +24,11 @@ using Clock = std::chrono::steady_clock;
 
 [[noreturn]] void throwGone(const std::string& name) {
   throw DeviceError(name, "it was unplugged, or it rejects a report", "plug it in again");
+}
+
+[[noreturn]] void throwStopped(const std::string& name) {
+  throw DeviceError(name, "the program was stopped before the arm was ready",
+                    "start the program again");
 }
 
 DeviceInfo infoFor(const HidProfile& profile, bool tested) {
@@ -218,10 +225,7 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  if (stop()) {
-    throw DeviceError(name, "the program was stopped before the arm was ready",
-                      "start the program again");
-  }
+  if (stop()) throwStopped(name);
   runSequence(port, input, profile_.home, stop);
 } catch (...) {
   leave(port, input);
@@ -236,10 +240,7 @@ void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector
   };
   for (const HidStep& step : steps) {
     const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
-    if (stop && stop()) {
-      throw DeviceError(name, "the program was stopped before the arm was ready",
-                        "start the program again");
-    }
+    if (stop && stop()) throwStopped(name);
     switch (step.kind) {
       case HidStep::Kind::kSend: {
         std::vector<std::byte> report = zero_;
@@ -280,8 +281,11 @@ void HidDevice::waitFor(ReportPort& port, HidInput& input, const HidStep& step,
   if (host_.say && asked) host_.say(name + ": " + step.words);
   bool begun = !asked || (input.known(report) && !is());
   for (bool says = false; !begun || !says;) {
-    if (Clock::now() > end || (stop && stop())) {
-      const std::string value = field.name + " = " + std::to_string(std::lround(step.equals));
+    if (stop && stop()) throwStopped(name);
+    if (Clock::now() > end) {
+      std::array<char, 32> number{};
+      std::snprintf(number.data(), number.size(), "%.10g", step.equals);
+      const std::string value = field.name + " = " + number.data();
       if (!begun && says) {
         throw DeviceError(name, "it reported " + value + " from the start",
                           "release it first; then " + step.words);

@@ -396,7 +396,7 @@ JsonType<FileStep> stepType() {
           .may("words", jsonText(),
                [](FileStep& step, std::string words) { step.step.words = std::move(words); });
   const JsonType<std::vector<int>> bytes =
-      jsonList(jsonWhole(0, 255), 1, kMostBytes, "it is not a list of bytes",
+      jsonList(jsonWhole(0, 255), 1, kMostBytes, "it is not a list of 1 to 1024 bytes",
                "write the report's number first, such as [3, 0, 1]");
   return JsonObject<FileStep>()
       .chooseByKey(
@@ -511,10 +511,10 @@ const Table& table() {
                   &ProfileFile::input)
             .may("output", reportRows(field).type().defined("output", t.definitions),
                  &ProfileFile::output)
-            .may(
-                "flags",
-                jsonList(flagType(), 0, kMostFlags, "it is not a list", "write [{\"field\": ...}]"),
-                &ProfileFile::flags)
+            .may("flags",
+                 jsonList(flagType(), 0, kMostFlags, "it is not a list of at most 1024 flags",
+                          "write [{\"field\": ...}]"),
+                 &ProfileFile::flags)
             .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
                       "Model that computes the tip's position from the joints' positions.")
             .mayHold("gravity", gravityRows(), "Masses that the motors carry.")
@@ -540,8 +540,9 @@ const Table& table() {
     t.profile.remark("$schema")
         .version("palpate_arm", 1, "Version of this format.")
         .need("name",
-              jsonMatching("^[A-Za-z0-9_.-]{1,64}$", "it has other characters",
-                           "use letters, digits, - and _, at most 64"),
+              jsonMatching("^[A-Za-z0-9_.-]{1,64}$",
+                           "it is not 1 to 64 letters, digits, \".\", \"-\" or \"_\"",
+                           "use only these characters, at most 64"),
               [](ProfileFile& file, std::string name) { file.profile.name = std::move(name); })
         .may(
             "description", jsonText(),

@@ -143,7 +143,8 @@ double JsonNode::notNegative() const {
 double JsonNode::sized(double most, const char* unit) const {
   const double value = number();
   if (std::abs(value) > most) {
-    fail(fmt::format("{} is more than {} {}", json_->dump(), most, unit),
+    fail(value > 0.0 ? fmt::format("{} is more than {} {}", json_->dump(), most, unit)
+                     : fmt::format("{} is less than -{} {}", json_->dump(), most, unit),
          std::string("write it in ") + unit);
   }
   return value;

@@ -77,7 +77,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
                       digits.find_first_not_of("0123456789") == std::string::npos;
     out.port = good ? std::stoi(digits) : 0;
     if (out.port < 1 || out.port > 65535) {
-      why = "\"" + url + "\" has no port" + remedy;
+      why = "\"" + url + "\" has no port from 1 to 65535" + remedy;
       return false;
     }
   }

@@ -161,9 +161,15 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
       throw DeviceError(name_, orNone(dlerror()), "install what it needs, or build it again");
     }
     entry_ = static_cast<const palpate_plugin_entry*>(dlsym(handle_, "palpate_plugin"));
-    if (!PALPATE_REACHES(entry_, palpate_plugin_entry, factory)) {
+    if (entry_ == nullptr) {
       throw DeviceError(name_, file.string() + " is not a plug-in: it has no symbol palpate_plugin",
                         "see docs/plugins.md");
+    }
+    if (!PALPATE_REACHES(entry_, palpate_plugin_entry, factory)) {
+      throw DeviceError(name_,
+                        "the size in its palpate_plugin_entry is " + std::to_string(entry_->size) +
+                            " bytes, which is too small",
+                        "set size to sizeof(palpate_plugin_entry)");
     }
     if (entry_->major != PALPATE_PLUGIN_MAJOR || entry_->minor > PALPATE_PLUGIN_MINOR) {
       throw DeviceError(name_,

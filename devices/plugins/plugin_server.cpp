@@ -252,8 +252,12 @@ class Claim {
     name.copy(address.sun_path + 1, sizeof(address.sun_path) - 1);
     own_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (own_ < 0 || bind(own_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
+      const int error = errno;
       if (own_ >= 0) close(own_);
-      throw DeviceError(arm, "another program uses it", "end that program");
+      if (error == EADDRINUSE)
+        throw DeviceError(arm, "another program uses it", "end that program");
+      throw DeviceError(arm, std::string("it cannot be claimed (") + std::strerror(error) + ")",
+                        "end other programs");
     }
   }
   Claim(const Claim&) = delete;

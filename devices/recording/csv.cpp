@@ -45,7 +45,7 @@ std::istream& openInput(const std::string& file, std::ifstream& holder) {
   holder.open(file, std::ios::binary);
   if (!holder) {
     throw Error(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
-                "check the path");
+                "check the path and its permissions");
   }
   return holder;
 }

@@ -31,7 +31,7 @@ Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
   descriptor_ = ::open(beside_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor_ < 0) {
     throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
-                "check the path");
+                "check the folder and its permissions");
   }
   rows_.reserve(kRoom);
   write(recordingHeader(setting));
@@ -45,7 +45,7 @@ Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
 void Recorder::begin() {
   if (std::rename(beside_.c_str(), file_.c_str()) != 0) {
     throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
-                "check the path");
+                "check the folder and its permissions");
   }
   beside_.clear();
   thread_ = std::thread([this] { run(); });

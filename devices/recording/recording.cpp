@@ -30,6 +30,7 @@ static_assert(std::endian::native == std::endian::little,
               "a recording stores ticks in their layout in memory");
 
 constexpr int kVersion = 4;
+constexpr const char* kRemedy = "give a file of palpate feel --record";
 constexpr std::int64_t kChunk = -1;  // value of RecordedTick::tick in a chunk's mark
 constexpr std::int64_t kText = -2;   // value of RecordedTick::tick in a piece of text
 constexpr std::array<char, 8> kMagic{'p', 'a', 'l', 'p', 'a', 't', 'e', '\n'};
@@ -314,7 +315,7 @@ OrderedJson parsed(const std::string& line, const std::string& file) {
   return OrderedJson::parse(line, [&](int depth, auto, OrderedJson&) {
     if (depth > kDeepest) {
       throw Error(file, fmt::format("its header is nested deeper than {} levels", kDeepest),
-                  "give a file of palpate feel --record");
+                  kRemedy);
     }
     return true;
   });
@@ -323,11 +324,12 @@ OrderedJson parsed(const std::string& line, const std::string& file) {
 /// Copies a file to memory. If another program truncated a mapped file, the next access would raise
 /// SIGBUS. A recording that is truncated during the copy counts as torn.
 std::span<const std::byte> copied(const std::filesystem::path& file) {
-  const auto fail = [&](const std::string& why) {
-    throw Error(file.string(), why, "give a file of palpate feel --record");
+  const auto fail = [&](int error) {
+    throw Error(file.string(), fmt::format("it cannot be read ({})", std::strerror(error)),
+                error == ENOMEM ? "free some memory" : "check the path and its permissions");
   };
   const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (descriptor < 0) fail(fmt::format("it cannot be read ({})", std::strerror(errno)));
+  if (descriptor < 0) fail(errno);
   struct stat facts {};
   const bool regular = ::fstat(descriptor, &facts) == 0 && S_ISREG(facts.st_mode);
   const auto size = static_cast<std::size_t>(facts.st_size);
@@ -344,10 +346,10 @@ std::span<const std::byte> copied(const std::filesystem::path& file) {
     if (more > 0) got += static_cast<std::size_t>(more);
   }
   ::close(descriptor);
-  if (!regular) fail("it is not a file");
+  if (!regular) throw Error(file.string(), "it is not a file", kRemedy);
   if (error != 0) {
     if (at != MAP_FAILED) ::munmap(at, size);
-    fail(fmt::format("it cannot be read ({})", std::strerror(error)));
+    fail(error);
   }
   if (got < size) at = got > 0 ? ::mremap(at, size, got, 0) : (::munmap(at, size), nullptr);
   return {static_cast<const std::byte*>(at), got};
@@ -386,7 +388,7 @@ std::string headerLine(std::span<const std::byte> bytes, const std::string& file
     end = std::memchr(begin, '\n', bytes.size());
   }
   if (end == nullptr) {
-    throw Error(file, "it is not a recording", "give a file of palpate feel --record");
+    throw Error(file, "it is not a recording", kRemedy);
   }
   return {begin, static_cast<const char*>(end)};
 }
@@ -399,7 +401,7 @@ void checkHeader(const std::string& file, std::size_t offset, std::size_t end, d
   } else if (!(rate > 0.0) || !std::isfinite(rate)) {
     why = fmt::format("its header states a rate of {} Hz", rate);
   }
-  if (!why.empty()) throw Error(file, why, "give a file of palpate feel --record");
+  if (!why.empty()) throw Error(file, why, kRemedy);
 }
 
 }  // namespace
@@ -512,8 +514,10 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
     static_cast<void>(limitsInLoop(setting_.device, setting_.rate));
   } catch (const nlohmann::json::exception& error) {
     unmap(bytes_);
-    throw Error(name, fmt::format("its header is damaged ({})", error.what()),
-                "give a file of palpate feel --record");
+    throw Error(name, fmt::format("its header is damaged ({})", error.what()), kRemedy);
+  } catch (const DeviceError& error) {
+    unmap(bytes_);
+    throw Error(name, fmt::format("its header is damaged ({})", error.reason()), kRemedy);
   } catch (const Error&) {
     unmap(bytes_);
     throw;

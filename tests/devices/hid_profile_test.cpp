@@ -116,7 +116,7 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
   };
   const std::vector<Bad> cases{
       {"/palpate_arm", 2, "/palpate_arm: 2 is a version that this program does not support", true},
-      {"/name", "a b", "/name: it has other characters", true},
+      {"/name", "a b", "/name: it is not 1 to 64 letters, digits", true},
       {"/extra", 1, "/extra: unknown key", true},
       {"/match", Json::array(), "/match: it is not a list", true},
       {"/match/0/vendor", "xyz", "/match/0/vendor: it is not a hexadecimal", true},
@@ -164,7 +164,7 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
       {"/kinematics/rate_control", 0.1, "does not take forces", false},
       {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is not a rotation", false},
       {"/mount/rotation_wxyz", {0, 1e200, 0, 0}, "it is not a rotation", false},
-      {"/name", std::string(200000, 'a') + " ", "/name: it has other characters", true},
+      {"/name", std::string(200000, 'a') + " ", "/name: it is not 1 to 64 letters, digits", true},
       {"/home/0/send/fa", 100, "a step drives a motor", false},
       {"/home/0/send", {{"fa", 0}}, "a step drives a motor", false},
       {"/output/fields/fb/bit", 56, "it shares bits with another field", false},
