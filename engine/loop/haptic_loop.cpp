@@ -35,7 +35,7 @@ ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
 }
 
 void require(const DeviceInfo& info, bool good, const char* what, double value,
-             const char* remedy = "give a positive number") {
+             const char* remedy = "give a finite number above 0") {
   if (good) return;
   throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
 }
@@ -62,33 +62,35 @@ bool noLess(double x) noexcept {
 ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
   const auto require = [&](auto&&... words) { palpate::require(info, words...); };
   const auto positive = [](double x) { return x > 0.0 && std::isfinite(x); };
-  require(positive(info.watch.stale), "the age of a stale position", info.watch.stale);
-  require(positive(info.watch.max_speed), "the highest speed", info.watch.max_speed);
+  require(positive(info.watch.stale), "the age of a stale position [s]", info.watch.stale);
+  require(positive(info.watch.max_speed), "the highest speed [m/s]", info.watch.max_speed);
   require(positive(info.watch.late), "the delay of a late tick [s]", info.watch.late);
-  require(noLess(info.output_rate), "the rate of its forces", info.output_rate,
+  require(noLess(info.output_rate), "the rate of its forces [Hz]", info.output_rate,
           "give Hz, or 0 for any");
   const ForceLimits limits = limitsAt(info, rate);
-  require(positive(limits.peak), "the peak force", limits.peak);
-  require(positive(limits.slew), "the slew", limits.slew);
+  require(positive(limits.peak), "the peak force [N]", limits.peak);
+  require(positive(limits.slew), "the slew [N/s]", limits.slew);
   const bool cool = limits.continuous == 0.0;
-  require(cool || positive(limits.continuous), "the continuous force", limits.continuous);
-  require(cool || positive(limits.heating), "the heating time", limits.heating);
+  require(cool || positive(limits.continuous), "the continuous force [N]", limits.continuous);
+  require(cool || positive(limits.heating), "the heating time [s]", limits.heating);
   if (limits.tank.use != TankUse::kOff) {
     const ArmDissipation& arm = limits.tank.arm;
-    require(positive(arm.viscous), "the viscous friction for the tank", arm.viscous);
-    require(positive(limits.tank.soft), "the stiffness of the tank's spring", limits.tank.soft);
-    const std::pair<const char*, double> numbers[] = {{"the tank's Coulomb friction", arm.coulomb},
-                                                      {"the tank's encoder step", arm.step},
-                                                      {"the tank's delay", arm.delay},
-                                                      {"the delay's uncertainty", arm.doubt},
-                                                      {"the positions' jitter", arm.jitter},
-                                                      {"the amplifiers' lag", arm.lag},
-                                                      {"the tank's longest period", arm.period},
-                                                      {"the tank's refill", limits.tank.refill}};
+    require(positive(arm.viscous), "the viscous friction for the tank [N s/m]", arm.viscous);
+    require(positive(limits.tank.soft), "the stiffness of the tank's spring [N/m]",
+            limits.tank.soft);
+    const std::pair<const char*, double> numbers[] = {
+        {"the tank's Coulomb friction [N]", arm.coulomb},
+        {"the tank's encoder step [m]", arm.step},
+        {"the tank's delay [s]", arm.delay},
+        {"the delay's uncertainty [s]", arm.doubt},
+        {"the positions' jitter [s]", arm.jitter},
+        {"the amplifiers' lag [s]", arm.lag},
+        {"the tank's longest period [s]", arm.period},
+        {"the tank's refill [W]", limits.tank.refill}};
     for (const auto& [what, x] : numbers) require(noLess(x), what, x, "give zero or more");
-    require(arm.doubt <= arm.delay, "the delay's uncertainty", arm.doubt,
+    require(arm.doubt <= arm.delay, "the delay's uncertainty [s]", arm.doubt,
             "give at most the delay, because no force comes before its reading");
-    require(arm.jitter <= arm.doubt, "the positions' jitter", arm.jitter,
+    require(arm.jitter <= arm.doubt, "the positions' jitter [s]", arm.jitter,
             "give at most the delay's uncertainty, which includes the jitter");
     const double most = static_cast<double>(Tank::kForces - 2) / (arm.delay + arm.doubt);
     if (rate >= most) {
@@ -97,7 +99,7 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
                             " Hz more forces are delayed at the same time than the tank can store",
                         "use less than " + std::to_string(std::lround(most)) + " Hz");
     }
-    require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks",
+    require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks [s]",
             arm.period, "give at least 1/rate, or 0 for the default");
   }
   return limits;
@@ -129,8 +131,8 @@ double LoopWatch::patience() const noexcept {
 
 void HapticLoop::reengageAfter(double seconds) {
   constexpr double kLongest = 60.0;
-  require(device_.info(), noLess(seconds) && seconds <= kLongest, "the time to reengage", seconds,
-          "give 0 to 60 s");
+  require(device_.info(), noLess(seconds) && seconds <= kLongest, "the time to reengage [s]",
+          seconds, "give 0 to 60 s");
   reengagement_ = Reengagement(seconds);
 }
 

@@ -10,7 +10,7 @@ namespace palpate {
 namespace {
 
 [[noreturn]] void refuse(const std::string& why, const char* remedy = "correct the curve") {
-  throw SceneError("strength", why, remedy);
+  throw SceneError("transfer function", why, remedy);
 }
 
 bool lower(const TransferFunction::Knot& a, const TransferFunction::Knot& b) noexcept {

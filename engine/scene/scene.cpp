@@ -91,7 +91,9 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
                      "vary the stiffness in the scene itself");
   }
   if (spec.modes.size() > kMaxPartModes) {
-    throw SceneError("/modes", "a part has " + std::to_string(spec.modes.size()) + " modes",
+    throw SceneError("/modes",
+                     "volumes that share modes (a part of the scene) have " +
+                         std::to_string(spec.modes.size()) + " modes",
                      "use at most " + std::to_string(kMaxPartModes));
   }
   Part part;
@@ -99,7 +101,8 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
   const Graph& graph = part.graph;
   if (graph.scalar_fields.size() + graph.vector_fields.size() > kMaxPartFields) {
     throw SceneError("/volumes",
-                     "a part reads more than " + std::to_string(kMaxPartFields) + " fields",
+                     "the modes of volumes that share modes (a part of the scene) read more than " +
+                         std::to_string(kMaxPartFields) + " fields",
                      "use fewer, or make them volumes of the scene");
   }
   for (const auto* frames : {&graph.scalar_frames, &graph.vector_frames}) {
