@@ -106,6 +106,15 @@ int copyOf(int file, const std::filesystem::path& path) {
 
 }  // namespace
 
+void throwAbsent(const std::filesystem::path& path, const std::string& what,
+                 const std::error_code& error) {
+  if (error == std::errc::no_such_file_or_directory || error == std::errc::not_a_directory) {
+    throw VolumeError(path.string(), what, "check the path");
+  }
+  throw VolumeError(path.string(), "it cannot be read (" + error.message() + ")",
+                    "check the path and its permissions");
+}
+
 LeasedFile::LeasedFile(const std::filesystem::path& path) {
   Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0)

@@ -4,8 +4,15 @@
 #include <atomic>
 #include <chrono>
 #include <filesystem>
+#include <string>
+#include <system_error>
 
 namespace palpate {
+
+/// Throws VolumeError for a path that exists() rejects: `what` if it leads to nothing, otherwise
+/// why it cannot be read. `error` is that of std::filesystem::status().
+[[noreturn]] void throwAbsent(const std::filesystem::path& path, const std::string& what,
+                              const std::error_code& error);
 
 /// Prevents other programs from changing a file by a lease, or else makes a private copy.
 ///

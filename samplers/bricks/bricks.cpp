@@ -8,6 +8,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/brick_facts.h"
+#include "palpate/samplers/leased_file.h"
 
 namespace palpate {
 
@@ -30,9 +31,7 @@ BrickManifest BrickManifest::parse(std::span<const std::byte> bytes, const std::
 BrickManifest BrickManifest::read(const std::filesystem::path& folder) {
   std::error_code error;
   const auto status = std::filesystem::status(folder, error);
-  if (!std::filesystem::exists(status)) {
-    throw VolumeError(folder.string(), "no such folder", "check the path");
-  }
+  if (!std::filesystem::exists(status)) throwAbsent(folder, "no such folder", error);
   const std::filesystem::path file = folder / kBrickManifestFile;
   if (!std::filesystem::is_directory(status) || !isBricks(folder)) {
     throw VolumeError(folder.string(), "it is not a volume in bricks",

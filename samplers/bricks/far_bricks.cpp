@@ -130,9 +130,16 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
                       "check the address, or finish the copy, whose last file must be " +
                           std::string(kBrickManifestFile));
   }
+  if (verdict.status == BrickStatus::kCut) {
+    throw VolumeError(url(kBrickManifestFile), "it is longer than 1 GiB", "check the address");
+  }
   if (verdict.status != BrickStatus::kArrived) {
-    throw VolumeError(url(kBrickManifestFile), verdict.why,
-                      "check the address, the server and the network");
+    constexpr long kUnauthorized = 401;
+    throw VolumeError(
+        url(kBrickManifestFile), verdict.why,
+        file.request->code == kUnauthorized
+            ? "set PALPATE_HTTP_KEYS to a file with the server's key (docs/servers.md)"
+            : "check the address, the server and the network");
   }
   const std::vector<std::byte>& body = file.request->body;
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));

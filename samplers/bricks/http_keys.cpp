@@ -31,7 +31,8 @@ std::string readSecret(const std::string& file) {
   const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) {
     refuse(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
-           std::string("correct the variable ") + kVariable);
+           std::string("correct the variable ") + kVariable +
+               ", or own the file and run chmod 600 on it");
   }
   const auto shut = [](const int* of) { close(*of); };
   const std::unique_ptr<const int, decltype(shut)> closed(&descriptor, shut);

@@ -212,7 +212,13 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
          "check mon_host, the user (rados://user@pool/folder) and its keyring");
   }
   how = call_.ioctx_create(cluster_, address_.pool.c_str(), &pool_);
-  if (how < 0) fail(how, "Ceph does not have the pool \"" + address_.pool + "\"", "check its name");
+  if (how == -ENOENT) {
+    fail(how, "Ceph does not have the pool \"" + address_.pool + "\"", "check its name");
+  }
+  if (how < 0) {
+    fail(how, "the pool \"" + address_.pool + "\" cannot be opened",
+         "check that the user may read the pool");
+  }
 }
 
 RadosStore::~RadosStore() {

@@ -39,7 +39,7 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
     throw VolumeError(manifest.info().name,
                       "a window of " + std::to_string(params.budget >> 20U) + " MB holds " +
                           std::to_string(slots) + " of its bricks",
-                      "increase the budget of the window to " +
+                      "increase the budget (\"budget_mb\" of \"window\") to " +
                           std::to_string(((least * brick + besides) >> 20U) + 1) + " MB or more");
   }
   const double machine =
@@ -48,7 +48,7 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
     throw VolumeError(manifest.info().name,
                       "a window of " + std::to_string(slots * brick >> 20U) +
                           " MB is more than 75 % of the machine's memory",
-                      "reduce the budget of the window");
+                      "reduce the budget (\"budget_mb\" of \"window\")");
   }
   constants.push_back({manifest.background(), false});
   for (const BrickLevel& level : levels) {
@@ -73,7 +73,7 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
     throw VolumeError(
         manifest.info().name,
         "the system has too little memory for a window of " + std::to_string(bytes >> 20U) + " MB",
-        "reduce the budget of the window");
+        "reduce the budget (\"budget_mb\" of \"window\")");
   }
   memory = static_cast<std::byte*>(mapped);
   // With pages of 4 KB, the rows of a cell would lie on four or more pages.

@@ -148,7 +148,7 @@ void check(const VoxelArray& array) {
   for (const std::int64_t along : array.size) {
     if (along >= 1 && along <= kMostAlong) continue;
     throw VolumeError(array.name, "its size along an axis is 0 or more than 2147483647",
-                      "give an array with at least one value along each of three axes");
+                      "give an array with 1 to 2147483647 values along each of three axes");
   }
   if (array.background && !std::isfinite(*array.background)) {
     throw VolumeError(array.name, "its background is not a finite number",

@@ -46,8 +46,10 @@ std::shared_ptr<const Volume> deriveVolume(const std::shared_ptr<const Volume>& 
                       "scale its values");
   }
   if (!out.info.refusal.empty()) {
-    throw VolumeError(where, std::string("its ") + wordFor(what) + " has no data",
-                      "its components have no voxel in common");
+    throw VolumeError(where,
+                      std::string("its ") + wordFor(what) + " has no data (" +
+                          out.info.refusal.substr(0, out.info.refusal.find(": ")) + ")",
+                      "give a grid whose components are active at the same voxels");
   }
   place(part, out);
   return std::make_shared<Volume>(std::move(out.info), std::move(out.grid));

@@ -190,9 +190,7 @@ class VdbFile {
     initialise();
     std::error_code error;
     const auto status = std::filesystem::status(path, error);
-    if (!std::filesystem::exists(status)) {
-      throw VolumeError(path.string(), "no such file", "check the path");
-    }
+    if (!std::filesystem::exists(status)) throwAbsent(path, "no such file", error);
     if (!std::filesystem::is_regular_file(status)) {
       throw VolumeError(path.string(), "it is not a file",
                         std::filesystem::is_directory(status)

@@ -117,7 +117,7 @@ std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t bu
     throw VolumeError(name,
                       "a budget of " + megabytes(static_cast<double>(budget)) + " holds " +
                           std::to_string(slots) + " of its frames",
-                      "increase the budget to " +
+                      "increase the budget (\"budget_mb\" of \"frames\") to " +
                           megabytes(static_cast<double>(least * bytes + 10'000)) + " or more");
   }
   return static_cast<std::size_t>(slots);

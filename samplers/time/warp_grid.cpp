@@ -407,8 +407,9 @@ void check(const DisplacementFrames& of, const WarpTimes& when, const std::strin
   constexpr double kSame = 1e-4;  // as a share of the largest displacement
   for (std::size_t i = 0; i < of.frames.front().size(); ++i) {
     if (std::abs(of.frames.front()[i] - of.frames.back()[i]) <= kSame * most) continue;
-    throw SceneError(path, "a repeated warp must end as it began",
-                     "make the last frame the first, or do not repeat");
+    throw SceneError(path,
+                     "the displacement field repeats, but its last frame differs from the first",
+                     "end with a copy of the first frame, or remove \"repeat\"");
   }
 }
 
@@ -420,7 +421,9 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
   if (memory <= static_cast<double>(kMostWarpMemory)) return;
   throw SceneError(path,
                    std::to_string(frames) + " displacement fields need " +
-                       std::to_string(std::lround(memory / 1e6)) + " MB",
+                       std::to_string(std::lround(memory / 1e6)) + " MB, more than the limit of " +
+                       std::to_string(std::lround(static_cast<double>(kMostWarpMemory) / 1e6)) +
+                       " MB",
                    "resample them to a coarser lattice");
 }
 

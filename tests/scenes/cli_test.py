@@ -1559,7 +1559,7 @@ class Hostile(Case):
         self.assertIn(self.WORDS.encode(), self.legible("check", self.WORDS).stderr)
         line = self.legible("info", "a" * 3000 + "z").stderr.decode()
         self.assertIn("aaa...(", line)
-        self.assertIn("aaz: no such file: check the path", line)
+        self.assertIn("aaz: it cannot be read (File name too long): check the path", line)
         line = self.legible("check", b"\x1b[2J\n\xff\x7f" + "\u202e".encode()).stderr
         self.assertIn(b"palpate: \\x1b[2J\\n\\xff\\x7f\\u202e: no such file", line)
 
