@@ -127,8 +127,9 @@ void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& buil
 std::vector<std::string> remarks(const GridInfo& info) {
   std::vector<std::string> out;
   if (info.filled > 0) {
-    out.push_back(fmt::format("{} values were NaN or infinite and now have no data (background {})",
-                              info.filled, info.background));
+    out.push_back(fmt::format(
+        "{} values were NaN, infinite or above 1e100 and now have no data (background {})",
+        info.filled, info.background));
   }
   if (info.was_local) {
     out.emplace_back("the vectors were in index space and now are in world space");

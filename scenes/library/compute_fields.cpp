@@ -88,22 +88,22 @@ class FieldComputer {
     if (of == nullptr || of->volume->info().vector != kindOf(what).of_vector) return nullptr;
     const std::string path = pathIn(spec_, "/fields/" + name);
     if (built_.sequences.count(of->from) != 0) {
-      throw SceneError(path,
-                       "the field has to be computed at load, which is not possible for a sequence",
-                       "compute the field for each frame beforehand, or remove the modes that need "
-                       "the field's gradient");
+      throw SceneError(
+          path, "the field has to be computed at load, which is not possible for a sequence",
+          "compute the field for each frame beforehand, or remove the modes and fields "
+          "that need its derivatives");
     }
     if (built_.windows.count(of->from) != 0) {
       throw SceneError(
           path,
           "the field has to be computed at load, which is not possible for a volume in bricks",
-          "compute the field before you write the bricks, or remove the modes that need the "
-          "field's gradient");
+          "compute the field before you write the bricks, or remove the modes and fields that "
+          "need its derivatives");
     }
     if (of->axial && kindOf(what).of_volume) {
       throw SceneError(
           path, "the field has to be computed at load, but axial vectors have no derivatives",
-          "remove \"axial\", or remove the modes that need the field's gradient");
+          "remove \"axial\", or remove the modes and fields that need its derivatives");
     }
     // A scene from another site may contain thousands of fields.
     if (++computed_ > kMostComputed) {

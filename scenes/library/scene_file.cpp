@@ -88,9 +88,9 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
 }
 
 SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
-  checkRegular<SceneError>(file, "check the path");
+  checkRegular<SceneError>(file, "check the path and its permissions");
   if (!mayBeScene(file)) (void)gridNames(file);  // throws if the file is not a .vdb
-  std::string read = readText<SceneError>(file, "check the path");
+  std::string read = readText<SceneError>(file, "check the path and its permissions");
   if (read.starts_with("{\"palpate_recording\":")) {
     throw SceneError(file.string(), "the file is a recording, not a scene",
                      "give a scene file; feel, compare and convert read recordings");

@@ -157,10 +157,16 @@ int main(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     cli::complain("memory: not enough memory is available: use a smaller volume");
     return cli::kEndedEarly;
+  } catch (const std::filesystem::filesystem_error& e) {
+    cli::complain(fmt::format("{}: the file system reports an error ({}): check the path",
+                              e.path1().string(), e.code().message()));
+    return cli::kBadInput;
   } catch (const std::system_error& e) {
-    cli::complain(
-        fmt::format("standard output: it cannot be written ({}): check the disk or the pipe",
-                    e.code().message()));
+    const bool output = std::ferror(stdout) != 0;
+    cli::complain(fmt::format(
+        "{} ({}): {}",
+        output ? "standard output: it cannot be written" : "the system reports an error",
+        e.code().message(), output ? "check the disk or the pipe" : "end other programs"));
     return cli::kEndedEarly;
   } catch (const std::exception& e) {
     cli::complain(fmt::format(

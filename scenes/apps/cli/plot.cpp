@@ -85,7 +85,7 @@ class TraceFile {
     file_.reset(path == "-" ? fdopen(dup(STDIN_FILENO), "rb") : std::fopen(path.c_str(), "rb"));
     if (!file_) {
       throw Error(path, std::string("it cannot be read (") + std::strerror(errno) + ")",
-                  "check the path");
+                  "check the path and its permissions");
     }
     // A pipe can be read only once, so its content is copied for trace_picture.py.
     if (path == "-" || !std::filesystem::is_regular_file(path, error)) copy_ = scratch();

@@ -351,7 +351,8 @@ Way wayOf(const PressOptions& options) {
                 "give metres, for example 0,0,-0.01");
   }
   if (!(options.speed > 0.0) || !std::isfinite(options.speed)) {
-    throw Error("--speed", fmt::format("{} m/s is not above 0", options.speed), "use 0.05");
+    throw Error("--speed", fmt::format("{} m/s is not a finite number above 0", options.speed),
+                "use 0.05");
   }
   const double steps = std::ceil(way.length() * options.rate / options.speed * (1.0 - 1e-12));
   if (!(steps <= kMostSteps)) {

@@ -81,8 +81,10 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
     touch.near.add(state, report);
   }
   if (contact.primitives.empty()) {
-    throw Error(options.scene, "an exploring hand found no surface to press on",
-                "run palpate check to see where the volumes are");
+    throw Error(options.scene,
+                fmt::format("an exploring hand met no force of {} N, a fifth of --load, or more",
+                            rounded(0.2 * load)),
+                "reduce --load, or run palpate check to see where the volumes are");
   }
   // Adds the parts that an oscillating hand can reach.
   constexpr double kAround = 0.01;  // [m]: distance from the contact
@@ -163,20 +165,21 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
 }
 
 void check(const StabilityOptions& options) {
-  const auto within = [](const char* name, double value, double least, double most) {
+  const auto within = [](const char* name, double value, double least, double most,
+                         const char* unit) {
     if (value >= least && value <= most) return;
-    throw Error(name, fmt::format("{} is not in {} to {}", value, least, most),
+    throw Error(name, fmt::format("{} is not in {} to {} {}", value, least, most, unit),
                 "give a value in this range");
   };
-  within("--rate", options.rate, 100.0, 20000.0);
-  within("--mass", options.mass, 1e-3, 10.0);
-  within("--viscous", options.viscous, 0.0, 100.0);
-  within("--coulomb", options.coulomb, 0.0, 10.0);
-  within("--encoder", options.encoder, 0.0, 5e-4);
-  within("--delay", options.delay, 0.0, 0.02);
-  within("--grip", options.grip, 1.0, 1e4);
-  within("--grip-damping", options.grip_damping, 0.0, 1e3);
-  within("--load", options.load, 0.01, 5.0);
+  within("--rate", options.rate, 100.0, 20000.0, "Hz");
+  within("--mass", options.mass, 1e-3, 10.0, "kg");
+  within("--viscous", options.viscous, 0.0, 100.0, "N s/m");
+  within("--coulomb", options.coulomb, 0.0, 10.0, "N");
+  within("--encoder", options.encoder, 0.0, 5e-4, "m");
+  within("--delay", options.delay, 0.0, 0.02, "s");
+  within("--grip", options.grip, 1.0, 1e4, "N/m");
+  within("--grip-damping", options.grip_damping, 0.0, 1e3, "N s/m");
+  within("--load", options.load, 0.01, 5.0, "N");
   constexpr double kMostPeriods = 60.0;
   if (options.delay * options.rate > kMostPeriods) {
     throw Error(
@@ -185,7 +188,7 @@ void check(const StabilityOptions& options) {
         fmt::format("give at most {} ticks, or a lower rate", kMostPeriods));
   }
   // At a larger angle the hand touches neither plane.
-  if (options.planes) within("--planes", *options.planes, 0.1, 170.0);
+  if (options.planes) within("--planes", *options.planes, 0.1, 170.0, "degrees");
   if (options.planes && !options.scene.empty()) {
     throw Error("--planes", "it cannot be combined with a scene", "leave out one of the two");
   }

@@ -344,7 +344,7 @@ OrderedJson axisNames(const ArmAxes& axes) {
 int testArm(const DevicesOptions& options) {
   if (!(options.force > 0.0 && options.force <= kMostForce)) {
     throw Error("--force",
-                fmt::format("{} N is not above 0 and at most {}", options.force, kMostForce),
+                fmt::format("{} N is not above 0 and at most {} N", options.force, kMostForce),
                 "use 0.5");
   }
   if (const double r = options.ruler.value_or(0.0); r != 0.0 && !(r >= 0.02 && r <= 0.5)) {
@@ -373,9 +373,10 @@ int testArm(const DevicesOptions& options) {
   }
   const double force = std::min(options.force, arm->info().limits.peak);
   if (force < options.force) {
-    complain(fmt::format(
-        "devices: the test force is limited to {} N, because the arm has not passed a test yet",
-        force));
+    complain(fmt::format("devices: the test force is limited to {} N, {}", force,
+                         isTested(identity) || force < kUntestedForce
+                             ? "the largest force of the arm"
+                             : "because the arm has not passed a test yet"));
   }
   complain(
       fmt::format("devices: let go of the arm within a second{}: the test pushes it with at most "

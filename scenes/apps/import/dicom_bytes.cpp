@@ -171,7 +171,10 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   }
   if (!defect.empty()) {
     if (memory_ >= 0) ::close(memory_);
-    throw VolumeError(file.string(), defect, "copy or export the file again");
+    const bool short_of_memory = defect.find("memory") != std::string::npos;
+    throw VolumeError(
+        file.string(), defect,
+        short_of_memory ? "end other programs to free memory" : "copy or export the file again");
   }
   path_ = fmt::format("/proc/self/fd/{}", memory_);
 }

@@ -215,7 +215,7 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   if (!std::filesystem::status_known(status)) {
     throw VolumeError(request.file.string(),
                       fmt::format("the file cannot be read ({})", error.message()),
-                      "check the path");
+                      "check the path and its permissions");
   }
   if (!std::filesystem::exists(status)) {
     throw VolumeError(request.file.string(), "no such file", "check the path");

@@ -95,9 +95,9 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   std::vector<openvdb::Vec4I> quads;
   openvdb::tools::volumeToMesh(grid, points, quads, iso);
   if (quads.empty()) {
-    throw VolumeError(file,
-                      fmt::format("no surface in \"{}\" has the value {:g}", grid.getName(), iso),
-                      "give an --iso within the range of the values, see palpate info");
+    throw VolumeError(
+        file, fmt::format("no surface in \"{}\" has the value {:g}", grid.getName(), iso),
+        "give an --iso within the range of the values, which an import without --iso prints");
   }
   const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
   if (static_cast<double>(quads.size()) * refinement * refinement * 6.0 > 1e9) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
@@ -113,7 +114,8 @@ void NrrdData::readPart(const NrrdPart& part, std::size_t first, std::size_t cou
   const std::string name = part.file.filename().string();
   const NrrdFile in(std::fopen(part.file.c_str(), "rb"));
   if (in == nullptr) {
-    refuse(fmt::format("the data file {} cannot be opened", name), "check its permissions");
+    refuse(fmt::format("the data file {} cannot be opened ({})", name, std::strerror(errno)),
+           "check its permissions");
   }
   std::fseek(in.get(), part.offset, SEEK_SET);
   if (nrrdLineSkip(in.get(), state_) != 0) refuse(teemError(), kNrrdDamaged);

@@ -166,6 +166,10 @@ class Header {
       const Part& part = parts_[k / each];
       const std::size_t here = std::min(end, (k / each + 1) * each) - k;
       std::ifstream in(part.file, std::ios::binary);
+      if (!in) {
+        refuse(fmt::format("the data file {} cannot be read", part.file.filename().string()),
+               "check its permissions");
+      }
       in.seekg(static_cast<std::streamoff>(part.offset + k % each * bytes));
       in.read(to, static_cast<std::streamsize>(here * bytes));
       if (!in) refuse("the values end too early", "copy or export the file again");

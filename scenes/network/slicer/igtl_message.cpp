@@ -202,7 +202,9 @@ std::uint64_t countValues(const std::string& what, const ImageHead& head) {
   // Sizes are below 2^16 and `components` is below 2^8, so the product is below 2^56.
   const auto values = static_cast<std::uint64_t>(size[0] * size[1] * size[2] * head.components);
   if (values == 0 || values > kIgtlMostValues) {
-    refuse(what, fmt::format("it is {} x {} x {} voxels", size[0], size[1], size[2]),
+    refuse(what,
+           fmt::format("it is {} x {} x {} voxels with {} values each", size[0], size[1], size[2],
+                       head.components),
            fmt::format("send 1 to {} values", kIgtlMostValues));
   }
   return values;
