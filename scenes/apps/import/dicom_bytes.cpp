@@ -171,10 +171,7 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   }
   if (!defect.empty()) {
     if (memory_ >= 0) ::close(memory_);
-    const bool short_of_memory = defect.find("memory") != std::string::npos;
-    throw VolumeError(
-        file.string(), defect,
-        short_of_memory ? "end other programs to free memory" : "copy or export the file again");
+    throw VolumeError(file.string(), defect, "copy or export the file again");
   }
   path_ = fmt::format("/proc/self/fd/{}", memory_);
 }
