@@ -2,7 +2,6 @@
 
 #include <fstream>
 #include <optional>
-#include <utility>
 #include <vector>
 
 #include <fmt/format.h>

@@ -1,7 +1,6 @@
 #include "palpate/devices/hid/pid_descriptor.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 

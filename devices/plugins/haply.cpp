@@ -1,6 +1,5 @@
 /// haply.so: plug-in for Haply's Inverse3, through Haply's Inverse Service. See docs/haply.md.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>

@@ -1,7 +1,6 @@
 #include "palpate/devices/plugins/plugin_arm.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <utility>

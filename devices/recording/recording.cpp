@@ -9,7 +9,6 @@
 #include <optional>
 #include <sys/mman.h>
 #include <sys/stat.h>
-#include <system_error>
 #include <type_traits>
 #include <unistd.h>
 #include <utility>

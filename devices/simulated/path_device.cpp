@@ -1,7 +1,6 @@
 #include "palpate/devices/simulated/path_device.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "palpate/devices/recording/csv.h"
 #include "palpate/engine/error.h"

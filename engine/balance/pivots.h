@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 #include "palpate/engine/balance/solver.h"
 #include "palpate/engine/balance/terms.h"

@@ -1,10 +1,8 @@
 #include "palpate/engine/balance/solver.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <utility>
 
 #include <Eigen/Geometry>
 

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <limits>
 #include <string_view>
 #include <type_traits>
 #include <zstd.h>

@@ -1,7 +1,6 @@
 #include "palpate/samplers/bricks/bricks.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <fstream>
 #include <system_error>

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 #include <type_traits>
 
 #include "palpate/engine/error.h"

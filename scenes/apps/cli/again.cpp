@@ -1,6 +1,5 @@
 #include "palpate/scenes/apps/cli/again.h"
 
-#include <array>
 #include <cmath>
 #include <limits>
 

@@ -1,4 +1,3 @@
-#include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/write_bricks.h"

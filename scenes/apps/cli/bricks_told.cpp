@@ -1,7 +1,5 @@
 #include "palpate/scenes/apps/cli/bricks_told.h"
 
-#include <algorithm>
-
 #include <fmt/format.h>
 
 namespace palpate::cli {

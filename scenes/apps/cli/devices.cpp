@@ -1,11 +1,8 @@
 #include "palpate/scenes/apps/cli/devices.h"
 
 #include <algorithm>
-#include <atomic>
-#include <cmath>
 #include <csignal>
 #include <cstdio>
-#include <filesystem>
 #include <optional>
 #include <poll.h>
 #include <termios.h>

@@ -3,8 +3,6 @@
 #include <memory>
 #include <string>
 
-#include <fmt/format.h>
-
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/library/brick_places.h"
 #include "palpate/scenes/library/scene_file.h"

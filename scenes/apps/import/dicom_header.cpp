@@ -1,7 +1,6 @@
 #include "palpate/scenes/apps/import/dicom_header.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <fstream>

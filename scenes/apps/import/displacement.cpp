@@ -4,9 +4,7 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <memory>
 #include <mutex>
-#include <span>
 #include <utility>
 
 #include <Eigen/LU>

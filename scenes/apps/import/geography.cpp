@@ -5,7 +5,6 @@
 #include <cmath>
 #include <initializer_list>
 #include <numbers>
-#include <optional>
 #include <utility>
 
 #include <fmt/format.h>

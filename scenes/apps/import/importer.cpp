@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <exception>
 #include <malloc.h>
 #include <span>
 #include <string_view>

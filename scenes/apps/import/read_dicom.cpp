@@ -7,7 +7,6 @@
 #include <cstring>
 #include <fstream>
 #include <iostream>
-#include <string_view>
 #include <unistd.h>
 #include <utility>
 

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
-#include <limits>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

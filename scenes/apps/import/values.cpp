@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <new>
 #include <type_traits>
 
 #include <tbb/blocked_range.h>

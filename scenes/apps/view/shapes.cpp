@@ -1,7 +1,6 @@
 #include "palpate/scenes/apps/view/shapes.h"
 
 #include <algorithm>
-#include <cmath>
 #include <random>
 #include <utility>
 

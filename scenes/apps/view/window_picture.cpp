@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <new>
 #include <sys/socket.h>
 #include <utility>
 
