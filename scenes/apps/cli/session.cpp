@@ -2,14 +2,12 @@
 
 #include <algorithm>
 #include <chrono>
-#include <system_error>
 #include <thread>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/loop/hand_tick.h"
 #include "palpate/engine/loop/haptic_thread.h"
-#include "palpate/scenes/apps/cli/bare_loop.h"
 #include "palpate/scenes/apps/cli/keys.h"
 #include "palpate/scenes/apps/cli/watcher.h"
 
@@ -182,20 +180,6 @@ class Obeyed {
  private:
   IgtlServer* server_;
 };
-
-bool canBeLate(const Device* device) {
-  constexpr double kAnyTime = 1.0;  // [s]: limits from here on mean that no tick counts as late
-  return device->info().hand && device->info().watch.late < kAnyTime;
-}
-
-void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
-  if (!seen || seen->late == 0) return;
-  complain(
-      fmt::format("feel: this machine woke an idle thread up to {:.1f} ms late, {} times by more "
-                  "than {:.0f} ms: late ticks will cut the force: end other programs, or give "
-                  "palpate real-time priority and a separate core (docs/loop.md)",
-                  1e3 * seen->worst, seen->late, 1e3 * WatchLimits{}.late));
-}
 
 /// Sends the state of the hands to the clients, and passes a client's image to the watcher.
 void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands, Watcher& watcher,
@@ -429,22 +413,12 @@ void runOnTime(Run& run, Guardian& guardian) {
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // The scene file is checked for changes once per this number of polls
   std::chrono::steady_clock::time_point next_image;
-  constexpr double kMeasured = 5.0;  // [s]
-  std::optional<BareLoop> bare;
-  if (std::any_of(devices.begin(), devices.end(), canBeLate)) {
-    try {
-      bare.emplace(kMeasured, RealtimeRequest{}.priority - 1);
-    } catch (const std::system_error&) {
-      bare.reset();  // the measurement is optional
-    }
-  }
   bool feeling = true;
   for (int looks = 0; feeling && interrupted == 0; ++looks) {
     std::this_thread::sleep_for(kLook);
     feeling = false;
     for (const auto& hand : hands) feeling = hand->look() || feeling;
     if (run.sites != nullptr) run.sites->tellNews();
-    if (bare) tellOfMachine(bare->take());
     if (run.window != nullptr) {
       const Asked asked = run.window->look(threads);
       if (asked.closed || run.window->lost()) break;
