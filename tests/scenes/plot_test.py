@@ -317,12 +317,12 @@ class Plot(unittest.TestCase):
         text = good.read_text()
         head, first, second = text.splitlines()[:3]
 
-        def refused(*words, says):
-            _, line = refusal(self, self.dir, lambda: run("plot", *words, status=2))
+        def refused(*words, says, programs=BIN):
+            _, line = refusal(self, self.dir, lambda: run("plot", *words, status=2, programs=programs))
             self.assertIn(says, line)
 
         def bad(text, says):
-            refused(good, self.written("bad.csv", text), "--out", out, says=says)
+            refused(good, self.written("bad.csv", text), "--out", out, says=says, programs=self.fork.folder)
         refused(self.dir / "none.csv", "--out", out, says="none.csv: it cannot be read (No such file")
         refused(self.dir, "--out", out, says="it is a folder")
         refused("--out", out, says="see palpate plot --help")
@@ -340,6 +340,8 @@ class Plot(unittest.TestCase):
         bad("\n".join([head, "x" + first]), says="is not a finite number")
         bad("\n".join([head, first.replace("0,", "inf,", 1)]), says='t: "inf" is not a finite number')
         bad("\n".join([head, first.replace("0,", ",", 1)]), says='t: "" is not a finite number')
+        undefined = ",".join(["0", "nan", *first.split(",")[2:]])
+        bad("\n".join([head, undefined]), says='probe_x: "nan" is not a finite number')
         bad("\n".join([head, first.replace("converged", "fine")]), says='"fine" is not a status')
         bad("\n".join([head, second, first]), says="bad.csv line 3: its time is earlier")
         bad(head + "\n" + "1," * 40000, says="bad.csv line 2: it is longer than")

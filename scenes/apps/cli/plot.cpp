@@ -1,21 +1,17 @@
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
-#include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <string>
-#include <string_view>
 #include <unistd.h>
 #include <vector>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/tick/step_report.h"
 #include "palpate/engine/version.h"
 #include "palpate/scenes/apps/cli/picture.h"
 #include "palpate/scenes/apps/cli/script.h"
@@ -25,10 +21,7 @@ namespace palpate::cli {
 namespace {
 
 constexpr std::size_t kMostTraces = 6;
-constexpr std::size_t kLongestRow = 65536;     // [bytes]
-constexpr std::size_t kLongestTitle = 40;      // [characters]
-constexpr std::size_t kRowsAtOnce = 1U << 16;  // Rows between two checks for an interrupt
-constexpr const char* kOut = "write one with palpate feel SCENE --trace T.csv";
+constexpr std::size_t kLongestTitle = 40;  // [characters]
 
 struct PlotOptions {
   std::vector<std::string> traces;
@@ -51,157 +44,26 @@ File scratch() {
   return file;
 }
 
-/// Returns a path by which a child process opens a file whose descriptor it has inherited.
-std::string handed(const File& file) {
-  return fmt::format("/dev/fd/{}", fileno(file.get()));
+/// Opens a trace for trace_picture.py, which inherits the descriptor. Throws Error.
+File opened(const std::string& path) {
+  std::error_code error;
+  if (path != "-" && std::filesystem::is_directory(path, error)) {
+    throw Error(path, "it is a folder", "give a trace");
+  }
+  File file(path == "-" ? fdopen(dup(STDIN_FILENO), "rb") : std::fopen(path.c_str(), "rb"));
+  if (!file) {
+    throw Error(path, std::string("it cannot be read (") + std::strerror(errno) + ")",
+                "check the path and its permissions");
+  }
+  return file;
 }
-
-std::string_view trimmed(std::string_view text) {
-  constexpr std::string_view kBlank = " \t\r\n";
-  const std::size_t first = text.find_first_not_of(kBlank);
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(kBlank) - first + 1);
-}
-
-std::vector<std::string_view> fieldsOf(std::string_view line) {
-  std::vector<std::string_view> fields;
-  while (true) {
-    const std::size_t comma = line.find(',');
-    fields.push_back(trimmed(line.substr(0, comma)));
-    if (comma == std::string_view::npos) return fields;
-    line.remove_prefix(comma + 1);
-  }
-}
-
-/// An open trace file. The constructor checks the column names; checkRows() reads the rows.
-class TraceFile {
- public:
-  /// Throws Error if the file cannot be read, or if a needed column is missing.
-  explicit TraceFile(const std::string& path) : path_(path) {
-    std::error_code error;
-    if (path != "-" && std::filesystem::is_directory(path, error)) {
-      throw Error(path, "it is a folder", "give a trace");
-    }
-    file_.reset(path == "-" ? fdopen(dup(STDIN_FILENO), "rb") : std::fopen(path.c_str(), "rb"));
-    if (!file_) {
-      throw Error(path, std::string("it cannot be read (") + std::strerror(errno) + ")",
-                  "check the path and its permissions");
-    }
-    // A pipe can be read only once, so its content is copied for trace_picture.py.
-    if (path == "-" || !std::filesystem::is_regular_file(path, error)) copy_ = scratch();
-    while (line_ = next(), line_ && trimmed(*line_).empty()) {
-    }
-    std::string_view header = line_ ? std::string_view(*line_) : std::string_view();
-    constexpr std::string_view kMark = "\xEF\xBB\xBF";
-    if (header.substr(0, kMark.size()) == kMark) header.remove_prefix(kMark.size());
-    std::vector<std::string_view> names = fieldsOf(header);
-    columns_ = names.size();
-    for (const char* name : kNumbers) numbers_.push_back(columnOf(names, name));
-    status_ = columnOf(names, "status");
-  }
-
-  /// Throws Error if a row is invalid, or if the trace has no rows.
-  void checkRows() {
-    std::size_t rows = 0;
-    double before = 0.0;
-    while (const std::optional<std::string_view> line = next()) {
-      if (trimmed(*line).empty()) continue;
-      const double now = checkRow(*line);
-      if (rows > 0 && now < before) {
-        throw Error(where(), "its time is earlier than in the row above",
-                    "give a trace of one run");
-      }
-      before = now;
-      if (++rows % kRowsAtOnce == 0) endIfInterrupted();
-    }
-    if (std::ferror(file_.get()) != 0) {
-      throw Error(path_, fmt::format("reading failed after line {}", number_), "check the disk");
-    }
-    if (rows == 0) throw Error(path_, "it has no rows", kOut);
-    if (copy_ && (std::fflush(copy_.get()) != 0 || std::ferror(copy_.get()) != 0)) {
-      throw Error(path_, "its temporary copy could not be written", "make room in /tmp");
-    }
-  }
-
-  /// Returns the path for trace_picture.py. Call checkRows() first, which copies a pipe.
-  [[nodiscard]] std::string place() const { return handed(copy_ ? copy_ : file_); }
-  [[nodiscard]] std::string stem() const {
-    return path_ == "-" ? "stdin" : std::filesystem::path(path_).stem().string();
-  }
-
- private:
-  static constexpr const char* kNumbers[] = {
-      "t",       "probe_x", "probe_y", "probe_z", "proxy_x",     "proxy_y", "proxy_z",
-      "force_x", "force_y", "force_z", "tick_ns", "error_bound", "limited"};
-
-  [[nodiscard]] std::string where() const { return fmt::format("{} line {}", path_, number_); }
-
-  std::optional<std::string_view> next() {
-    buffer_.resize(kLongestRow);
-    if (std::fgets(buffer_.data(), static_cast<int>(buffer_.size()), file_.get()) == nullptr) {
-      return std::nullopt;
-    }
-    ++number_;
-    const std::string_view line(buffer_.data());
-    if (line.size() + 1 == buffer_.size()) {
-      throw Error(where(), fmt::format("it is longer than {} bytes", kLongestRow - 2), kOut);
-    }
-    if (copy_) (void)std::fwrite(line.data(), 1, line.size(), copy_.get());
-    return line;
-  }
-
-  std::size_t columnOf(const std::vector<std::string_view>& names, const char* name) const {
-    const auto found = std::find(names.begin(), names.end(), name);
-    if (found == names.end()) {
-      throw Error(path_, fmt::format("it is not a trace: the column \"{}\" is missing", name),
-                  kOut);
-    }
-    return static_cast<std::size_t>(found - names.begin());
-  }
-
-  double checkRow(std::string_view line) const {
-    const std::vector<std::string_view> fields = fieldsOf(line);
-    if (fields.size() != columns_) {
-      throw Error(where(), fmt::format("it has {} fields instead of {}", fields.size(), columns_),
-                  "correct or remove the row");
-    }
-    double time = 0.0;
-    for (std::size_t i = 0; i < numbers_.size(); ++i) {
-      const std::string_view field = fields[numbers_[i]];
-      if (field.empty() && i > 0) continue;  // the tick has no value in this column
-      double value = 0.0;
-      const char* const end = field.data() + field.size();
-      const auto [stop, error] = std::from_chars(field.data(), end, value);
-      if (error != std::errc() || stop != end || !std::isfinite(value)) {
-        throw Error(where(), fmt::format("{}: \"{}\" is not a finite number", kNumbers[i], field),
-                    "correct or remove the row");
-      }
-      if (i == 0) time = value;
-    }
-    const std::string_view word = fields[status_];
-    for (std::size_t i = 0; i < kStepStatuses; ++i) {
-      if (word == wordFor(static_cast<StepStatus>(i))) return time;
-    }
-    throw Error(where(), fmt::format("\"{}\" is not a status", word), "correct or remove the row");
-  }
-
-  std::string path_;
-  File file_;
-  File copy_;
-  std::string buffer_;
-  std::optional<std::string_view> line_;
-  std::size_t number_ = 0;
-  std::size_t columns_ = 0;
-  std::vector<std::size_t> numbers_;
-  std::size_t status_ = 0;
-};
 
 /// Returns a title for each trace. A title that occurs several times gets a number.
-std::vector<std::string> titlesOf(const std::vector<std::unique_ptr<TraceFile>>& traces) {
+std::vector<std::string> titlesOf(const std::vector<std::string>& traces) {
   std::vector<std::string> titles;
   std::vector<std::string> stems;
-  for (const auto& trace : traces) {
-    stems.push_back(trace->stem());
+  for (const std::string& path : traces) {
+    stems.push_back(path == "-" ? "stdin" : std::filesystem::path(path).stem().string());
     const auto same = std::count(stems.begin(), stems.end(), stems.back());
     const std::string name = Legible(stems.back(), kLongestTitle).text();
     titles.push_back(same == 1 ? name : fmt::format("{} ({})", name, same));
@@ -217,6 +79,17 @@ std::string contentOf(const File& file) {
     text.append(part, got);
   }
   return text;
+}
+
+/// Throws Error with the reason if trace_picture.py has refused a trace.
+void checkRefused(const OrderedJson& told, const std::vector<std::string>& traces) {
+  if (!told.is_object() || !told.contains("refused")) return;
+  const OrderedJson& refused = told["refused"];
+  std::string where = traces.at(refused["run"].get<std::size_t>());
+  if (const auto line = refused["line"].get<std::int64_t>(); line > 0) {
+    where += fmt::format(" line {}", line);
+  }
+  throw Error(where, refused["reason"].get<std::string>(), refused["remedy"].get<std::string>());
 }
 
 void sayRun(const OrderedJson& run) {
@@ -240,27 +113,26 @@ int plot(const PlotOptions& options) {
                 fmt::format("give at most {}", kMostTraces));
   }
   noteInterrupts();
-  std::vector<std::unique_ptr<TraceFile>> traces;
-  for (const std::string& path : options.traces) {
-    traces.push_back(std::make_unique<TraceFile>(path));
-  }
+  std::vector<File> traces;
+  for (const std::string& path : options.traces) traces.push_back(opened(path));
   checkOutputsApart({options.out}, {options.traces.begin(), options.traces.end()});
   WholeFile file(options.out);
-  for (const auto& trace : traces) trace->checkRows();
   const Script script("trace_picture.py", "plot");
 
   OrderedJson json;
   json["made_by"] = versionText();
   json["runs"] = OrderedJson::array();
-  const std::vector<std::string> titles = titlesOf(traces);
+  const std::vector<std::string> titles = titlesOf(options.traces);
   for (std::size_t i = 0; i < traces.size(); ++i) {
-    json["runs"].push_back({{"name", titles[i]}, {"file", traces[i]->place()}});
+    json["runs"].push_back({{"name", titles[i]}, {"descriptor", fileno(traces[i].get())}});
   }
   const File told = scratch();
   try {
-    script.draw(json, file, options.out, {format, "--told", handed(told)});
+    script.draw(json, file, options.out,
+                {format, "--told", fmt::format("/dev/fd/{}", fileno(told.get()))});
   } catch (const Error&) {
     endIfInterrupted();  // Ctrl-C interrupts the script too
+    checkRefused(OrderedJson::parse(contentOf(told), nullptr, false), options.traces);
     throw;
   }
   endIfInterrupted();

@@ -2,8 +2,10 @@
 """Draws traces of `palpate feel`, a column each: JSON on standard input, a picture on standard output.
 
 The argument is the format, png, pdf or svg. The JSON names the traces: {"made_by": TEXT, "runs": [{"name": TEXT,
-"file": T.csv}, ...]}. `palpate plot` has already read and checked them. With --told FILE, the script writes the drawn
-content to FILE as JSON. With --check it only checks whether matplotlib is installed.
+"descriptor": N}, ...]}, with an open descriptor for each. With --told FILE, the script writes the drawn content to FILE
+as JSON. If a trace is invalid, it draws nothing, writes {"refused": {"run": INDEX, "line": N, "reason": TEXT, "remedy":
+TEXT}} to FILE and ends with status 1; line 0 is the whole file. With --check it only checks whether matplotlib is
+installed.
 """
 import sys
 
@@ -12,9 +14,9 @@ sys.dont_write_bytecode = True  # importing picture_style must not write a file 
 from picture_style import (AXES, BLUE, DPI, GREEN, ORANGE, PLANES, PURPLE, RED, SKY,  # noqa: E402
                            save, use)
 
-import itertools  # noqa: E402
 import json  # noqa: E402
 import math  # noqa: E402
+from array import array  # noqa: E402
 
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
@@ -23,30 +25,35 @@ from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: E402
 
-CHUNK = 200000  # rows read at a time
-LINE = 1000     # sections of a line over time: more than a panel has dots from left to right
-PATH = 60000    # sections of all paths in a row of panels
-BINS = 60       # bins of the histogram
+LONGEST = 65534  # bytes of a row
+LINE = 1000      # sections of a line over time: more than a panel has dots from left to right
+PATH = 60000     # sections of all paths in a row of panels
+BINS = 60        # bins of the histogram
 NUMBERS = ["t", *(f"{what}_{a}" for what in ("probe", "proxy", "force") for a in AXES),
            "error_bound", "tick_ns", "limited"]
 # Names of the statuses in the engine. A status in ALWAYS has a lane even if it does not occur.
 STATUSES = ["converged", "hairpin", "substep-limit", "iteration-limit", "dropped", "fault"]
 ALWAYS = ("converged", "substep-limit", "fault")
+CODES = {word: code for code, word in enumerate(STATUSES)}
+WRITE = "write one with palpate feel SCENE --trace T.csv"
+CORRECT = "correct or remove the row"
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 COLOURS = dict(zip(STATUSES, (BLUE, PURPLE, ORANGE, SKY, GREEN, RED)), limited="black")
 # Colours of the force, from pale (zero) to dark (the largest). The palest colours of the map are left out.
 FORCES = ListedColormap(plt.get_cmap("magma_r")(np.linspace(0.15, 0.95, 256)))
 
 
+class Refused(Exception):
+    """A trace is invalid. The arguments are the number of the line, the reason and the remedy."""
+
+
 class Run:
     """A trace, and the quantities that are drawn."""
 
-    def __init__(self, name, file):
+    def __init__(self, name, descriptor):
         self.name = name
-        with open(file, encoding="utf-8-sig", errors="replace") as lines:
-            header = [word.strip() for word in next(line for line in lines if line.strip()).split(",")]
-            rows, words = zip(*chunks(lines, header))
-        table = np.concatenate(rows)
+        with open(descriptor, "rb") as file:
+            table, self.status = read(file)
         self.t = table[:, 0]
         self.probe, self.proxy = 1e3 * table[:, 1:4], 1e3 * table[:, 4:7]  # [mm]
         forces = table[:, 7:10]
@@ -55,7 +62,6 @@ class Run:
         self.bound = table[:, 10]
         self.tick = 1e-3 * table[:, 11]  # [us]
         self.limited = table[:, 12] != 0
-        self.status = np.concatenate(words)
         # The force of a tick acts until the next reading of the hand. Work in N mm is energy in mJ.
         work = np.einsum("ij,ij->i", forces[:-1], np.diff(self.probe, axis=0))
         self.energy = np.concatenate([[0.0], np.cumsum(np.nan_to_num(work))])
@@ -66,7 +72,7 @@ class Run:
 
     def lane(self, word):
         """Returns for each tick whether it has this status; for "limited", whether its force was limited."""
-        return self.limited if word == "limited" else self.status == STATUSES.index(word)
+        return self.limited if word == "limited" else self.status == CODES[word]
 
     def told(self):
         """Returns the numbers of the run, for readers who cannot see the picture."""
@@ -81,23 +87,66 @@ class Run:
                 "limited": int(np.count_nonzero(self.limited))}
 
 
-def chunks(lines, header):
-    """Yields the numbers and the statuses of the rows, a chunk of rows at a time. An empty field becomes NaN."""
-    kinds = [("f8", NUMBERS), ("U16", ["status"])]
-    columns = [(header.index(name), kind) for kind, names in kinds for name in names]
-    record = np.dtype([(f"c{i}", kind) for i, (_, kind) in enumerate(columns)])
-    while rows := list(itertools.islice(lines, CHUNK)):
-        for i, row in enumerate(rows):
-            if ",," in row or row[0] == "," or row.rstrip()[-1:] == ",":
-                rows[i] = ",".join(field.strip() or "nan" for field in row.split(","))
-        rows = [row for row in rows if row.strip()]
-        if not rows:
-            continue
-        read = np.atleast_1d(np.loadtxt(rows, dtype=record, delimiter=",", comments=None,
-                                        usecols=[column for column, _ in columns]))
-        numbers = np.stack([read[f"c{i}"] for i in range(len(NUMBERS))], axis=1)
-        words, of = np.unique(read[f"c{len(NUMBERS)}"], return_inverse=True)
-        yield numbers, np.array([STATUSES.index(w.strip()) for w in words], dtype="u1")[of]
+def rows(file):
+    """Yields the number and the fields of each line that is not blank. Reads at most LONGEST bytes of a line."""
+    number = 0
+    try:
+        while line := file.readline(LONGEST + 1):
+            number += 1
+            if len(line) > LONGEST:
+                raise Refused(number, f"it is longer than {LONGEST} bytes", WRITE)
+            text = line.decode("utf-8", "replace").strip()
+            if text:
+                yield number, text.split(",")
+    except OSError as error:
+        raise Refused(0, f"reading failed after line {number}", "check the disk") from error
+
+
+def checked(line, name, field):
+    """Returns the number in a field. An empty field becomes NaN: the tick has no value in this column."""
+    if not field and name != "t":
+        return math.nan
+    try:
+        value = float(field)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise Refused(line, f'{name}: "{field}" is not a finite number', CORRECT)
+    return value
+
+
+def read(file):
+    """Returns the numbers and the statuses of a trace's ticks. Raises Refused if a row is invalid."""
+    lines = rows(file)
+    header = [name.strip() for name in next(lines, (0, [""]))[1]]
+    header[0] = header[0].removeprefix("\ufeff").strip()
+    for name in (*NUMBERS, "status"):
+        if name not in header:
+            raise Refused(0, f'it is not a trace: the column "{name}" is missing', WRITE)
+    columns = [header.index(name) for name in NUMBERS]
+    status = header.index("status")
+    numbers, statuses = array("d"), bytearray()
+    before = -math.inf
+    for line, fields in lines:
+        if len(fields) != len(header):
+            raise Refused(line, f"it has {len(fields)} fields instead of {len(header)}", CORRECT)
+        try:
+            values = [float(fields[column]) for column in columns]
+        except ValueError:
+            values = [math.nan]
+        if not math.isfinite(sum(values)):
+            values = [checked(line, name, fields[column].strip()) for name, column in zip(NUMBERS, columns)]
+        word = fields[status].strip()
+        if word not in CODES:
+            raise Refused(line, f'"{word}" is not a status', CORRECT)
+        if values[0] < before:
+            raise Refused(line, "its time is earlier than in the row above", "give a trace of one run")
+        before = values[0]
+        numbers.extend(values)
+        statuses.append(CODES[word])
+    if not statuses:
+        raise Refused(0, "it has no rows", WRITE)
+    return np.frombuffer(numbers).reshape(-1, len(NUMBERS)), np.frombuffer(statuses, "u1")
 
 
 def most(values):
@@ -365,17 +414,28 @@ def ticks(count):
     return f"{count} tick" if count == 1 else f"{count} ticks"
 
 
+def tell(content):
+    if "--told" in sys.argv:
+        with open(sys.argv[sys.argv.index("--told") + 1], "w", encoding="utf-8") as file:
+            json.dump(content, file)
+
+
 def main():
     if "--check" in sys.argv:
         return
     kind = sys.argv[1]
     data = json.load(sys.stdin)
     use()
-    picture = Picture([Run(run["name"], run["file"]) for run in data["runs"]])
+    runs = []
+    for run in data["runs"]:
+        try:
+            runs.append(Run(run["name"], run["descriptor"]))
+        except Refused as why:
+            tell({"refused": dict(zip(("run", "line", "reason", "remedy"), (len(runs), *why.args)))})
+            sys.exit(1)
+    picture = Picture(runs)
     save(picture.figure, kind, data["made_by"])
-    if "--told" in sys.argv:
-        with open(sys.argv[sys.argv.index("--told") + 1], "w", encoding="utf-8") as file:
-            json.dump(picture.told(kind), file)
+    tell(picture.told(kind))
 
 
 if __name__ == "__main__":
