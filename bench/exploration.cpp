@@ -9,6 +9,7 @@
 #include "palpate/engine/balance/solver.h"
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/random.h"
 
 namespace palpate::bench {

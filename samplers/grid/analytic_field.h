@@ -64,15 +64,4 @@ template <class Formula>
 [[nodiscard]] std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius,
                                                             double voxel = 1e-3);
 
-/// Makes a scalar field that is the height [m] above the plane through `point`.
-[[nodiscard]] std::shared_ptr<const ScalarField> makeHalfSpace(const Vec3& point,
-                                                               const Vec3& normal,
-                                                               double voxel = 1e-3);
-
-/// Makes a rigid vortex about an axis through `centre`, with a flow along the axis:
-/// v = omega x r + axial e. curl v = 2 omega, div v = 0. It has data within `radius` [m].
-[[nodiscard]] std::shared_ptr<const VectorField> makeVortex(const Vec3& centre, const Vec3& omega,
-                                                            double axial, double radius,
-                                                            double voxel = 1e-3);
-
 }  // namespace palpate

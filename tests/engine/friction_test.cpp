@@ -8,6 +8,7 @@
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/fresh_hand.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"

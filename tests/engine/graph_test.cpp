@@ -7,6 +7,7 @@
 #include "palpate/engine/scene/scene.h"
 #include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/formula_fields.h"
 
 namespace palpate::graph_test {
 using Catch::Contains;

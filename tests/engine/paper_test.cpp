@@ -15,6 +15,7 @@
 #include "palpate/engine/balance/solver.h"
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/problems.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"

@@ -13,6 +13,7 @@
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/hand.h"
 #include "tests/support/random.h"
 

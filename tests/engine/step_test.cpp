@@ -9,6 +9,7 @@
 
 #include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/random.h"
 
 namespace palpate::step_test {

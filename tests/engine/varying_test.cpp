@@ -12,6 +12,7 @@
 #include "palpate/engine/balance/newton.h"
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/random.h"
 #include "tests/support/theorem.h"
 

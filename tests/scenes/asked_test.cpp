@@ -20,6 +20,7 @@
 #include "palpate/scenes/apps/cli/watcher.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/library/scene_file.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_files.h"
 

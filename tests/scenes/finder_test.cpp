@@ -7,6 +7,7 @@
 
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
+#include "tests/support/formula_fields.h"
 
 namespace palpate::finder_test {
 

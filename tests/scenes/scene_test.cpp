@@ -16,6 +16,7 @@
 #include "palpate/samplers/grid/analytic_field.h"
 #include "palpate/scenes/library/scene_cache.h"
 #include "palpate/scenes/library/scene_file.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/random.h"
 #include "tests/support/source_dir.h"

@@ -21,6 +21,7 @@
 #include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/buzz.h"
 #include "tests/support/contenders.h"
+#include "tests/support/formula_fields.h"
 #include "tests/support/motion_problems.h"
 #include "tests/support/passivity_runs.h"
 #include "tests/support/problems.h"
