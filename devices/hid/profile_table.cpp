@@ -487,6 +487,11 @@ JsonType<PidAxisSpec> pidAxisType() {
       .type();
 }
 
+JsonType<std::vector<FileFlag>> flagList() {
+  return jsonList(flagType(), 0, kMostFlags, "it is not a list of at most 1024 flags",
+                  "write [{\"field\": ...}]");
+}
+
 struct Table {
   JsonSchema definitions;
   Rows profile;
@@ -511,10 +516,7 @@ const Table& table() {
                   &ProfileFile::input)
             .may("output", reportRows(field).type().defined("output", t.definitions),
                  &ProfileFile::output)
-            .may("flags",
-                 jsonList(flagType(), 0, kMostFlags, "it is not a list of at most 1024 flags",
-                          "write [{\"field\": ...}]"),
-                 &ProfileFile::flags)
+            .may("flags", flagList(), &ProfileFile::flags)
             .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
                       "Model that computes the tip's position from the joints' positions.")
             .mayHold("gravity", gravityRows(), "Masses that the motors carry.")
