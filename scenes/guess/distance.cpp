@@ -36,10 +36,14 @@ struct Plateaus {
   [[nodiscard]] bool onBothSides() const {
     return cut_low && cut_high && low < 0.0F && high > 0.0F;
   }
-  /// Returns true if values were divided by the distance at which they are cut off.
-  [[nodiscard]] bool areScaled() const {
-    return low >= -1.0F && high <= 1.0F &&
-           ((cut_low && low == -1.0F) || (cut_high && high == 1.0F));
+  /// Returns the value at which distances in any unit are cut off on both sides. Returns 0 if the
+  /// plateaus do not show it. Distances divided by this value may have a plateau at -1 or 1 only.
+  [[nodiscard]] double limit() const {
+    constexpr double kRounding = 0.01;  // whole numbers may end at -128 and 127
+    const double limit = std::max(-low, high);
+    const bool symmetric = onBothSides() && std::min(-low, high) >= (1.0 - kRounding) * limit;
+    const bool divided = limit == 1.0 && ((cut_low && low == -1.0F) || (cut_high && high == 1.0F));
+    return symmetric || divided ? limit : 0.0;
   }
 };
 
@@ -160,7 +164,7 @@ Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<d
   if (!(slope > 0.0)) return Distance::kNone;
   const bool one = std::min(std::abs(slope - 1.0), std::abs(slope * edge - 1.0)) < kTolerance;
   const bool known =
-      (one && plateaus.onBothSides()) || (plateaus.areScaled() && slope * edge <= 1.0 + kTolerance);
+      (one && plateaus.onBothSides()) || slope * edge <= (1.0 + kTolerance) * plateaus.limit();
   return known && slopes.shareNear(slope, kNoisy) > kNearlyAll ? Distance::kTruncated
                                                                : Distance::kNone;
 }

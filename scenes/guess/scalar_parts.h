@@ -65,9 +65,10 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 ///
 /// - kFull: the values change by 1 per unit or per voxel. Also, the directions vary, or the values
 ///   are cut off on both sides of 0; otherwise a linear ramp would count.
-/// - kTruncated: as kFull, but noisy and cut off on both sides of 0, or divided by the distance at
-///   which they are cut off. Then they end at -1 or 1, with any slope (Curless and Levoy, A
-///   volumetric method for building complex models from range images, 1996).
+/// - kTruncated: as kFull, but noisy and cut off on both sides of 0, or in any unit and cut off at
+///   the same distance on both sides, which is at least a voxel. Values divided by this distance
+///   end at -1 and 1, and may be cut off at one end only (Curless and Levoy, A volumetric method
+///   for building complex models from range images, 1996).
 [[nodiscard]] Distance distanceOf(const std::vector<ScalarSample>& samples,
                                   const std::array<double, 3>& edges, double edge);
 

@@ -977,8 +977,9 @@ TEST_CASE("a distance field that is clamped gets a surface at 0 with its solid i
     double deviation = 0.0;
   };
   for (const Shape& shape : {Shape{ball}, Shape{box}, Shape{ground, false}}) {
-    for (const Cut& cut : {Cut{-3.0, 3.0}, Cut{-2.0, 5.0}, Cut{-1.0, 1.0, 0.2},
-                           Cut{-1.0, 1.0, 0.2, 0.15}, Cut{-0.4, 1.0, 0.2}}) {
+    for (const Cut& cut :
+         {Cut{-3.0, 3.0}, Cut{-2.0, 5.0}, Cut{-1.0, 1.0, 0.2}, Cut{-1.0, 1.0, 0.2, 0.15},
+          Cut{-0.4, 1.0, 0.2}, Cut{-32767.0, 32767.0, 8191.75}, Cut{-127.0, 127.0, 25.4, 0.15}}) {
       for (const double sign : {1.0, -1.0}) {
         // On a shape that is not closed, either side may be solid, so only the usual sign is
         // tested.
