@@ -97,8 +97,7 @@ ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestIn
   setRange(samples, input, scalar);
   const std::array<double, 3> edges = edgesOf(*input.grid);
   const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
-  scalar.distance = distanceOf(samples, edges, edge);
-  if (scalar.distance != Distance::kNone) scalar.positive_inside = isPositiveInside(input);
+  analyseDistance(samples, input, scalar);
   if (!(scalar.range() > kRounding * std::max(std::abs(scalar.low), std::abs(scalar.high)))) {
     scalar.low = scalar.high;
     return scalar;

@@ -29,6 +29,7 @@ struct Plateaus {
   float high = std::numeric_limits<float>::lowest();
   bool cut_low = false;  ///< True if the values are cut off at the lowest value.
   bool cut_high = false;
+  bool from_background = false;  ///< True if only the background shows one of the ends.
 
   [[nodiscard]] bool contains(float value) const {
     return std::binary_search(values.begin(), values.end(), value);
@@ -44,6 +45,18 @@ struct Plateaus {
     const bool symmetric = onBothSides() && std::min(-low, high) >= (1.0 - kRounding) * limit;
     const bool divided = limit == 1.0 && ((cut_low && low == -1.0F) || (cut_high && high == 1.0F));
     return symmetric || divided ? limit : 0.0;
+  }
+  /// Takes the background of a block of voxels as a plateau if the values reach it within a `step`.
+  void addBackground(double background, double step) {
+    if (background - high > step || low - background > step) return;
+    const auto value = static_cast<float>(background);
+    if (value > high) {
+      high = value;
+      cut_high = from_background = true;
+    } else if (value < low) {
+      low = value;
+      cut_low = from_background = true;
+    }
   }
 };
 
@@ -138,23 +151,36 @@ Slopes slopesOf(const std::vector<ScalarSample>& samples, const Plateaus& platea
   return slopes;
 }
 
-}  // namespace
+/// Returns true if nearly all values on the faces of the box are negative. `beyond` reads the
+/// voxels around the box instead.
+bool isPositiveInside(const SuggestInput& input, bool beyond) {
+  // A ground that fills up to 7/8 of its box's height covers up to 3/4 of the box's faces.
+  constexpr double kNearlyAllFaces = 0.75;
+  openvdb::CoordBBox box = input.extent;
+  if (box.empty()) {
+    box = input.grid->evalActiveVoxelBoundingBox();
+    beyond = input.inactive_is_data;
+  }
+  if (beyond) box.expand(1);
+  const Readings faces = readAt(input, facesOf(box));
+  std::size_t below = 0;
+  std::size_t all = 0;
+  for (std::size_t i = 0; i < faces.values.size(); ++i) {
+    const float value = faces.values[i];
+    // A scanner writes 0 for voxels that it has not seen.
+    if (value == 0.0F || (!input.inactive_is_data && !faces.active[i])) continue;
+    ++all;
+    below += value < 0.0F ? 1 : 0;
+  }
+  return static_cast<double>(below) > kNearlyAllFaces * static_cast<double>(all);
+}
 
-Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
-                    double edge) {
-  constexpr std::size_t kLeast = 64;   // with fewer samples, fractions are not known to 5 %
+Distance kindOf(const Plateaus& plateaus, const Slopes& slopes, double edge) {
   constexpr double kNearlyAll = 0.8;   // fraction of the voxels; ridges have other slopes
   constexpr double kTolerance = 0.05;  // tolerance of the slope 1
   // Tolerance of the slope for noisy values. Nearly all slopes of a blurred step are outside it.
   constexpr double kNoisy = 0.25;
-  constexpr double kBothSigns = 0.01;
   constexpr double kVarying = 0.5;  // largest length of the mean direction
-  const Plateaus plateaus = plateausOf(samples);
-  const Slopes slopes = slopesOf(samples, plateaus, edges);
-  if (slopes.lengths.size() < kLeast || !(slopes.below > kBothSigns) ||
-      !(slopes.below < 1.0 - kBothSigns)) {
-    return Distance::kNone;
-  }
   const bool varying = slopes.common < kVarying;
   const bool exact = std::max(slopes.shareNear(1.0, kTolerance),
                               slopes.shareNear(1.0 / edge, kTolerance)) > kNearlyAll;
@@ -169,25 +195,27 @@ Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<d
                                                                : Distance::kNone;
 }
 
-bool isPositiveInside(const SuggestInput& input) {
-  // A ground that fills up to 7/8 of its box's height covers up to 3/4 of the box's faces.
-  constexpr double kNearlyAllFaces = 0.75;
-  openvdb::CoordBBox box = input.extent;
-  if (box.empty()) {
-    box = input.grid->evalActiveVoxelBoundingBox();
-    if (input.inactive_is_data) box.expand(1);
+}  // namespace
+
+void analyseDistance(const std::vector<ScalarSample>& samples, const SuggestInput& input,
+                     ScalarAnalysis& scalar) {
+  constexpr std::size_t kLeast = 64;  // with fewer samples, fractions are not known to 5 %
+  constexpr double kBothSigns = 0.01;
+  const std::array<double, 3> edges = edgesOf(*input.grid);
+  Plateaus plateaus = plateausOf(samples);
+  const Slopes slopes = slopesOf(samples, plateaus, edges);
+  if (slopes.lengths.size() < kLeast || !(slopes.below > kBothSigns) ||
+      !(slopes.below < 1.0 - kBothSigns)) {
+    return;
   }
-  const Readings faces = readAt(input, facesOf(box));
-  std::size_t below = 0;
-  std::size_t all = 0;
-  for (std::size_t i = 0; i < faces.values.size(); ++i) {
-    const float value = faces.values[i];
-    // A scanner writes 0 for voxels that it has not seen.
-    if (value == 0.0F || (!input.inactive_is_data && !faces.active[i])) continue;
-    ++all;
-    below += value < 0.0F ? 1 : 0;
+  if (scalar.outside) {
+    constexpr double kRounding = 1.05;
+    plateaus.addBackground(*scalar.outside,
+                           kRounding * slopes.median() * std::max({edges[0], edges[1], edges[2]}));
   }
-  return static_cast<double>(below) > kNearlyAllFaces * static_cast<double>(all);
+  scalar.distance = kindOf(plateaus, slopes, std::cbrt(edges[0] * edges[1] * edges[2]));
+  if (scalar.distance == Distance::kNone) return;
+  scalar.positive_inside = isPositiveInside(input, plateaus.from_background);
 }
 
 }  // namespace palpate::guess

@@ -59,9 +59,9 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 /// Returns no value without one, or if the values may be labels. `sorted` ascends and is not empty.
 [[nodiscard]] std::optional<float> noDataOf(const std::vector<float>& sorted, double least);
 
-/// Returns whether the values are the signed distance to a surface: the gradient has the same
-/// length everywhere (eikonal equation), and both signs occur. Ignores voxels beside constant
-/// regions and inactive voxels, where distances are often cut off.
+/// Sets `distance` and `positive_inside` if the values are the signed distance to a surface: the
+/// gradient has the same length everywhere (eikonal equation), and both signs occur. Ignores voxels
+/// beside constant regions and inactive voxels, where distances are often cut off.
 ///
 /// - kFull: the values change by 1 per unit or per voxel. Also, the directions vary, or the values
 ///   are cut off on both sides of 0; otherwise a linear ramp would count.
@@ -69,11 +69,11 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 ///   the same distance on both sides, which is at least a voxel. Values divided by this distance
 ///   end at -1 and 1, and may be cut off at one end only (Curless and Levoy, A volumetric method
 ///   for building complex models from range images, 1996).
-[[nodiscard]] Distance distanceOf(const std::vector<ScalarSample>& samples,
-                                  const std::array<double, 3>& edges, double edge);
-
-/// Returns true if a distance is positive inside the bodies: nearly all values on the faces of the
-/// box are negative. Usually a distance is negative inside.
-[[nodiscard]] bool isPositiveInside(const SuggestInput& input);
+///
+/// If a block of voxels reaches the background within a voxel, the background counts as cut off. A
+/// distance is positive inside bodies if nearly all values on the faces of the box are negative.
+/// Usually a distance is negative inside.
+void analyseDistance(const std::vector<ScalarSample>& samples, const SuggestInput& input,
+                     ScalarAnalysis& scalar);
 
 }  // namespace palpate::guess

@@ -1015,6 +1015,29 @@ TEST_CASE("a distance field that is clamped gets a surface at 0 with its solid i
   }
 }
 
+TEST_CASE("a ground gets a surface at 0 if only the background has its greatest distance",
+          "[guess]") {
+  for (const float sign : {1.0F, -1.0F}) {
+    SuggestInput input = scalar(
+        [sign](const Vec3d& p) {
+          return sign * static_cast<float>(std::clamp(p.z() - 5.2, -3.0, 3.0));
+        },
+        40);
+    auto grid = openvdb::gridPtrCast<openvdb::FloatGrid>(input.grid->deepCopyGrid());
+    openvdb::tools::changeBackground(grid->tree(), 3.0F * sign);
+    for (auto it = grid->beginValueOn(); it; ++it) {
+      if (*it == 3.0F * sign) it.setValueOff();
+    }
+    input.grid = grid;
+    input.extent = grid->evalActiveVoxelBoundingBox();
+    const Json scene = suggested({input});
+    CAPTURE(sign, scene.dump(2));
+    const Json surface = only(scene, "isosurface");
+    CHECK(surface["value"] == 0.0);
+    CHECK(surface["solid"] == (sign > 0.0F ? "below" : "above"));
+  }
+}
+
 TEST_CASE("a narrow-band distance field without a grid class gets a surface at 0", "[guess]") {
   for (const double half_width : {1.5, 2.0, 3.0}) {
     const auto ball = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
