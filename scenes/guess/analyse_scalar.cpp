@@ -15,9 +15,19 @@ double backgroundOf(const openvdb::GridBase& grid) {
              : static_cast<const openvdb::FloatGrid&>(grid).background();
 }
 
+/// The value of most voxels, and the greatest difference from it that is noise.
+struct Common {
+  float value = 0.0F;
+  double noise = 0.0;
+
+  [[nodiscard]] bool contains(float other) const {
+    return std::abs(static_cast<double>(other) - value) <= noise;
+  }
+};
+
 /// Samples the finite active voxels, except those with the value `common`.
-std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<float> common) {
-  const auto is_common = [common](float value) { return common && value == *common; };
+std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<Common> common) {
+  const auto is_common = [common](float value) { return common && common->contains(value); };
   auto samples =
       withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
         const auto make = [&](const R& reader, const openvdb::Coord& c) {
@@ -83,13 +93,21 @@ void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& inpu
   }
 }
 
+/// Moves boundaries to the end of the noise, which they would enclose.
+void moveOutOfNoise(const Common& common, std::vector<Boundary>& boundaries) {
+  for (Boundary& b : boundaries) {
+    if (!common.contains(static_cast<float>(b.value))) continue;
+    b.value = b.foot = common.value + (b.value < common.value ? -common.noise : common.noise);
+  }
+}
+
 /// `common`: the value of most voxels, if these are not among the samples.
 ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestInput& input,
-                              std::optional<float> common) {
+                              std::optional<Common> common) {
   constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is rounding
   ScalarAnalysis scalar;
   if (samples.empty()) return scalar;
-  if (common) scalar.common = *common;
+  if (common) scalar.common = common->value;
   scalar.values.reserve(samples.size());
   for (const ScalarSample& sample : samples) scalar.values.push_back(sample.value);
   std::sort(scalar.values.begin(), scalar.values.end());
@@ -106,6 +124,7 @@ ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestIn
   scalar.entropy = entropyOf(scalar.values);
   const LevelIntegrals levels = integrateLevels(samples, scalar, edges);
   scalar.boundaries = findBoundaries(levels, scalar, edge, input.inactive_is_data);
+  if (common) moveOutOfNoise(*common, scalar.boundaries);
   // Both sides of a front have data, so searches for it only if all voxels were sampled.
   if (scalar.boundaries.empty() && !scalar.common) {
     if (const auto front = findFront(input, scalar)) scalar.boundaries.push_back(*front);
@@ -119,12 +138,51 @@ bool hasSpread(const ScalarAnalysis& scalar) {
   return at(95.0) > at(5.0);
 }
 
-std::optional<float> commonOf(const std::vector<float>& sorted) {
-  if (sorted.empty()) return std::nullopt;
-  const float middle = sorted[sorted.size() / 2];
-  const auto [from, to] = std::equal_range(sorted.begin(), sorted.end(), middle);
-  return 2 * static_cast<std::size_t>(to - from) > sorted.size() ? std::optional(middle)
+/// Returns the standard deviation of noise, from the median of the second differences along the
+/// axes. They are 0 in most of a smooth field.
+double noiseOf(const std::vector<ScalarSample>& samples) {
+  constexpr double kMedian = 0.6745;  // median of |x| for a Gaussian of deviation 1
+  std::vector<double> differences;
+  for (const ScalarSample& s : samples) {
+    for (std::size_t a = 0; a < 3; ++a) {
+      if (!s.known[a]) continue;
+      differences.push_back(std::abs(double{s.before[a]} + s.after[a] - 2.0 * s.value));
+    }
+  }
+  if (differences.empty()) return 0.0;
+  const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
+  std::nth_element(differences.begin(), middle, differences.end());
+  return *middle / (kMedian * std::sqrt(6.0));
+}
+
+/// Returns the value of more than half of the voxels, if nearly all have it. `noise` is the
+/// standard deviation.
+std::optional<Common> commonOf(const ScalarAnalysis& all, double noise) {
+  constexpr double kReach = 6.0;  // of 1e8 voxels with Gaussian noise, none differs more
+  if (all.values.empty()) return std::nullopt;
+  const Common common{all.values[all.values.size() / 2], kReach * noise};
+  const auto at = [&](double percent) { return percentile(all.values, percent); };
+  const auto within = [&](double percent) {
+    return common.contains(static_cast<float>(at(percent)));
+  };
+  if (hasSpread(all) && !(within(5.0) && within(95.0))) return std::nullopt;
+  const auto count = std::count_if(all.values.begin(), all.values.end(),
+                                   [&](float value) { return common.contains(value); });
+  return 2 * static_cast<std::size_t>(count) > all.values.size() ? std::optional(common)
                                                                  : std::nullopt;
+}
+
+/// Returns true if most of the samples have no neighbour that differs from `common`, as in noise.
+bool areSpikes(const std::vector<ScalarSample>& samples, const Common& common) {
+  const auto is_alone = [&](const ScalarSample& s) {
+    for (std::size_t a = 0; a < 3; ++a) {
+      const bool same = common.contains(s.before[a]) && common.contains(s.after[a]);
+      if (s.known[a] && !same) return false;
+    }
+    return true;
+  };
+  const auto alone = std::count_if(samples.begin(), samples.end(), is_alone);
+  return 2 * static_cast<std::size_t>(alone) > samples.size();
 }
 
 }  // namespace
@@ -143,12 +201,14 @@ bool varies(const ScalarAnalysis& scalar) {
 ScalarAnalysis analyseScalar(const SuggestInput& input) {
   // A body of fewer than four voxels along each edge has no resolved boundary.
   constexpr std::size_t kLeast = 64;
-  ScalarAnalysis all = analyseSamples(sampleScalar(input, std::nullopt), input, std::nullopt);
-  if (all.distance != Distance::kNone || hasSpread(all)) return all;
-  const std::optional<float> common = commonOf(all.values);
+  std::vector<ScalarSample> samples = sampleScalar(input, std::nullopt);
+  const double noise = noiseOf(samples);
+  ScalarAnalysis all = analyseSamples(std::move(samples), input, std::nullopt);
+  if (all.distance != Distance::kNone) return all;
+  const std::optional<Common> common = commonOf(all, noise);
   if (!common) return all;
   std::vector<ScalarSample> others = sampleScalar(input, common);
-  if (others.size() < kLeast) return all;
+  if (others.size() < kLeast || (common->noise > 0.0 && areSpikes(others, *common))) return all;
   ScalarAnalysis few = analyseSamples(std::move(others), input, common);
   if (!varies(few)) return all;
   // A scalar that varies in few voxels must rank below others.

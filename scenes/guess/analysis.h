@@ -84,7 +84,7 @@ struct VectorAnalysis {
 };
 
 /// Analyse about kSuggestSamples active voxels (suggest.h). If nearly all voxels of a scalar have
-/// one value, analyseScalar() treats this value as the background.
+/// one value, or differ from it only by noise, analyseScalar() treats this value as the background.
 [[nodiscard]] ScalarAnalysis analyseScalar(const SuggestInput& input);
 [[nodiscard]] VectorAnalysis analyseVector(const SuggestInput& input);
 

@@ -1104,6 +1104,33 @@ TEST_CASE("a dense fog with few varying voxels gets the same modes as a sparse f
       VolumeError);
 }
 
+TEST_CASE("the surface of a small plume in noise is between the noise and the plume", "[guess]") {
+  // The plume fills 0.05 %, 0.2 % or 1 % of the box.
+  for (const auto& [radius, deviation] :
+       {std::pair{3.2, 0.05}, {5.0, 0.05}, {8.5, 0.05}, {8.5, 3.0}}) {
+    const auto plume = [radius = radius, deviation = deviation](const Vec3d& p) {
+      const double r = (p - Vec3d(3.0, 0.0, -5.0)).length() / radius;
+      return static_cast<float>(300.0 + (r < 1.0 ? 100.0 * std::exp(-2.0 * r * r) : 0.0) +
+                                deviation * noise(p));
+    };
+    const Json scene = suggested({scalar(plume, 64)});
+    CAPTURE(radius, deviation, scene.dump(2));
+    const std::vector<Json> surfaces = modesOf(scene, "isosurface");
+    REQUIRE_FALSE(surfaces.empty());
+    for (const Json& surface : surfaces) {
+      CHECK(surface["value"].get<double>() > 303.0 + 4.0 * deviation);
+      CHECK(surface["value"].get<double>() < 390.0);
+      CHECK(surface["solid"] == "above");
+    }
+  }
+  // Spikes in single voxels are noise.
+  const auto spikes = [](const Vec3d& p) {
+    return static_cast<float>(300.0 + 0.05 * noise(p) + (noise(3.0 * p) > 3.0 ? 50.0 : 0.0));
+  };
+  const Guess guess = suggest({"data.vdb", "", ""}, {scalar(spikes, 64)});
+  CHECK_THAT(guess.seen.at(0), !Contains("in nearly all voxels"));
+}
+
 TEST_CASE("a guessed scene sets no stiffness and uses the device's", "[guess]") {
   const std::string text = suggestScene("data.vdb", {scalar(ball(16.0, 1000.0, 0.0, 0.0))});
   SceneSpec spec = parseScene(text, "suggested.json", "/data");
