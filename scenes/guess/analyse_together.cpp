@@ -111,7 +111,7 @@ class Sums {
 
 }  // namespace
 
-bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
+bool isLike(const SuggestInput& scalar, const SuggestInput& other, Likeness likeness) {
   constexpr double kAlike = 0.97;  // least correlation of grids with the same content
   if (scalar.grid->transform() != other.grid->transform()) return false;
   const std::vector<openvdb::Coord> at = placesOf(scalar, kPlaces);
@@ -139,8 +139,9 @@ bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
       ours.push_back(own[i]);
     }
   }
+  const auto alike = likeness == Likeness::kMultiple ? proportionality : correlation;
   return std::any_of(theirs.begin(), theirs.end(), [&](const std::vector<double>& their) {
-    return their.size() == ours.size() && correlation(ours, their) > kAlike;
+    return their.size() == ours.size() && alike(ours, their) > kAlike;
   });
 }
 

@@ -88,8 +88,12 @@ struct VectorAnalysis {
 [[nodiscard]] ScalarAnalysis analyseScalar(const SuggestInput& input);
 [[nodiscard]] VectorAnalysis analyseVector(const SuggestInput& input);
 
-/// Returns true if a scalar is a linear function of another grid, its component or its magnitude.
-[[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other);
+enum class Likeness : std::uint8_t {
+  kLinear,    ///< A linear function.
+  kMultiple,  ///< A linear function without an offset, as the same quantity in another unit.
+};
+/// Returns true if a scalar is such a function of another grid, its component or its magnitude.
+[[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other, Likeness likeness);
 
 /// Results of analysing several scalars together. Fractions are scalars within 0 and 1.
 struct SumAnalysis {

@@ -308,6 +308,14 @@ void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std:
                  "");
 }
 
+/// Returns true if the flow's modes show all of a scalar. They show no surface, and across a shock
+/// every quantity is a linear function of the velocity.
+bool isShownBy(const Candidate& flow, const Candidate& scalar) {
+  const Likeness likeness =
+      scalar.scalar.boundaries.empty() ? Likeness::kLinear : Likeness::kMultiple;
+  return isLike(*scalar.input, *flow.input, likeness);
+}
+
 /// Adds the one or two best scalars, except those that match the flow or a scalar already added.
 void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft& draft) {
   constexpr std::size_t kMost = 2;
@@ -318,8 +326,10 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
       draft.leaveOut(*c);
       continue;
     }
-    const auto same = [&](const Candidate* o) { return isLike(*c->input, *o->input); };
-    const Candidate* like = flow != nullptr && same(flow) ? flow : nullptr;
+    const auto same = [&](const Candidate* o) {
+      return isLike(*c->input, *o->input, Likeness::kLinear);
+    };
+    const Candidate* like = flow != nullptr && isShownBy(*flow, *c) ? flow : nullptr;
     const auto found = std::find_if(chosen.begin(), chosen.end(), same);
     if (found != chosen.end()) like = *found;
     if (like != nullptr) {

@@ -58,4 +58,22 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b) {
   return aa > 0.0 && bb > 0.0 ? std::abs(ab) / std::sqrt(aa * bb) : 0.0;
 }
 
+double proportionality(const std::vector<double>& a, const std::vector<double>& b) {
+  const auto n = static_cast<double>(a.size());
+  if (a.size() < 8) return 0.0;
+  const double mean = std::accumulate(a.begin(), a.end(), 0.0) / n;
+  double aa = 0.0;
+  double bb = 0.0;
+  double ab = 0.0;
+  double all = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    all += (a[i] - mean) * (a[i] - mean);
+    aa += a[i] * a[i];
+    bb += b[i] * b[i];
+    ab += a[i] * b[i];
+  }
+  if (!(all > 0.0 && bb > 0.0)) return 0.0;
+  return std::sqrt(std::max(0.0, 1.0 - (aa - ab * ab / bb) / all));
+}
+
 }  // namespace palpate::guess

@@ -20,4 +20,8 @@ namespace palpate::guess {
 /// pairs, or if a list is constant.
 [[nodiscard]] double correlation(const std::vector<double>& a, const std::vector<double>& b);
 
+/// Returns how well `a` is a multiple of `b`, without an offset: the correlation that would leave
+/// the same residuals; 0 for fewer than 8 pairs, or if `a` is constant.
+[[nodiscard]] double proportionality(const std::vector<double>& a, const std::vector<double>& b);
+
 }  // namespace palpate::guess

@@ -809,6 +809,26 @@ TEST_CASE("a shock gets a surface where the value changes most steeply", "[guess
   }
 }
 
+TEST_CASE("a shock gets a surface beside its velocity, and the speed is left out", "[guess]") {
+  const Scalar behind = [](const Vec3d& p) {
+    const double ahead = p.x() + 12.0 - 0.01 * (p.y() * p.y() + p.z() * p.z());
+    return static_cast<float>(1.0 / (1.0 + std::exp(-ahead / 0.7)));
+  };
+  const Scalar pressure = [&](const Vec3d& p) { return 1e5F * (1.0F + 9.0F * behind(p)); };
+  const Scalar speed = [&](const Vec3d& p) { return 3600.0F * (1.0F - 0.7F * behind(p)); };
+  const Vector velocity = [&](const Vec3d& p) { return Vec3f(speed(p) / 3.6F, 0.0F, 0.0F); };
+  const SuggestInput flow = ofMesh(vector(velocity, "U", 64));
+  const Json scene = suggested({flow, ofMesh(scalar(pressure, 64, "p"))});
+  CAPTURE(scene.dump(2));
+  const Json surface = only(scene, "isosurface");
+  CHECK(surface["of"] == "p");
+  CHECK(surface["value"].get<double>() > 2e5);
+  CHECK(surface["value"].get<double>() < 9e5);
+  const Guess guess = suggest({"data.vdb", "", ""}, {flow, ofMesh(scalar(speed, 64, "km/h"))});
+  REQUIRE(guess.left.size() == 1);
+  CHECK_THAT(guess.left[0], Contains("km/h: much like U"));
+}
+
 TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[guess]") {
   // Three bodies in empty space. The third touches both others.
   const Scalar atlas = [](const Vec3d& p) {
