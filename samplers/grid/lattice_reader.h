@@ -148,7 +148,8 @@ class LatticeReader {
 
   /// @param all_corners  True for level sets, whose values are distances only within the band: a
   ///                     cell has data if all corners are active, or if one is active and the
-  ///                     cell holds the surface (band_cell.h). Else one active corner suffices.
+  ///                     cell holds the surface (band_cell.h). Else one active corner suffices,
+  ///                     unless DataEnds::whole_cells is set.
   /// @param reach  See Sampling::slope_reach.
   LatticeReader(Source source, const IndexMap& map, std::shared_ptr<const FreeMap> free,
                 bool all_corners, bool axial, double reach)
@@ -181,7 +182,7 @@ class LatticeReader {
       cache.kernel.read(t, row);
     }
     if constexpr (!Kernel::kBlendsRows) turn(row);
-    return insideAt(t, cache.active);
+    return insideAt(t, cache);
   }
 
   /// Moves p_W to the nearest place at which the slope uses only voxels with data. Returns the
@@ -280,7 +281,7 @@ class LatticeReader {
       least = sign * (least - level);
       most = sign * (most - level);
       if (least > most) std::swap(least, most);
-      const bool data = hasData(cache.active);
+      const bool data = hasData(cache);
       if (least >= 0.0 || !data) {
         // No fall in this cell. After a cell without data, any value below the level is a fall.
         above = above || (data && most > 0.0) || !data;
@@ -348,7 +349,7 @@ class LatticeReader {
     }
     bool here() noexcept {
       if (cell != cache.cell) reader.load(cell[0], cell[1], cell[2], cache);
-      return reader.hasData(cache.active);
+      return reader.hasData(cache);
     }
     [[nodiscard]] Vec3 lower() const noexcept { return Vec3(cell[0], cell[1], cell[2]); }
     [[nodiscard]] Vec3 value(const Vec3& u) const noexcept {
@@ -401,9 +402,9 @@ class LatticeReader {
     }
     return true;
   }
-  /// Returns true if the cell has data, by the rule of insideAt.
-  [[nodiscard]] bool hasData(std::uint64_t active) const noexcept {
-    return insideAt(Vec3(0.0, 0.0, 0.0), active);
+  /// Returns true if the cell has data, by the rule of insideAt in its middle.
+  [[nodiscard]] bool hasData(const Cache& cache) const noexcept {
+    return insideAt(Vec3(0.5, 0.5, 0.5), cache);
   }
 
   /// Loads the cell around p_W if the cell has changed, and computes the position t in the cell.
@@ -489,7 +490,8 @@ class LatticeReader {
 
   /// Returns true if the cell at t has data. load() marks all corners of a surface's cell.
   [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
-                                                  std::uint64_t active) const noexcept {
+                                                  const Cache& cache) const noexcept {
+    const std::uint64_t active = cache.active;
     if constexpr (kWidth == 1) {
       return active != 0;
     } else {
@@ -501,8 +503,33 @@ class LatticeReader {
       } else {
         cell <<= bitOf<kWidth>(1, 1, 1);
       }
-      return all_corners_ ? (active & cell) == cell : (active & cell) != 0;
+      if (all_corners_ || !ends_.whole_cells) {
+        return all_corners_ ? (active & cell) == cell : (active & cell) != 0;
+      }
+      return (active & cell) == cell || ((active & cell) != 0 && isWhole(t, cache));
     }
+  }
+  /// Returns true if every voxel that the value at t reads has data, or is outside of the box of
+  /// active voxels.
+  [[nodiscard, gnu::noinline]] bool isWhole(const Vec3& t, const Cache& cache) const noexcept {
+    for (std::size_t n = 0; n < 8; ++n) {
+      std::array<int, 3> at{};  // relative to cache.cell
+      bool read = true;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const double along = t[static_cast<Eigen::Index>(a)];
+        const bool upper = ((n >> a) & 1U) != 0;
+        read = read && (!upper || along != 0.0);
+        at[a] = static_cast<int>(upper) - static_cast<int>(along < 0.0);
+      }
+      constexpr int kBefore = Kernel::kBefore;
+      const int bit = bitOf<kWidth>(at[0] + kBefore, at[1] + kBefore, at[2] + kBefore);
+      const bool active = (cache.active >> bit & 1U) != 0;
+      const auto& cell = cache.cell;
+      if (read && !active && ends_.contains({cell[0] + at[0], cell[1] + at[1], cell[2] + at[2]})) {
+        return false;
+      }
+    }
+    return true;
   }
 
   Source source_;

@@ -9,6 +9,11 @@
 
 namespace palpate {
 
+/// Name of the boolean metadata that a grid from an image with missing voxels has. All other voxels
+/// in the box of the active voxels are active then. A place whose value would read an inactive
+/// voxel in the box has no data.
+inline constexpr const char* kMetaInactiveIsMissing = "inactive_is_missing";
+
 /// Copies and prepares a grid for VolumeSpec::volume, as loadVolume does. The grid's world space
 /// takes the place of the file's. During the call other threads may read the grid but must not
 /// write to it. Throws VolumeError, with the grid's name, if it is unusable. Slow: reads every

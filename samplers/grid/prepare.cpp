@@ -108,7 +108,8 @@ DataEnds endsOf(const openvdb::GridBase& grid, const openvdb::CoordBBox& active)
     ends.lower[static_cast<std::size_t>(a)] = active.min()[a];
     ends.upper[static_cast<std::size_t>(a)] = active.max()[a];
   }
-  ends.active_only = detail::isFromMesh(grid);
+  ends.active_only = detail::isDataActive(grid);
+  ends.whole_cells = detail::hasHoles(grid);
   return ends;
 }
 

@@ -19,6 +19,7 @@
 #include <tbb/parallel_reduce.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/no_data_error.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/smooth.h"
@@ -204,10 +205,16 @@ void turnVectors(GridT& grid) {
                                    /*updateChildNodes=*/false);
 }
 
-/// Returns true if the importer made the grid from a mesh, so that inactive voxels have no data.
-[[nodiscard]] inline bool isFromMesh(const openvdb::GridBase& grid) {
+/// Returns true if the importer made the grid from an image with missing voxels.
+[[nodiscard]] inline bool hasHoles(const openvdb::GridBase& grid) {
+  const auto missing = grid.getMetadata<openvdb::BoolMetadata>(kMetaInactiveIsMissing);
+  return missing != nullptr && missing->value();
+}
+
+/// Returns true if inactive voxels have no data: in grids from meshes and from images with holes.
+[[nodiscard]] inline bool isDataActive(const openvdb::GridBase& grid) {
   const auto from = grid.getMetadata<openvdb::StringMetadata>("imported_from");
-  return from != nullptr && from->value() == "mesh";
+  return hasHoles(grid) || (from != nullptr && from->value() == "mesh");
 }
 
 /// Boxes of the active voxels of a grid.
@@ -237,7 +244,7 @@ template <class GridT>
 void smoothValues(GridT& grid, const SmoothWidth& width, GridInfo& info) {
   const Vec3 deviations = deviationsOf(grid, width, info.name);
   try {
-    info.smoothing = smooth(grid, deviations, isFromMesh(grid));
+    info.smoothing = smooth(grid, deviations, isDataActive(grid));
   } catch (const openvdb::Exception& e) {
     throw VolumeError("grid \"" + info.name + "\"",
                       "it cannot be smoothed (" + std::string(e.what()) + ")", "remove \"smooth\"");

@@ -187,10 +187,10 @@ Change compare(TreeT& tree, const TreeT& before, bool activate) {
 }
 
 /// Smooths a grid by a Gaussian. Returns the changes of the active values.
-/// @param deviations  Standard deviations along i, j and k, 0 to kMostSmooth [voxels].
-/// @param from_mesh   True if inactive voxels have no data, and stay inactive.
+/// @param deviations   Standard deviations along i, j and k, 0 to kMostSmooth [voxels].
+/// @param data_active  True if inactive voxels have no data, and stay inactive.
 template <class GridT>
-Smoothing smooth(GridT& grid, const Vec3& deviations, bool from_mesh) {
+Smoothing smooth(GridT& grid, const Vec3& deviations, bool data_active) {
   using Tree = typename GridT::TreeType;
   const Tree before(grid.constTree());
   bool is_level_set = false;
@@ -201,7 +201,7 @@ Smoothing smooth(GridT& grid, const Vec3& deviations, bool from_mesh) {
   if constexpr (std::is_floating_point_v<typename GridT::ValueType>) {
     if (is_level_set) rebuildBand(grid);
   }
-  const Change change = compare(grid.tree(), before, !is_level_set && !from_mesh);
+  const Change change = compare(grid.tree(), before, !is_level_set && !data_active);
   Smoothing report;
   report.sigma = deviations.maxCoeff();
   const auto voxels = static_cast<double>(before.activeVoxelCount());

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import random
 import struct
 import sys
 import tempfile
@@ -1016,6 +1017,57 @@ class FillValues(Case):
                        [2.1e11] * 10 + [1000 + i for i in range(110)]):
             report = self.report(self.image(values))
             self.assertEqual(report["grids"][0]["holes"], 0, values[:3])
+
+
+class Holes(Case):
+    """Voxels without data inside an image."""
+
+    def image(self, fill=float("nan")):
+        """Writes a ramp of 20^3 voxels, of which 5 x 5 x 20 have no data."""
+        self.ramp = lambda i, j, k: i + 2 * j + 3 * k
+        values = [fill if i < 5 and j < 5 else self.ramp(i, j, k)
+                  for k in range(20) for j in range(20) for i in range(20)]
+        return self.write("a.nii", nifti((20, 20, 20), *FLOAT), struct.pack("<8000f", *values))
+
+    @suite.smoke
+    def test_no_place_with_data_is_interpolated_from_missing_data(self):
+        random.seed(4)
+        points = [[random.uniform(0, 19) for _ in range(3)] for _ in range(1000)]
+        for fill in float("nan"), -9999.0:
+            for words in (), ("--voxel", "0.7"):
+                out = self.convert(self.image(fill), *words)
+                rows = self.sample(out, "density", points)
+                inside = 0
+                for p, row in zip(points, rows):
+                    if p[0] >= 6 or p[1] >= 6:
+                        # Cubes end up to 0.7 mm before the last voxel of the image.
+                        self.assertTrue(row["inside"] == "1" or max(p) > 18, p)
+                    if row["inside"] == "1" and max(p) < 18:
+                        self.assertAlmostEqual(float(row["value"]), self.ramp(*p), delta=1e-3)
+                        inside += 1
+                self.assertGreater(inside, 600)
+
+    def test_the_edge_of_missing_data_is_not_a_surface(self):
+        out = self.convert(self.image())
+        scene = self.dir / "scene.json"
+        scene.write_text(json.dumps({
+            "palpate": 1, "volumes": {"v": {"file": str(out), "place": {"scale": 0.002}}},
+            "modes": [{"name": "s", "mode": "isosurface", "of": "v", "value": 40,
+                       "solid": "above", "strength": 20}]}))
+
+        # All values on this path are below 40 up to the missing data; the background is 60.
+        done = process.run([str(BIN / "palpate"), "press", str(scene), "--json", "--at",
+                            "0.018,0.004,0.006", "--along", "-0.018,0,0"], capture_output=True,
+                           text=True, timeout=120)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(json.loads(done.stdout)["force_max"]["force"], 0.0)
+
+    def test_an_image_without_missing_data_keeps_inactive_surroundings(self):
+        values = [100 * (2 <= i < 4) for k in range(6) for j in range(6) for i in range(6)]
+        path = self.write("a.nii", nifti((6, 6, 6), *FLOAT), struct.pack("<216f", *values))
+        grid = self.report(path)["grids"][0]
+        self.assertEqual((grid["active_voxels"], grid["holes"]), (72, 0))
+        self.assertNotIn(b"inactive_is_missing", (self.dir / "out.vdb").read_bytes())
 
 
 class WholeNumbers(Case):

@@ -109,6 +109,45 @@ double blend(const Vec3d& p, F at) {
 
 }  // namespace
 
+TEST_CASE("a place beside a missing voxel of an image has no data", "[samplers]") {
+  openvdb::initialize();
+  const auto value = [](const Vec3& p) { return p.x() + 2.0 * p.y() + 3.0 * p.z(); };
+  const auto grid = openvdb::FloatGrid::create(60.0F);
+  grid->insertMeta("inactive_is_missing", openvdb::BoolMetadata(true));
+  for (auto at = openvdb::CoordBBox(Coord(0), Coord(11)).begin(); at; ++at) {
+    if ((*at).x() < 5 && (*at).y() < 5) continue;
+    grid->tree().setValue(*at, static_cast<float>(value(eigen((*at).asVec3d()))));
+  }
+  for (const Interpolation interpolation :
+       {Interpolation::kTrilinear, Interpolation::kQuadratic, Interpolation::kCubic}) {
+    Probe probe(fieldOf(grid, {}, {interpolation}));
+    const auto is_inside = [&](double x, double y, double z) {
+      return probe.scalar(Vec3(x, y, z)).inside;
+    };
+    CAPTURE(static_cast<int>(interpolation));
+    CHECK(!is_inside(2.0, 2.0, 2.0));
+    CHECK(!is_inside(4.5, 2.3, 2.3));
+    CHECK(!is_inside(4.99, 4.99, 2.3));
+    CHECK(!is_inside(4.0, 2.0, 2.0));
+    // On the last voxels before the hole, no missing voxel has a weight.
+    CHECK(is_inside(5.0, 2.3, 2.3));
+    CHECK(is_inside(5.0, 5.0, 2.0));
+    CHECK(is_inside(5.01, 2.3, 2.3));
+    // Beyond the image, the background continues the data, as in other images.
+    CHECK(is_inside(11.5, 8.2, 8.2));
+    CHECK(!is_inside(12.5, 8.2, 8.2));
+  }
+  Probe linear(fieldOf(grid));
+  Random random(5);
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 p = Vec3::Constant(5.5) + random.inCube(5.5);
+    const ScalarSample s = linear.scalar(p);
+    CAPTURE(p);
+    if (s.inside) CHECK(s.value == Approx(value(p)).margin(1e-4));
+    CHECK(s.inside == (p.x() >= 5.0 || p.y() >= 5.0));
+  }
+}
+
 TEST_CASE(
     "the value is trilinear, and the gradient is the difference of values at slope_reach on both "
     "sides",

@@ -3,15 +3,20 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <type_traits>
 #include <utility>
 
 #include <Eigen/LU>
 #include <fmt/format.h>
+#include <openvdb/tools/Prune.h>
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/quantile.h"
@@ -103,6 +108,11 @@ struct OwnVoxels {
   std::array<int, 3> size = image.size;
 
   Found at(const Coord& c, typename Native<T, C>::Value& value) const {
+    const Slab held = image.slices();
+    if (c.x() < 0 || c.y() < 0 || c.x() >= size[0] || c.y() >= size[1] || c.z() < held.first ||
+        c.z() >= held.end()) {
+      return Found::kOutside;
+    }
     const std::size_t point = pointAt(image, c.x(), c.y(), c.z());
     value = values[point];
     return isFinite(value) && !isHidden(image, point) ? Found::kValue : Found::kHole;
@@ -154,9 +164,59 @@ struct Cubes {
   }
 };
 
+/// Returns true if a voxel of the image, in any rank, has no data.
+template <class T, int C>
+bool hasHoles(const Piece& image, const Native<T, C>& values, std::size_t count,
+              const Shared& shared) {
+  const bool own = tbb::parallel_reduce(
+      tbb::blocked_range<std::size_t>(0, count, 65536), false,
+      [&](const tbb::blocked_range<std::size_t>& part, bool found) {
+        for (std::size_t i = part.begin(); i < part.end() && !found; ++i) {
+          found = !isFinite(values[i]) || isHidden(image, i);
+        }
+        return found;
+      },
+      std::logical_or<>());
+  const auto all = gatherOne(shared.group(), static_cast<char>(own));
+  return std::find(all.begin(), all.end(), static_cast<char>(true)) != all.end();
+}
+
+/// Returns the mean of the data beside a voxel without data; no value if there are none. Slopes in
+/// the cells beside a hole read this value.
+template <class Value, class Voxels>
+std::optional<Value> meanBeside(const Voxels& voxels, const Coord& c) {
+  openvdb::Vec3d sum(0.0);
+  int count = 0;
+  for (int side = 0; side < 6; ++side) {
+    Coord beside = c;
+    beside[side / 2] += side % 2 == 0 ? 1 : -1;
+    Value value;
+    if (voxels.at(beside, value) != Found::kValue) continue;
+    sum += openvdb::Vec3d(value);
+    ++count;
+  }
+  if (count == 0) return std::nullopt;
+  sum /= count;
+  if constexpr (std::is_arithmetic_v<Value>) {
+    return static_cast<Value>(sum.x());
+  } else {
+    return Value(sum);
+  }
+}
+
+/// The values that count as surroundings.
+template <class Value>
+struct Background {
+  Value value{};
+  double tolerance = 0.0;
+  double spread = 0.0;     ///< Surroundings::spread.
+  bool is_active = false;  ///< True if the image has holes: then only these are inactive.
+};
+
 struct Counts {
   std::uint64_t voxels = 0;
   std::uint64_t active = 0;
+  std::uint64_t surrounding = 0;  ///< Voxels within the tolerance of the background.
   std::uint64_t holes = 0;
   std::uint64_t loud = 0;  ///< Voxels whose difference from the background exceeds the spread.
   double lowest = std::numeric_limits<double>::infinity();
@@ -165,6 +225,7 @@ struct Counts {
   void add(const Counts& other) {
     voxels += other.voxels;
     active += other.active;
+    surrounding += other.surrounding;
     holes += other.holes;
     loud += other.loud;
     lowest = std::min(lowest, other.lowest);
@@ -179,9 +240,9 @@ struct Made {
 
 template <class Leaf, class Voxels, class Value>
 std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Made& slices,
-                               const Value& background, double tolerance, double spread,
-                               Counts& all) {
-  auto leaf = std::make_unique<Leaf>(origin, background);
+                               const Background<Value>& background, Counts& all) {
+  auto leaf = std::make_unique<Leaf>(origin, background.value);
+  bool used = false;
   Coord end;
   for (int a = 0; a < 3; ++a) {
     end[a] =
@@ -200,24 +261,35 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
         ++counts.voxels;
         if (found == Found::kHole) {
           ++counts.holes;
+          if (const auto mean = meanBeside<Value>(voxels, c)) {
+            leaf->setValueOnly(Leaf::coordToOffset(c), *mean);
+            used = true;
+          }
           continue;
         }
-        if (isNear(value, background, tolerance)) continue;
+        if (isNear(value, background.value, background.tolerance)) {
+          ++counts.surrounding;
+          if (!background.is_active) continue;
+          leaf->setValueOn(Leaf::coordToOffset(c), background.value);
+          used = true;
+          continue;
+        }
         leaf->setValueOn(Leaf::coordToOffset(c), value);
+        used = true;
         ++counts.active;
-        if (!isNear(value, background, spread)) ++counts.loud;
+        if (!isNear(value, background.value, background.spread)) ++counts.loud;
         counts.lowest = std::min(counts.lowest, lengthOf(value));
         counts.highest = std::max(counts.highest, lengthOf(value));
       }
     }
   }
-  if (leaf->isEmpty()) leaf.reset();
+  if (!used) leaf.reset();
   return leaf;
 }
 
 template <class GridT, class Voxels, class Value>
-Gridded build(const Voxels& voxels, const Made& slices, const Value& background, double tolerance,
-              double spread, const Progress& progress, ProcessGroup& group) {
+Gridded build(const Voxels& voxels, const Made& slices, const Background<Value>& background,
+              const Progress& progress, ProcessGroup& group) {
   using Leaf = typename GridT::TreeType::LeafNodeType;
   constexpr int kEdge = static_cast<int>(Leaf::DIM);
   std::array<int, 3> leaves{};
@@ -233,7 +305,7 @@ Gridded build(const Voxels& voxels, const Made& slices, const Value& background,
     Counts own;
     for (int y = 0; y < leaves[1]; ++y) {
       const Coord origin((row % leaves[0]) * kEdge, y * kEdge, (first + row / leaves[0]) * kEdge);
-      auto leaf = makeLeaf<Leaf>(voxels, origin, slices, background, tolerance, spread, own);
+      auto leaf = makeLeaf<Leaf>(voxels, origin, slices, background, own);
       if (leaf) made[static_cast<std::size_t>(row)].push_back(std::move(leaf));
     }
     {
@@ -243,11 +315,12 @@ Gridded build(const Voxels& voxels, const Made& slices, const Value& background,
     shared.step();
   });
 
-  auto grid = GridT::create(background);
+  auto grid = GridT::create(background.value);
   for (auto& row : made) {
     for (auto& leaf : row) grid->tree().addLeaf(leaf.release());
     row.clear();
   }
+  if (background.is_active) openvdb::tools::prune(grid->tree());
   const Counts mine = std::exchange(counts, {});
   for (const Counts& one : gatherOne(group, mine)) counts.add(one);
   Gridded out;
@@ -256,11 +329,19 @@ Gridded build(const Voxels& voxels, const Made& slices, const Value& background,
   out.holes = counts.holes;
   out.lowest = counts.lowest;
   out.highest = counts.highest;
-  out.background = lengthOf(background);
-  out.tolerance = tolerance;
+  out.background = lengthOf(background.value);
+  out.tolerance = background.tolerance;
+  const double spread = background.spread;
   const double range = std::max(out.highest, out.background) - std::min(out.lowest, out.background);
-  if (spread > tolerance && spread < 0.05 * range &&
-      static_cast<double>(counts.loud) < 0.9 * static_cast<double>(counts.active)) {
+  if (background.is_active) {
+    // An image of one value stays without an active voxel, which the importer reports.
+    if (counts.active > 0 && counts.surrounding > 0) {
+      out.active += counts.surrounding;
+      out.lowest = std::min(out.lowest, out.background);
+      out.highest = std::max(out.highest, out.background);
+    }
+  } else if (spread > background.tolerance && spread < 0.05 * range &&
+             static_cast<double>(counts.loud) < 0.9 * static_cast<double>(counts.active)) {
     out.quieter_tolerance = spread;
     out.quieter_share = static_cast<double>(counts.loud) / static_cast<double>(counts.voxels);
   }
@@ -279,21 +360,24 @@ Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, 
                 const Progress& progress, const Shared& shared) {
   using GridT = std::conditional_t<C == 1, openvdb::FloatGrid, openvdb::Vec3SGrid>;
   const Native<T, C> values{array.values.as<T>()};
-  typename Native<T, C>::Value background(0.0F);
-  Surroundings surroundings;
+  Background<typename Native<T, C>::Value> background;
+  background.tolerance = tolerance;
+  background.is_active = hasHoles(image, values, array.values.tuples(), shared);
   if constexpr (C == 1) {
-    surroundings = surroundingsOf(image, values, shared);
-    background = surroundings.middle;
+    const Surroundings surroundings = surroundingsOf(image, values, shared);
+    background.value = surroundings.middle;
+    background.spread = surroundings.spread;
+  } else {
+    background.value = openvdb::Vec3f(0.0F);
   }
   if (lattice.cubes) {
     const Slab all{0, lattice.size[2]};
     return build<GridT>(Cubes<T, C>{image, values, lattice.size, lattice.index_from_cube},
-                        {all, all}, background, tolerance, surroundings.spread, progress,
-                        shared.group());
+                        {all, all}, background, progress, shared.group());
   }
   const int slices = image.size[2];
   return build<GridT>(OwnVoxels<T, C>{image, values}, {shared.inBricks(slices), shared.own(slices)},
-                      background, tolerance, surroundings.spread, progress, shared.group());
+                      background, progress, shared.group());
 }
 
 template <int C>

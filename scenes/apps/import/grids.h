@@ -36,7 +36,8 @@ struct Gridded {
 }
 
 /// Makes a grid of floats from an image. Voxels without data (not finite, or hidden) are inactive.
-/// Voxels within the tolerance of the background are inactive too, and get its value. The
+/// Voxels within the tolerance of the background get its value. They are inactive too, unless the
+/// image has voxels without data: then only these are inactive (kMetaInactiveIsMissing). The
 /// background is the median of the values on the image's faces; for vectors it is zero. Works in
 /// parallel. Needs memory only for the grid. Throws VolumeError, which names `file`, if the
 /// transform is singular or the values are not numbers.

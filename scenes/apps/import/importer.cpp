@@ -99,8 +99,10 @@ bool isInParts(const Options& options, ProcessGroup& group) {
   return group.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
 }
 
+/// Returns the slices that this rank reads. Beyond its bricks and their aprons is one slice more,
+/// for the values beside voxels without data.
 Slab neededOf(const Options& options, const Shared& shared, int slices, const Affine& map) {
-  return shared.own(slices, kBrickApron + smoothingReach(map, slices, options.smooth));
+  return shared.own(slices, kBrickApron + 1 + smoothingReach(map, slices, options.smooth));
 }
 
 /// Returns an image without its arrays, which would keep their memory.
@@ -279,6 +281,9 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
     } else {
       number("value_offset", imported.value_offset);
     }
+  }
+  if (imported.image && !imported.level_set && imported.made.holes > 0) {
+    grid.insertMeta(kMetaInactiveIsMissing, openvdb::BoolMetadata(true));
   }
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
