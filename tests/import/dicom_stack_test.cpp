@@ -225,6 +225,27 @@ TEST_CASE("a DICOM localiser and a screen save are skipped with the name of thei
   CHECK(withoutStrays(localisers.front(), notes).files.size() == files.size());
 }
 
+TEST_CASE("a DICOM screen save with a position among the slices is skipped", "[dicom]") {
+  // Two clients write slices as captures: only ImageType separates them from a screen save.
+  for (const bool captures : {false, true}) {
+    for (const double beyond : {1.0, 0.5}) {
+      std::vector<File> files = axial();
+      for (File& file : files) file.is_capture = captures;
+      files.push_back(files.back());
+      files.back().path = "screen";
+      files.back().is_capture = true;
+      files.back().is_screen_save = true;
+      files.back().slices.front().position.z() += beyond;
+      std::vector<std::string> notes;
+      const std::vector<Series> all = seriesOf(files);
+      const Series rest = withoutStrays(all.front(), notes);
+      CHECK(rest.files.size() == kImages);
+      REQUIRE(notes.size() == 1);
+      CHECK_THAT(notes.front(), Contains("1 of 6 files, such as screen: a screen save"));
+    }
+  }
+}
+
 TEST_CASE("DICOM images at the same position are time steps if they carry times", "[dicom]") {
   const auto twice = [](std::size_t tag, double later) {
     std::vector<File> files = axial();

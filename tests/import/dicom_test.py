@@ -635,6 +635,17 @@ class Trouble(Case):
             if number == 2:
                 self.assertIn("in screen: a screen save", notes)
 
+    def test_skips_a_screen_save_that_has_a_position_of_its_own(self):
+        volume = Volume()
+        for z in 115.0, 101.25, 150.0:  # next to the slices, between them and far away
+            folder = volume.write(self.dir / f"{z}")
+            screen = Volume(origin=(-10.25, 20.5, z),
+                            t00080008=("CS", "DERIVED\\SECONDARY\\SCREEN SAVE"))
+            (folder / "screen").write_bytes(dicom(screen.elements(0), screen.pixels(0), CAPTURE))
+            notes = "\n".join(self.report(folder)["notes"])
+            self.same(volume)
+            self.assertIn("such as screen: a screen save", notes)
+
     def test_refuses_an_image_of_another_shape_and_names_its_file(self):
         folder = Volume().write(self.dir / "ct")
         Volume(size=(9, 9, 1)).write(folder, "size")

@@ -138,8 +138,8 @@ void takePurpose(File& file, vtkDICOMMetaData* meta) {
   constexpr std::string_view kCapture = "1.2.840.10008.5.1.4.1.1.7";
   const std::string uid = classOf(meta);
   const std::string kind = meta->Get(0, DC::ImageType).AsString();
-  file.is_capture = uid == kCapture || uid.rfind(std::string(kCapture) + ".", 0) == 0 ||
-                    kind.find("SCREEN SAVE") != std::string::npos;
+  file.is_capture = uid == kCapture || uid.rfind(std::string(kCapture) + ".", 0) == 0;
+  file.is_screen_save = kind.find("SCREEN SAVE") != std::string::npos;
   file.is_localiser = kind.find("LOCALIZER") != std::string::npos;
 }
 

@@ -79,7 +79,8 @@ struct File {
   bool is_colour = false;
   bool is_packed = false;  ///< True if the pixels are compressed and GDCM must decode them.
   bool is_lossy = false;
-  bool is_capture = false;
+  bool is_capture = false;      ///< True if its class is Secondary Capture.
+  bool is_screen_save = false;  ///< True if its ImageType is SCREEN SAVE.
   bool is_localiser = false;
   /// Offset of the first item of RLE pixels with one bit [bytes]; 0: other pixels.
   std::int64_t bits_at = 0;

@@ -83,9 +83,10 @@ bool hasPlace(const File& file) {
                      [](const Slice& slice) { return slice.placed; });
 }
 
-/// Some programs write slices as captures, so one with a place and no colour is a slice.
+/// Some programs write slices as captures, so one with a place and no colour is a slice, unless its
+/// ImageType says that it is a screen save.
 bool isScreenSave(const File& file) {
-  return file.is_capture && (file.is_colour || !hasPlace(file));
+  return file.is_screen_save || (file.is_capture && (file.is_colour || !hasPlace(file)));
 }
 
 /// Returns why a series cannot be a volume; "" if it can, or if one of its files is damaged.
