@@ -781,6 +781,8 @@ class Sentinels(Case):
                 self.assertGreater(s["holes"], 0)
                 self.assertGreaterEqual(s["lowest"], 20.0)
                 self.assertLess(s["highest"], 28.0)
+                # Places without data in the file count neither as errors nor as lost.
+                self.assertTrue(all(math.isfinite(e) for e in s["resampling"].values()), s)
 
     def test_results_and_labels_are_not_taken_for_marks_of_missing_data(self):
         count = 9 ** 3

@@ -229,6 +229,9 @@ Differences compare(const std::vector<Place>& places, const Values& values, cons
   Differences differences;
   const auto accessor = grid.getConstAccessor();
   for (const Place& place : places) {
+    Vec3d v(0.0);
+    for (int c = 0; c < values.components(); ++c) v[c] = place.valueOf(values, c);
+    if (!v.isFinite()) continue;  // the original has no data there
     const Vec3d p_I = grid.worldToIndex(place.p);
     const int data = dataAbout(accessor, p_I);
     if (data == 0) {
@@ -238,10 +241,8 @@ Differences compare(const std::vector<Place>& places, const Values& values, cons
     Differences::Sum& sum = data == 8 ? differences.within : differences.edge;
     const auto there = openvdb::tools::BoxSampler::sample(accessor, p_I);
     if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
-      sum.add(std::abs(place.valueOf(values, 0) - static_cast<double>(there)));
+      sum.add(std::abs(v.x() - static_cast<double>(there)));
     } else {
-      Vec3d v;
-      for (int c = 0; c < 3; ++c) v[c] = place.valueOf(values, c);
       sum.add((v - Vec3d(there)).length());
     }
   }
