@@ -753,6 +753,16 @@ class VtkHdf(Case):
         self.assertEqual(report["grid"]["T"]["voxel"], [1, 2, 3])
         self.holds("T", [(3, 4, 3)], lambda *_: 123.0, 1e-5)
 
+    def test_names_the_type_of_a_vtkhdf_file_that_it_does_not_import(self):
+        import h5py  # pylint: disable=import-outside-toplevel
+        for name in b"PolyData", b"OverlappingAMR":
+            path = self.dir / "a.vtkhdf"
+            with h5py.File(path, "w") as file:
+                group = file.create_group("VTKHDF")
+                group.attrs.create("Version", (2, 0), dtype="i8")
+                group.attrs.create("Type", name, dtype=h5py.string_dtype("ascii", len(name)))
+            self.refused(path, f"the file is {name.decode()} in VTK's HDF5 format")
+
     def test_refuses_a_vtkhdf_version_that_vtk_cannot_read_and_names_it(self):
         self.refused(self.image((9, 0)), "higher than this reader supports")
 

@@ -17,6 +17,26 @@
 namespace palpate::importer {
 namespace {
 
+/// Returns the text of an attribute in a file or group; "" if it is absent.
+std::string textIn(int id, int variable, const char* name) {
+  nc_type type = NC_NAT;
+  std::size_t length = 0;
+  if (nc_inq_att(id, variable, name, &type, &length) != NC_NOERR) return "";
+  std::string out;
+  constexpr std::size_t kLongest = 4096;
+  if (type == NC_CHAR && length <= kLongest) {
+    out.resize(length);
+    if (nc_get_att_text(id, variable, name, out.data()) != NC_NOERR) return "";
+  } else if (type == NC_STRING && length == 1) {
+    char* string = nullptr;
+    if (nc_get_att_string(id, variable, name, &string) != NC_NOERR) return "";
+    if (string != nullptr) out = std::string(string).substr(0, kLongest);
+    nc_free_string(1, &string);
+  }
+  while (!out.empty() && (out.back() == '\0' || out.back() == ' ')) out.pop_back();
+  return out;
+}
+
 bool hasPart(const std::string& text, std::string_view what) {
   return text.find(what) != std::string::npos;
 }
@@ -79,22 +99,12 @@ std::vector<int> NetcdfFile::spaceOf(int v) const {
 }
 
 std::string NetcdfFile::text(int variable, const char* name) const {
-  nc_type type = NC_NAT;
-  std::size_t length = 0;
-  if (nc_inq_att(id_, variable, name, &type, &length) != NC_NOERR) return "";
-  std::string out;
-  constexpr std::size_t kLongest = 4096;
-  if (type == NC_CHAR && length <= kLongest) {
-    out.resize(length);
-    check(nc_get_att_text(id_, variable, name, out.data()));
-  } else if (type == NC_STRING && length == 1) {
-    char* string = nullptr;
-    check(nc_get_att_string(id_, variable, name, &string));
-    if (string != nullptr) out = std::string(string).substr(0, kLongest);
-    nc_free_string(1, &string);
-  }
-  while (!out.empty() && (out.back() == '\0' || out.back() == ' ')) out.pop_back();
-  return out;
+  return textIn(id_, variable, name);
+}
+
+std::string NetcdfFile::groupText(const char* group, const char* name) const {
+  int id = -1;
+  return nc_inq_grp_ncid(id_, group, &id) == NC_NOERR ? textIn(id, NC_GLOBAL, name) : "";
 }
 
 std::vector<double> NetcdfFile::numbers(int variable, const char* name) const {

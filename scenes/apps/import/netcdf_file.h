@@ -58,6 +58,8 @@ class NetcdfFile {
   /// Return the text or the numbers of an attribute; empty if it is absent.
   [[nodiscard]] std::string text(int variable, const char* name) const;
   [[nodiscard]] std::vector<double> numbers(int variable, const char* name) const;
+  /// Returns the text of an attribute of a group in the file; "" if it is absent.
+  [[nodiscard]] std::string groupText(const char* group, const char* name) const;
   /// Reads `count` values along each dimension of a variable, from the indices `start` on.
   void read(int variable, const std::vector<std::size_t>& start,
             const std::vector<std::size_t>& count, double* to) const;

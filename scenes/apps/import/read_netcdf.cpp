@@ -167,6 +167,13 @@ class NetcdfReader final : public Reader {
           fmt::format("{}: skipped: fewer than three dimensions of space", fmt::join(flat_, ", ")));
     }
     if (fields_.empty()) {
+      if (const std::string type = file_.groupText("VTKHDF", "Type"); !type.empty()) {
+        throw VolumeError(request.file.string(),
+                          fmt::format("the file is {} in VTK's HDF5 format, of which palpate "
+                                      "imports images and unstructured grids",
+                                      type),
+                          "export a volume as .vti or .vtu, for example with ParaView");
+      }
       throw VolumeError(request.file.string(),
                         left_.empty()
                             ? "no variable of the netCDF file is a volume"
