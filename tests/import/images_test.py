@@ -1070,6 +1070,15 @@ class Holes(Case):
         self.assertNotIn(b"inactive_is_missing", (self.dir / "out.vdb").read_bytes())
 
 
+class LostDigits(Case):
+    def test_doubles_that_floats_round_are_reported(self):
+        for base, rounded in (1.6e9, True), (0.0, False), (1e5, False):
+            values = [base + i + 10 * (i % 7) for i in range(120)]
+            path = self.write("a.nii", nifti(SIZE, 64, 64), struct.pack("<120d", *values))
+            self.assertEqual("values are rounded to floats, by up to" in self.notes(path), rounded,
+                             base)
+
+
 class WholeNumbers(Case):
     """Whole numbers that floats cannot represent are imported with an offset, which keeps their differences."""
 

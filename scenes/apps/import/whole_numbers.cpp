@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <limits>
 
+#include <fmt/format.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
@@ -23,10 +24,11 @@ bool holdsWholeNumbers(const Array& array) {
 struct ValueRange {
   double low = std::numeric_limits<double>::infinity();
   double high = -std::numeric_limits<double>::infinity();
+  double rounding = 0.0;  ///< Largest difference to the nearest float.
 };
 
 ValueRange widened(const ValueRange& a, const ValueRange& b) {
-  return {std::min(a.low, b.low), std::max(a.high, b.high)};
+  return {std::min(a.low, b.low), std::max(a.high, b.high), std::max(a.rounding, b.rounding)};
 }
 
 /// Returns the range of all finite values of all ranks.
@@ -37,7 +39,9 @@ ValueRange rangeOf(const Values& values, const Shared& shared) {
         [=](const tbb::blocked_range<std::size_t>& part, ValueRange range) {
           for (std::size_t i = part.begin(); i < part.end(); ++i) {
             const auto value = static_cast<double>(data[i]);
-            if (std::isfinite(value)) range = widened(range, {value, value});
+            const auto rounded = static_cast<double>(static_cast<float>(value));
+            if (!std::isfinite(value)) continue;
+            range = widened(range, {value, value, std::abs(value - rounded)});
           }
           return range;
         },
@@ -72,6 +76,15 @@ Values lessOffset(const Values& values, double offset) {
   return out;
 }
 
+/// Returns the loss of converting doubles to floats; "" if it is small for their range.
+Loss doubleLoss(const ValueRange& range) {
+  constexpr double kSmall = 1e-4;
+  const double share = range.rounding / (range.high - range.low);
+  if (!(share > kSmall) || !std::isfinite(share)) return "";
+  return fmt::format("values are rounded to floats, by up to {:.2g}: {:.2g} % of their range",
+                     range.rounding, 100.0 * share);
+}
+
 }  // namespace
 
 double wholeOffset(const Array& array, double lowest, double highest) {
@@ -95,6 +108,9 @@ void subtractOffset(Array& array, std::optional<double>& series, const Shared& s
   const bool whole = holdsWholeNumbers(array);
   if (!whole && array.value_offset == 0.0 && series.value_or(0.0) == 0.0) {
     series = 0.0;
+    if (array.values.type() == Type::kFloat64 && array.values.lost().empty()) {
+      array.values.setLost(doubleLoss(rangeOf(array.values, shared)));
+    }
     return;
   }
   const ValueRange range = rangeOf(array.values, shared);
