@@ -1014,9 +1014,34 @@ class FillValues(Case):
                        [-1000, -999, 3000] * 40,              # next to other values
                        [50000] + ramp[1:],                    # one bright voxel
                        # steel in tissue [Pa]
-                       [2.1e11] * 10 + [1000 + i for i in range(110)]):
+                       [2.1e11] * 10 + [1000 + i for i in range(110)],
+                       # a dense bubble in a plasma [1/m^3], and a shock [Pa]
+                       [1e16] * 10 + [1e14 + 1e12 * i for i in range(110)],
+                       [1e12] * 10 + [2e11 + 1e9 * i for i in range(110)]):
             report = self.report(self.image(values))
             self.assertEqual(report["grids"][0]["holes"], 0, values[:3])
+
+    def test_two_values_are_data_and_a_note_names_one_that_may_mark_missing_data(self):
+        for values, named in (([20, -9999] * 60, "-9999"), ([0, 1e30] * 60, "1e+30")):
+            report = self.report(self.image(values))
+            self.assertEqual(report["grids"][0]["holes"], 0)
+            self.assertIn("both count as data, although programs write "
+                          f"{named} for missing data", report["notes"][0])
+        self.assertEqual(self.report(self.image([0, 255] * 60))["notes"], [])
+
+    def test_the_lowest_integer_marks_missing_data_also_after_scaling(self):
+        values = [-32768 if i % 7 == 3 else i % 31 for i in range(120)]
+        path = self.write("a.nii", nifti(SIZE, *SHORT, slope=0.1),
+                          struct.pack("<120h", *values))
+        report = self.report(path)
+        self.assertEqual(report["grids"][0]["holes"], 17)
+        self.assertIn("the value -3276.8 counts as missing data", report["notes"][0])
+
+    def test_two_opposite_fill_values_are_both_missing_data(self):
+        values = [(-9999, 9999)[i % 2] if i % 5 == 0 else i % 31 for i in range(120)]
+        self.assertEqual(self.report(self.image(values))["grids"][0]["holes"], 24)
+        values = [9999 if i % 5 == 0 else i % 31 for i in range(120)]
+        self.assertEqual(self.report(self.image(values))["grids"][0]["holes"], 0)
 
 
 class Holes(Case):

@@ -82,27 +82,34 @@ struct Fills {
   double highest = 0.0;
 };
 
-bool areFills(const Ends& ends, const Fills& fills) {
+/// @param code  Values::lowestCode().
+bool areFills(const Ends& ends, const Fills& fills, double code) {
   const double range = fills.highest - fills.lowest;
   if (!(range > 0.0)) return false;
+  const double most = std::max(std::abs(fills.lowest), std::abs(fills.highest));
+  const auto marks = [&](double value) { return value == code || isFillNumber(value, most); };
   for (std::size_t i = 0; i < fills.low; ++i) {
     const double value = ends.low.values[i];
-    if (!isFillNumber(value) || fills.lowest - value < range) return false;
+    if (!marks(value) || fills.lowest - value < range) return false;
   }
   for (std::size_t i = 0; i < fills.high; ++i) {
     const double value = ends.high.values[i];
-    if (!isFillNumber(value) || value - fills.highest < range) return false;
+    // Some programs write 9999 for one kind of missing data, and -9999 for another.
+    const auto* const low_end = ends.low.values.begin() + static_cast<std::ptrdiff_t>(fills.low);
+    const bool has_twin = isFillNumber(-value, most) &&
+                          std::find(ends.low.values.begin(), low_end, -value) != low_end;
+    if (!(marks(value) || has_twin) || value - fills.highest < range) return false;
   }
   return true;
 }
 
-Fills fillsOf(const Ends& ends) {
+Fills fillsOf(const Ends& ends, double code) {
   for (std::size_t count = 2 * kMostFills; count > 0; --count) {
     for (std::size_t low = std::min(count, kMostFills) + 1; low-- > 0;) {
       const std::size_t high = count - low;
       if (high > kMostFills) break;
       const Fills fills{low, high, ends.low.values[low], ends.high.values[high]};
-      if (areFills(ends, fills)) return fills;
+      if (areFills(ends, fills, code)) return fills;
     }
   }
   return {};
@@ -146,9 +153,23 @@ Values onlyWithin(const Values& values, const std::vector<Fills>& fills, double 
   return out;
 }
 
+/// Adds a note if an array has only two values, and one of them looks like a fill value.
+void noteTwoValues(const Array& array, const Ends& ends, std::vector<std::string>& notes) {
+  const double low = ends.low.values[0];
+  const double high = ends.high.values[0];
+  const bool is_pair = low < high && ends.low.values[1] == high;
+  const bool is_low = is_pair && isFillNumber(low, std::abs(high));
+  if (!is_low && !(is_pair && isFillNumber(high, std::abs(low)))) return;
+  std::string note = fmt::format(
+      "{}: all values are {:.6g} or {:.6g}: both count as data, although programs write {:.6g} for "
+      "missing data",
+      array.name, low, high, is_low ? low : high);
+  if (std::find(notes.begin(), notes.end(), note) == notes.end()) notes.push_back(std::move(note));
+}
+
 }  // namespace
 
-bool isFillNumber(double value) {
+bool isFillNumber(double value, double others) {
   const double size = std::abs(value);
   if (size > 1e30) return true;
   for (const double bits : {16.0, 32.0, 64.0}) {
@@ -160,7 +181,10 @@ bool isFillNumber(double value) {
   constexpr double kRounding = 1e-6;
   const double digits = size / std::pow(10.0, std::floor(std::log10(size)));
   const bool is_power = digits < 1.0 + kRounding || digits > 10.0 - kRounding;
-  return (value < 0.0 && digits >= 9.99) || (size >= 1e10 && (is_power || digits >= 9.99));
+  // A density of 1e16 beside 1e14 is data.
+  constexpr double kBeyond = 1e4;
+  return (value < 0.0 && digits >= 9.99) ||
+         (size >= std::max(1e10, kBeyond * others) && (is_power || digits >= 9.99));
 }
 
 bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared) {
@@ -169,8 +193,9 @@ bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared&
   bool found = false;
   for (std::size_t c = 0; c < static_cast<std::size_t>(values.components()); ++c) {
     const Ends ends = endsOf(values, c, shared);
-    Fills one = fillsOf(ends);
+    Fills one = fillsOf(ends, values.lowestCode());
     if (one.low + one.high == 0) {
+      noteTwoValues(array, ends, notes);
       one.lowest = ends.low.values.front();
       one.highest = ends.high.values.front();
     }

@@ -12,16 +12,19 @@ namespace palpate::importer {
 /// none.
 ///
 /// A fill value satisfies two conditions. First, programs write this number for missing data
-/// (isFillNumber). Second, it is isolated: its distance to all other values of its component is at
-/// least the range of these values. The other values must differ, so an array of two labels stays
-/// unchanged. The result replaces floats and doubles in place. From whole numbers an offset may be
-/// subtracted (wholeOffset).
+/// (isFillNumber), or it is the lowest stored integer (Values::lowestCode), or minus another fill
+/// value. Second, it is isolated: its distance to all other values of its component is at least the
+/// range of these values. The other values must differ, so an array of two labels stays unchanged;
+/// a note says so if one of them looks like a fill value. The result replaces floats and doubles in
+/// place. From whole numbers an offset may be subtracted (wholeOffset).
 /// @param shared  Process group; all ranks find the same fill values.
 bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared);
 
 /// Returns true for numbers that programs write for missing data: negative ones whose digits begin
-/// with 999, such as -999; magnitudes from 1e10 on that are powers of ten or begin with 999; the
-/// lowest integers of 16, 32 and 64 bits, and these plus one; all magnitudes above 1e30.
-[[nodiscard]] bool isFillNumber(double value);
+/// with 999, such as -999; magnitudes from 1e10 and from 1e4 times the others on that are powers of
+/// ten or begin with 999; the lowest integers of 16, 32 and 64 bits, and these plus one; all
+/// magnitudes above 1e30.
+/// @param others  Largest magnitude of the other values.
+[[nodiscard]] bool isFillNumber(double value, double others);
 
 }  // namespace palpate::importer

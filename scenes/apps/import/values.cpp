@@ -86,6 +86,7 @@ Values Values::part(std::size_t first, std::size_t count) const {
   Values out(type_, components_, count,
              std::shared_ptr<void>(data_, static_cast<char*>(data_.get()) + bytes));
   out.setLost(lost_);
+  out.setLowestCode(lowest_code_);
   return out;
 }
 
@@ -133,6 +134,11 @@ Values rescaled(const Values& values, double slope, double offset) {
   Values out(Type::kFloat32, values.components(), values.tuples());
   out.setLost(floatLoss(values, slope, offset));
   visit(values, [&](const auto* from) {
+    using T = std::remove_cv_t<std::remove_pointer_t<decltype(from)>>;
+    if constexpr (std::is_integral_v<T> && std::is_signed_v<T> && sizeof(T) > 1) {
+      const auto lowest = static_cast<double>(std::numeric_limits<T>::lowest());
+      out.setLowestCode(static_cast<double>(static_cast<float>(slope * lowest + offset)));
+    }
     auto* to = out.as<float>();
     forParts(values.size(), [&](std::size_t first, std::size_t end) {
       for (std::size_t i = first; i < end; ++i) {

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -53,6 +54,10 @@ class Values {
   }
 
   [[nodiscard]] void* data() const { return data_.get(); }
+  /// Returns the value that the type's lowest integer had after `rescaled`; NaN: not scaled.
+  [[nodiscard]] double lowestCode() const { return lowest_code_; }
+  void setLowestCode(double value) { lowest_code_ = value; }
+
   /// Returns the numbers, which must have the type T.
   template <class T>
   [[nodiscard]] T* as() const {
@@ -68,6 +73,7 @@ class Values {
   std::size_t tuples_ = 0;
   std::shared_ptr<void> data_;
   Loss lost_;
+  double lowest_code_ = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// Calls f with a pointer to the numbers, whose type is theirs.
