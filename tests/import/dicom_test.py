@@ -646,6 +646,21 @@ class Trouble(Case):
             self.same(volume)
             self.assertIn("such as screen: a screen save", notes)
 
+    def test_a_report_with_rows_and_columns_is_not_an_image(self):
+        volume = Volume()
+        folder = volume.write(self.dir / "ct")
+        report = Volume(uid="1.2.9", modality="SR")
+        (folder / "report").write_bytes(dicom(report.elements(0), kind=REPORT))
+        self.imported(folder)
+        self.same(volume)
+
+    def test_big_endian_files_without_a_transfer_syntax_are_named(self):
+        folder = self.dir / "big"
+        folder.mkdir()
+        (folder / "a").write_bytes(b"\0\x08\0\x16UI\0\x1a1.2.840.10008.5.1.4.1.1.2\0" +
+                                   b"\0\x08\0\x60CS\0\x02CT")
+        self.refused(folder, says="the file has big-endian values and does not say so")
+
     def test_refuses_an_image_of_another_shape_and_names_its_file(self):
         folder = Volume().write(self.dir / "ct")
         Volume(size=(9, 9, 1)).write(folder, "size")

@@ -8,6 +8,7 @@
 #include <optional>
 #include <sys/mman.h>
 #include <unistd.h>
+#include <utility>
 #include <vector>
 #include <zlib.h>
 
@@ -73,6 +74,17 @@ bool beginsAsDataSet(std::string_view bytes, bool is_explicit) {
   if (group == 0x0002 && !is_explicit) return false;
   const auto second = elementAt(bytes, first->value + first->size, is_explicit);
   return second.has_value() && second->tag > first->tag && second->tag >> 16U <= 0x0010;
+}
+
+/// Returns true for a data set in big-endian byte order without preamble. Nothing in such a file
+/// states its transfer syntax.
+bool beginsAsBigEndian(std::string_view bytes) {
+  std::string swapped(bytes.substr(0, 8));
+  if (swapped.size() < 8) return false;
+  for (const std::size_t at : {0U, 2U, 6U}) std::swap(swapped[at], swapped[at + 1]);
+  swapped.append(4, '\0');
+  const auto first = elementAt(swapped, 0, true);
+  return first.has_value() && first->tag >> 16U == 0x0008;
 }
 
 struct SyntaxField {
@@ -147,7 +159,7 @@ std::string inflateInto(int to, std::istream& in) {
 
 bool beginsAsDicom(std::string_view bytes) {
   if (bytes.size() >= kPrefix && bytes.substr(kPreamble, 4) == "DICM") return true;
-  return beginsAsDataSet(bytes, true) || beginsAsDataSet(bytes, false);
+  return beginsAsDataSet(bytes, true) || beginsAsDataSet(bytes, false) || beginsAsBigEndian(bytes);
 }
 
 PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
@@ -155,6 +167,10 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   std::ifstream in(file, std::ios::binary);
   in.read(begin.data(), begin.size());
   std::string head(begin.data(), static_cast<std::size_t>(in.gcount()));
+  if (!beginsAsDataSet(head, false) && beginsAsBigEndian(head)) {
+    throw VolumeError(file.string(), "the file has big-endian values and does not say so",
+                      "convert it to little endian, for example with dcmconv +te");
+  }
   const SyntaxField syntax = syntaxOf(head);
   if (syntax.text.substr(0, syntax.text.find('\0')) != kDeflatedSyntax) return;
   // The copy states the plain transfer syntax, padded to the old length.

@@ -127,6 +127,11 @@ bool isImageClass(const std::string& uid) {
          std::find(kClasses.begin(), kClasses.end(), uid.substr(begin.size())) != kClasses.end();
 }
 
+/// Returns true for structured reports. Some have rows and columns, but no report has pixels.
+bool isReport(const std::string& uid) {
+  return uid.rfind("1.2.840.10008.5.1.4.1.1.88.", 0) == 0;
+}
+
 /// Returns the SOP class. Only group 0002 or only the data set may state it.
 std::string classOf(vtkDICOMMetaData* meta) {
   const std::string uid = meta->Get(0, DC::MediaStorageSOPClassUID).AsString();
@@ -233,7 +238,8 @@ File headerOf(const fs::path& path) {
   file.description = textOf(meta->Get(0, DC::SeriesDescription));
   file.study = textOf(meta->Get(0, DC::StudyDescription));
   file.modality = textOf(meta->Get(0, DC::Modality));
-  file.is_image = meta->Get(0, DC::Rows).AsInt() > 0 && meta->Get(0, DC::Columns).AsInt() > 0;
+  file.is_image = meta->Get(0, DC::Rows).AsInt() > 0 && meta->Get(0, DC::Columns).AsInt() > 0 &&
+                  !isReport(classOf(meta));
   if (parser->GetErrorCode() != 0) {
     file.damage = "the header is truncated or damaged";
     return file;
