@@ -470,7 +470,8 @@ class Netcdf(Case):
                                          more={"b": (netcdf.FLOAT, {}, hot)}))
         self.assertEqual(report["grid"]["b"]["holes"], 0)
 
-    def wrf(self, name="wrf.nc", places=True, attributes=True, heights=False, coordinates="XLONG XLAT"):
+    def wrf(self, name="wrf.nc", places=True, attributes=True, heights=False, coordinates="XLONG XLAT",
+            soil=False):
         """Writes files like those of the model WRF, with wind components on the faces of cells."""
         nx, ny, nz = 9, 7, 5
         full = {"west_east": nx, "south_north": ny, "bottom_top": nz}
@@ -500,6 +501,10 @@ class Netcdf(Case):
                                  [0.01 * (j - 3) for j in range(ny) for i in range(nx)])
             variables["XLONG"] = (netcdf.FLOAT, plane, {"units": "degree_east"},
                                   [10 + 0.02 * i for j in range(ny) for i in range(nx)])
+        if soil:
+            dims["soil_layers_stag"] = 4
+            layers = ("Time", "soil_layers_stag", *mass[2:])
+            variables["TSLB"] = (netcdf.FLOAT, layers, kept, along(layers, lambda i, j, k: 280 + i + k))
         spacing = {"DX": (netcdf.FLOAT, [3000.0]), "DY": (netcdf.FLOAT, [2000.0])} if attributes else {}
         return netcdf.write(self.dir / name, dims, variables, attributes=spacing)
 
@@ -527,6 +532,13 @@ class Netcdf(Case):
         self.assertIn("mean distance between the points at XLAT and XLONG", report["note"])
         for found, degrees in zip(report["grid"]["wind"]["voxel"], (0.02, 0.01)):
             self.assertAlmostEqual(found, degrees * DEGREE, 3)
+
+    def test_layers_of_the_soil_are_not_put_into_the_atmosphere(self):
+        source = self.wrf(soil=True, heights=True)
+        report = self.imported(source)
+        self.assertEqual(set(report["grid"]), {"wind", "T", "PHB", "PH"})
+        self.assertIn("TSLB: skipped: its levels (soil_layers_stag) have no height", report["note"])
+        self.assertEqual(set(self.imported(source, "--field", "TSLB")["grid"]), {"TSLB"})
 
     def test_the_levels_of_wrf_lie_at_their_mean_heights(self):
         report = self.imported(self.wrf(heights=True))

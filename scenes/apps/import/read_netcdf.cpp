@@ -349,6 +349,14 @@ class NetcdfReader final : public Reader {
           "longitude and latitude each depend on two dimensions: interpolate the variable to a "
           "regular grid, for example with cdo remapbil");
     }
+    const Dimension& levels = file_.dimension(variable.dimensions[field.axes[2]]);
+    if (isWrf(rows) && wrf_->z >= 0 && levels.variable < 0 && !isAsked(variable.name) &&
+        file_.centresOf(variable.dimensions[field.axes[2]]) != wrf_->z) {
+      return leave(fmt::format(
+          "its levels ({}) have no height; to import it alone with an assumed spacing, add --field "
+          "{}",
+          levels.name, variable.name));
+    }
     others.insert(others.end(), unknown.begin(), unknown.end());
     for (const std::size_t i : others) {
       const Dimension& dimension = file_.dimension(variable.dimensions[i]);
