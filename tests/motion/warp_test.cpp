@@ -505,7 +505,7 @@ TEST_CASE("invalid displacement frames are refused with their JSON path", "[moti
              }),
              Contains("not finite"));
   CHECK_THAT(message([](DisplacementFrames& f, auto&) { f.frames[2] = f.frames[1]; }),
-             Contains("must end as it began"));
+             Contains("its last frame differs from the first"));
   CHECK_THAT(message([](DisplacementFrames& f, WarpTimes& t) {
                f.frames.clear();
                t.times.clear();

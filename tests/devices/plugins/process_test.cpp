@@ -111,8 +111,9 @@ TEST_CASE("unusable plug-in libraries and arms are refused with the reason", "[p
   CHECK(library.find().size() > 20);
   CHECK(library.only("good") == "good");
   CHECK(library.only("made up").empty());
-  CHECK(refusal([] { PluginLibrary again(kOdd, {}); }).find("another hand of this program") !=
-        std::string::npos);
+  CHECK(refusal([] {
+          PluginLibrary again(kOdd, {});
+        }).find("another hand already runs this plug-in") != std::string::npos);
   CHECK(refusal([&] { (void)library.only(""); }).find("plugin:odd@good, plugin:odd@mute") !=
         std::string::npos);
   CHECK(refusal([&] { (void)library.open("nobody"); }).find("no arm of that number") !=
