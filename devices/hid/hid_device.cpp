@@ -328,9 +328,12 @@ void HidDevice::mendLoop() noexcept {
         homeless_ = profile_.home.empty() || profile_.home_at_open;
         if (host_.say) {
           host_.say("arm " + profile_.name +
-                    ": it was not read for too long, so its encoders may have wrapped: " +
-                    (homeless_ ? "start the program again with the arm in its home pose"
-                               : "palpate homes it again"));
+                    ": palpate did not read its encoders for so long that their counters may have "
+                    "wrapped around: " +
+                    (!homeless_              ? "palpate homes it again"
+                     : profile_.home_at_open ? "put the arm into its home pose and start the "
+                                               "program again"
+                                             : "home the arm and start the program again"));
         }
       }
       // An arm with home_at_open cannot be homed again: its home is its pose at the opening.

@@ -22,8 +22,11 @@ PidMap mapOf(const HidProfile& profile, std::span<const std::byte> descriptor) {
   const std::string name = "arm " + profile.name;
   const auto device = parseHidDescriptor(descriptor);
   if (!device) {
-    throw DeviceError(name, "the system does not provide its report descriptor",
-                      "use a kernel that provides it in /sys/class/hidraw");
+    const bool absent = descriptor.empty();
+    throw DeviceError(
+        name, absent ? "its report descriptor cannot be read" : "its report descriptor is invalid",
+        absent ? "make /sys/class/hidraw readable (in a container, mount /sys)"
+               : "update the device's firmware");
   }
   return readPidMap(*device, name);
 }

@@ -145,7 +145,7 @@ Box Motion::deformed(const Box& at_rest) const {
 }
 
 Box Motion::sweep(const Box& at_rest) const {
-  // [rad]: an arc of this angle exceeds its chord by 0.05^2 / 2 of the radius
+  // [rad]: the middle of an arc of this angle is 0.05^2 / 2 of the radius away from its chord
   constexpr double kStep = 0.1;
   Box box;
   if (at_rest.empty()) return box;

@@ -26,7 +26,7 @@ constexpr std::array<FaultWords, kFaults> kFaultWords{{
     {"write", "the device did not take a force in time", "check its cable"},
     {"gone", "the device is unplugged", "plug it in again"},
     {"miscounted", "the device was not read for so long that its counters may have wrapped around",
-     "home the arm again"},
+     "wait until palpate has homed the arm; if it cannot, start the program again"},
     {"temperature", "the device is too hot", "let it cool"},
     {"power", "the device has no power", "switch it on"},
     {"switch", "the device's safety switch is open", "close the switch"},

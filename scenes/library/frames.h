@@ -18,8 +18,8 @@ namespace palpate {
 /// if a number between two others is missing, or if the file cannot be read.
 [[nodiscard]] std::vector<VolumeRequest> framesOf(const VolumeSpec& volume);
 
-/// Returns the files of a volume: all files that match a pattern, or the manifest of bricks; may be
-/// empty. Does not throw.
+/// Returns the local files of a volume: its file, all files that match its pattern, or the manifest
+/// of its bricks. Empty for an address and for a volume without a file. Does not throw.
 [[nodiscard]] std::vector<std::filesystem::path> filesOf(const VolumeSpec& volume);
 
 }  // namespace palpate

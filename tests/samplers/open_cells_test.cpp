@@ -168,8 +168,9 @@ TEST_CASE("a level set that was cut off causes no force along the cut", "[sample
   }
 }
 
-TEST_CASE("a cut ball is open where the sphere passes the cut, with a narrow and a wide band",
-          "[samplers]") {
+TEST_CASE(
+    "a cut ball is open wherever the cut has data inside the ball, with a narrow and a wide band",
+    "[samplers]") {
   const double band = GENERATE(3.0, 10.0);
   CAPTURE(band);
   constexpr int kCut = 3;

@@ -120,7 +120,7 @@ class Server(Case):
 
 class Served(Stored, Server):
     @suite.smoke
-    def test_another_volume_at_the_address_is_reported(self):
+    def test_a_replay_reports_that_the_volume_at_its_address_has_changed_since_the_recording(self):
         record, bowl, other = (self.dir / name for name in ("served.rec", "bowl", "other"))
         run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
         again = run("feel", record, "--device", f"replay:{record}")

@@ -32,7 +32,7 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
   start.y() = bounds.lower.y() - 0.1 * bounds.size().maxCoeff();
   if (window != nullptr) asked.mouse = window->mouse(start);
   const auto& names = options.devices;
-  // At most one hand may follow a client of the OpenIGTLink server.
+  // A hand of the device igtl follows the client of the OpenIGTLink server.
   if (igtl != nullptr && std::count(names.begin(), names.end(), "igtl") > 0) {
     asked.client = igtl->hand(start);
   }
