@@ -14,6 +14,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/brick_codec.h"
+#include "palpate/samplers/grid/make_volume.h"
 
 namespace palpate {
 namespace {
@@ -504,7 +505,12 @@ void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   if (!isExtent(manifest.extent_[0], manifest.extent_[1])) {
     throw std::range_error("its extent is empty or too large");
   }
-  manifest.metadata_ = facts.at("metadata").dump();
+  const Json& metadata = facts.at("metadata");
+  manifest.metadata_ = metadata.dump();
+  const Json missing = {{"bool", true}};
+  const Json mesh = {{"string", "mesh"}};
+  manifest.has_holes_ = metadata.value(kMetaInactiveIsMissing, Json()) == missing;
+  manifest.data_active_ = manifest.has_holes_ || metadata.value("imported_from", Json()) == mesh;
   manifest.identity_ = FactsReader::hexadecimal(facts.text("identity"));
   const bool level_set = info.grid_class == GridClass::kLevelSet && !manifest.format_.vector;
   manifest.levels_ = levelsOf(linear, origin, manifest.extent_, level_set);

@@ -74,6 +74,8 @@ class BrickLevelSource {
       ends_.lower[a] = lower[a] >> level;
       ends_.upper[a] = upper[a] >> level;
     }
+    ends_.active_only = window.manifest().isDataActive();
+    ends_.whole_cells = window.manifest().hasHoles();
   }
 
   [[nodiscard]] static Cache cache() noexcept { return {}; }

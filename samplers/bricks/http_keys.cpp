@@ -49,7 +49,11 @@ std::string readSecret(const std::string& file) {
   while (size < text.size()) {
     const ssize_t got = read(descriptor, text.data() + size, text.size() - size);
     if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) break;
+    if (got < 0) {
+      refuse(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
+             "check the disk");
+    }
+    if (got == 0) break;
     size += static_cast<std::size_t>(got);
   }
   if (size > kLongest) refuse(file, "it has more than 64 kB", "remove lines that are not needed");

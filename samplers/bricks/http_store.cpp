@@ -132,9 +132,11 @@ void conclude(HttpRequest& request, CURLcode how) noexcept {
   if (code == 404 || code == 410) {
     request.status = BrickStatus::kMissing;
   } else if (isRedirection(code)) {
-    request.fail(request.followed ? "the server redirects twice, with status"
-                                  : "the server redirects to another host, with status",
-                 code);
+    request.fail(
+        request.followed
+            ? "the server redirects twice, with status"
+            : "the server redirects to an address that palpate does not follow, with status",
+        code);
   } else if (code == 401) {
     request.fail(request.keyed ? "the server rejects the key in PALPATE_HTTP_KEYS, with status"
                                : "the server requires a key in PALPATE_HTTP_KEYS, with status",

@@ -18,6 +18,7 @@ void place(const Volume::Grid::Part& part, Prepared& prepared) {
   prepared.grid->parts.front().linear = part.linear;
   prepared.grid->parts.front().origin = part.origin;
   prepared.grid->parts.front().ends.active_only = part.ends.active_only;
+  prepared.grid->parts.front().ends.whole_cells = part.ends.whole_cells;
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/volume_grid.h"
 #include "palpate/scenes/guess/choose_grids.h"
 #include "palpate/scenes/guess/metadata.h"
@@ -71,7 +72,9 @@ SuggestInput inputFrom(const GuessVolume& given) {
   if (const auto axial = input.grid->getMetadata<openvdb::BoolMetadata>(kMetaAxial)) {
     input.axial = axial->value();
   }
-  input.inactive_is_data = text(kMetaFrom) != "mesh";
+  const auto missing = input.grid->getMetadata<openvdb::BoolMetadata>(kMetaInactiveIsMissing);
+  const bool has_holes = missing && missing->value();
+  input.inactive_is_data = text(kMetaFrom) != "mesh" && !has_holes;
   const openvdb::CoordBBox box = input.grid->evalActiveVoxelBoundingBox();
   if (const auto size = input.grid->getMetadata<openvdb::Vec3IMetadata>(kMetaImageSize)) {
     const openvdb::Vec3i voxels = size->value();

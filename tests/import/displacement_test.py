@@ -149,6 +149,12 @@ class Displacement(images.Case):
         self.assertGreater(errors[0]["points"], 0)
         self.assertEqual(errors[0], errors[1])
 
+    def test_a_rotated_forward_field_is_not_resampled(self):
+        c, s = math.cos(0.4), math.sin(0.4)
+        turned = ((STEP * c, -STEP * s, 0.0, AT[0]), (STEP * s, STEP * c, 0.0, AT[1]), (0.0, 0.0, STEP, AT[2]))
+        path = self.nii(bump, sform=turned)
+        self.refused(path, "does not fill its box", *self.FIELD, "--voxel", "4", "--direction", "forward")
+
     def test_strong_fields_have_an_inverse(self):
         # The matter stretches threefold: a plain fixed point u = -v(x + u) would diverge.
         self.means(self.nii(lambda x: (2 * x[0], 0.0, 0.0)), lambda x: (-2 * x[0] / 3, 0.0, 0.0), "--direction",

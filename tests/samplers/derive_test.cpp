@@ -307,6 +307,23 @@ TEST_CASE("at the edge of a mesh a spline's derivatives are those of the data",
   }
 }
 
+TEST_CASE("a field derived from an image with missing voxels has no data beside them",
+          "[samplers]") {
+  openvdb::initialize();
+  const auto grid = openvdb::Vec3SGrid::create(Vec3f(0.0F));
+  grid->setName("v");
+  grid->insertMeta("inactive_is_missing", openvdb::BoolMetadata(true));
+  for (auto at = openvdb::CoordBBox(Coord(0), Coord(11)).begin(); at; ++at) {
+    if ((*at).x() >= 5 || (*at).y() >= 5) grid->tree().setValue(*at, Vec3f(3.0F, 4.0F, 0.0F));
+  }
+  Probe speed(makeVdbField(deriveVolume(load({grid}, "v"), Derivation::kMagnitude)));
+  CHECK_FALSE(speed.scalar(Vec3(4.5, 2.3, 2.3)).inside);
+  CHECK_FALSE(speed.scalar(Vec3(4.99, 4.99, 2.3)).inside);
+  const ScalarSample beside = speed.scalar(Vec3(5.01, 2.3, 2.3));
+  CHECK(beside.inside);
+  CHECK(beside.value == Approx(5.0));
+}
+
 TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(1.0);
   const auto vectors =

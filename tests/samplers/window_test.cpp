@@ -34,13 +34,19 @@ namespace {
 constexpr double kVoxel = 1e-3;  // [m]
 
 /// Returns a dense volume of n^3 voxels of 1 mm, so rough that the means of a coarse level differ
-/// from its values.
-std::shared_ptr<const Volume> bumpy(int n) {
+/// from its values. With `holes`, a box of voxels is missing.
+std::shared_ptr<const Volume> bumpy(int n, bool holes = false) {
   const auto grid = makeGrid<openvdb::FloatGrid>(
       n, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
         return static_cast<float>(std::sin(0.21 * p.x()) * std::cos(0.17 * p.y()) +
                                   std::sin(0.13 * p.z() + 0.05 * p.x()) + 0.01 * p.y());
       });
+  if (holes) {
+    grid->insertMeta(kMetaInactiveIsMissing, openvdb::BoolMetadata(true));
+    for (auto at = openvdb::CoordBBox({50, 52, 54}, {91, 83, 75}).begin(); at; ++at) {
+      grid->tree().setValueOff(*at, grid->background());
+    }
+  }
   return makeVolume(*grid);
 }
 
@@ -89,7 +95,9 @@ struct Both {
 TEST_CASE("a window equals the whole volume to the last bit where its bricks are present",
           "[bricks]") {
   const TemporaryFolder folder;
-  const auto volume = bumpy(150);
+  const bool holes = GENERATE(false, true);
+  CAPTURE(holes);
+  const auto volume = bumpy(150, holes);
   (void)writeBricks(folder / "bricks", brickInput(volume));
   const auto window = windowOf(folder / "bricks", 60);
   const Both both(volume, window);

@@ -213,7 +213,7 @@ class Wrong(Case):
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"", 503)), "answers with status 503")
         self.refused(self.served_badly(
             lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])),
-                     "redirects to another host, with status 302")
+                     "redirects to an address that palpate does not follow, with status 302")
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"x" * 100)), "palpate.bricks")
 
     @suite.smoke
@@ -321,7 +321,7 @@ class Wrong(Case):
         twice = self.moved("/bowl/bowl")
         self.refused(twice, "redirects twice, with status 302")
         for elsewhere in ("http://localhost:1/new", "ftp://127.0.0.1/new", "http://a@127.0.0.1:1/new"):
-            self.refused(self.moved(elsewhere), "redirects to another host, with status 302")
+            self.refused(self.moved(elsewhere), "redirects to an address that palpate does not follow, with status 302")
 
     def test_a_key_is_not_sent_to_the_target_of_a_redirection_to_another_port(self):
         seen = []

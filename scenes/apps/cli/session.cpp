@@ -189,6 +189,9 @@ void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands
     if (shown.count < shown.hands.size()) shown.hands[shown.count++] = hand->shown();
   }
   server.show(shown);
+  // The answer goes to the sender of the image that was taken last, so it precedes the next image.
+  const Watcher::ImageNews news = watcher.takeNews();
+  if (!news.text.empty()) server.tell(news.text, news.refused);
   // Each new image can start an engagement, which must end before the next image.
   constexpr auto kBetweenImages = std::chrono::seconds(2);
   const auto now = std::chrono::steady_clock::now();
@@ -198,8 +201,6 @@ void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands
       next_image = now + kBetweenImages;
     }
   }
-  const Watcher::ImageNews news = watcher.takeNews();
-  if (!news.text.empty()) server.tell(news.text, news.refused);
 }
 
 }  // namespace

@@ -202,6 +202,13 @@ void takeDisplacement(Gridded& made, Direction direction, const std::string& len
         "the moving one, which shows the resting place");
     return;
   }
+  // write() needs a vector at each voxel of the box. A resampled field that is rotated has none at
+  // its corners.
+  const openvdb::CoordBBox box = made.grid->evalActiveVoxelBoundingBox();
+  if (made.grid->activeVoxelCount() != box.volume()) {
+    throw VolumeError(file, "the resampled displacement field does not fill its box",
+                      "omit --voxel, or export the transform from the fixed to the moving image");
+  }
   const Inversion inversion(given, file);
   const DisplacementFrames inverse = inversion.invert(progress);
   const WarpPtr warp = makeWarp(inverse, {}, file);

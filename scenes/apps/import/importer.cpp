@@ -459,7 +459,7 @@ guess::SuggestInput inputOf(const Imported& imported, const Step& step) {
   input.modality = step.modality;
   input.value_unit = imported.level_set ? "" : imported.unit;
   input.axial = imported.axial;
-  input.inactive_is_data = imported.image.has_value();
+  input.inactive_is_data = imported.image.has_value() && imported.made.holes == 0;
   if (imported.image && !imported.image->empty()) input.extent = *imported.image;
   return input;
 }
