@@ -111,10 +111,11 @@ class SelfTest {
   };
   /// The recorded motion of one push, or of the fall before the pushes.
   struct Way {
+    /// A position and a force.
     struct Point {
-      double time,   ///< Time since the test began [s].
-          position,  ///< Distance from SelfTest::home_, along the path [m].
-          force;     ///< Force that was sent, along the path [N].
+      double time;      ///< Time since the test began [s].
+      double position;  ///< Distance from SelfTest::home_, along the path [m].
+      double force;     ///< Force that was sent, along the path [N].
     };
     std::vector<Point> path;
     std::size_t start = 0;  ///< First sample of the fit; earlier motion may be the hand's.

@@ -8,10 +8,11 @@ namespace palpate {
 
 /// Scheme, host and port of an address, in the form that libcurl gives them.
 struct HttpOrigin {
-  std::string scheme;
-  std::string host;
-  std::string port;  ///< Never empty.
+  std::string scheme;  ///< "http" or "https".
+  std::string host;    ///< Name or number of the machine.
+  std::string port;    ///< Never empty.
 
+  /// Returns true if scheme, host and port are equal.
   [[nodiscard]] bool operator==(const HttpOrigin&) const = default;
 };
 /// Returns the origin of an address; no value if it is invalid, or contains a user.
@@ -19,9 +20,9 @@ struct HttpOrigin {
 
 /// The secret for a server: a token, or a name and a password if the token is empty.
 struct HttpKey {
-  std::string name;
-  std::string password;
-  std::string token;
+  std::string name;      ///< User of HTTP's basic method.
+  std::string password;  ///< May contain spaces.
+  std::string token;     ///< Bearer token.
 };
 
 /// Returns the key for a server, from the file that the environment variable PALPATE_HTTP_KEYS

@@ -117,7 +117,7 @@ class Writing(unittest.TestCase):
         page = figures.Page(self.page)
         self.assertEqual(page.cells, CELLS)
         self.assertRegex(page.head, r"^Measured at commit 0123456789ab on \d+ cores of .*"
-                                    r", GNU 12\.2\.0, Release, \d{4}-\d\d-\d\d; ")
+                                    r", GNU 12\.2\.0, Release, \d{4}-\d\d-\d\d\. ")
         self.assertEqual(page.part, figures.part(page.head, page.cells))
         self.assertEqual((page.above, page.below), ("# above\n\n", "\n\nbelow\n"))
 

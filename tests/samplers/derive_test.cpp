@@ -316,7 +316,7 @@ TEST_CASE("a field derived from an image with missing voxels has no data beside 
   for (auto at = openvdb::CoordBBox(Coord(0), Coord(11)).begin(); at; ++at) {
     if ((*at).x() >= 5 || (*at).y() >= 5) grid->tree().setValue(*at, Vec3f(3.0F, 4.0F, 0.0F));
   }
-  Probe speed(makeVdbField(deriveVolume(load({grid}, "v"), Derivation::kMagnitude)));
+  Probe speed(makeVdbField(deriveVolume(load({grid}, "v"), Derivation::kMagnitude), {}));
   CHECK_FALSE(speed.scalar(Vec3(4.5, 2.3, 2.3)).inside);
   CHECK_FALSE(speed.scalar(Vec3(4.99, 4.99, 2.3)).inside);
   const ScalarSample beside = speed.scalar(Vec3(5.01, 2.3, 2.3));

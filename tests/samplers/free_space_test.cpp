@@ -264,7 +264,9 @@ TEST_CASE("the map of free space saves sub-steps and samples and does not change
     INFO(moves << " moves of " << moves_of_blind << ", " << samples << " samples of "
                << samples_of_blind);
     CHECK(held > 100);
-    CHECK(2 * moves < moves_of_blind);
+    // In a scene of parts, each tick has at least one move.
+    const long least = parts ? 6000 : 0;
+    CHECK(2 * (moves - least) < moves_of_blind - least);
     CHECK(2 * samples < samples_of_blind);
   }
 }
@@ -290,9 +292,9 @@ TEST_CASE("a tick far from all data reads nothing and has the results of a tick 
     bool was_unread = false;
     double time = 0.0;
     for (int i = 0; i < 20000; ++i) {
-      // Up to 1 m/s, out of the bounds and back to the ball; a quarter of the time at rest.
+      // Up to 0.4 m/s, out of the bounds and back to the ball; a quarter of the time at rest.
       if (i / 500 % 4 != 3) time += 3e-3;
-      const Vec3 at = wander(time, 0.09);
+      const Vec3 at = wander(time, 0.035);
       if (i == 9000) {
         fast.state.release();
         full.state.release();
