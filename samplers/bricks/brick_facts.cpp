@@ -143,9 +143,10 @@ class FactsReader {
 
  private:
   static const Json& list(const Json& json, std::size_t size) {
-    if (!json.is_array() || json.size() != size)
+    if (!json.is_array() || json.size() != size) {
       throw std::range_error("the value " + shown(json) + " is not a list of " +
                              std::to_string(size) + " values");
+    }
     return json;
   }
 
