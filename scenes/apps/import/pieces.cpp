@@ -45,10 +45,11 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
     const auto u = static_cast<unsigned char>(c);
     if (u < 0x20 || u == 0x7f || (!plain && u > 0x7f)) c = '_';
   }
-  if (name != given)
+  if (name != given) {
     notes.push_back(fmt::format(
         "an array was renamed to \"{}\", because its name is long or has special characters",
         name));
+  }
   return name.empty() ? "density" : name;
 }
 
