@@ -13,7 +13,6 @@
 
 #include <Eigen/LU>
 #include <fmt/format.h>
-#include <openvdb/tools/Prune.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
@@ -320,7 +319,6 @@ Gridded build(const Voxels& voxels, const Made& slices, const Background<Value>&
     for (auto& leaf : row) grid->tree().addLeaf(leaf.release());
     row.clear();
   }
-  if (background.is_active) openvdb::tools::prune(grid->tree());
   const Counts mine = std::exchange(counts, {});
   for (const Counts& one : gatherOne(group, mine)) counts.add(one);
   Gridded out;

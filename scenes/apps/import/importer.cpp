@@ -392,12 +392,18 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
   const std::size_t count = step.grids.size();
   {
     openvdb::GridCPtrVec grids;
-    for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
+    for (const Imported& imported : step.grids) {
+      // In an image with missing voxels the background is active (grids.h), in whole leaves.
+      if (imported.image && !imported.level_set && imported.made.holes > 0) {
+        imported.made.grid->pruneGrid();
+      }
+      grids.push_back(imported.made.grid);
+    }
     const int descriptor = createNewFile(file);
     if (descriptor < 0) {
       throw Error(file.string(),
                   fmt::format("the file cannot be written ({})", std::strerror(errno)),
-                  "choose another path");
+                  "choose another path, or free space on the disk");
     }
     writeGrids(nameOfOpen(descriptor, file), grids);
     close(descriptor);
