@@ -21,7 +21,8 @@ bool lower(const TransferFunction::Knot& a, const TransferFunction::Knot& b) noe
 
 TransferFunction::TransferFunction(double constant) : knots_{{0.0, constant}} {
   if (!std::isfinite(constant) || constant < 0.0) {
-    refuse("a strength must be a finite number >= 0");
+    refuse("a constant is " + std::to_string(constant) + ", not a finite number >= 0",
+           "give a number >= 0");
   }
 }
 
@@ -41,7 +42,7 @@ TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
     }
     if (knot.second < 0.0) {
       refuse("a curve has the output " + std::to_string(knot.second) + ", which is negative",
-             "reverse a force with \"sense\"");
+             "give outputs >= 0, and reverse a force with \"sense\"");
     }
   }
   const auto ascending = [](const Knot& a, const Knot& b) { return a.first < b.first; };
@@ -57,6 +58,12 @@ double TransferFunction::highest() const noexcept {
 
 double TransferFunction::lowest() const noexcept {
   return std::min_element(knots_.begin(), knots_.end(), lower)->second;
+}
+
+bool TransferFunction::isZeroFrom(double x, double sign) const noexcept {
+  return (*this)(x) == 0.0 && std::all_of(knots_.begin(), knots_.end(), [&](const Knot& knot) {
+           return knot.second == 0.0 || sign * (knot.first - x) < 0.0;
+         });
 }
 
 std::vector<TransferFunction::Knot>::const_iterator TransferFunction::above(

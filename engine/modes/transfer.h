@@ -28,6 +28,9 @@ class TransferFunction {
   [[nodiscard]] double highest() const noexcept;
   [[nodiscard]] double lowest() const noexcept;  ///< Returns the curve's smallest output, >= 0.
 
+  /// Returns true if the output is 0 at x and at all inputs above x, if sign > 0, or below x.
+  [[nodiscard]] bool isZeroFrom(double x, double sign) const noexcept;
+
   /// Returns the curve's output at x; 0 if x is NaN. RT: no allocation. Cost: O(log knots).
   [[nodiscard]] double operator()(double x) const noexcept;
   /// Returns the curve's slope just above x; 0 if x is NaN. RT: no allocation. Cost: O(log knots).

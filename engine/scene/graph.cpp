@@ -75,6 +75,50 @@ void addMode(const GraphSpec& spec, std::size_t index, GraphReads& reads) {
   graph.mode_names.push_back(name);
 }
 
+/// Returns the mode's surface if it is an isosurface with the same strength everywhere on V =
+/// level, and places without data are on its free side; else null.
+const IsosurfaceMode* evenSurface(const Mode& mode, const Graph& graph) {
+  const auto* surface = std::get_if<IsosurfaceMode>(&mode);
+  if (surface == nullptr) return nullptr;
+  const SurfaceSource& skin = surface->skin;
+  const double outside = graph.scalar_frames[static_cast<std::size_t>(skin.field)].background;
+  const auto& factors = surface->strength.factors;
+  const bool even = std::all_of(factors.begin(), factors.end(), [&](const Transfer::Factor& by) {
+    return by.scalar == -1 || by.scalar == skin.value;
+  });
+  return even && skin.sign * (outside - surface->level) >= 0.0 ? surface : nullptr;
+}
+
+/// Returns true if the mode adds no primitive to a proxy in front of the even surfaces: the mode is
+/// one of them, or a drag that is zero on the free side of one of them.
+bool isSilentInFront(const Mode& mode, const Graph& graph) {
+  if (evenSurface(mode, graph) != nullptr) return true;
+  const auto* drag = std::get_if<ViscosityMode>(&mode);
+  if (drag == nullptr) return false;
+  const auto is_zero = [&](const Transfer::Factor& by) {
+    return std::any_of(graph.modes.begin(), graph.modes.end(), [&](const Mode& other) {
+      const IsosurfaceMode* surface = evenSurface(other, graph);
+      return surface != nullptr && by.scalar == surface->skin.value &&
+             by.curve.isZeroFrom(surface->level, surface->skin.sign);
+    });
+  };
+  return std::any_of(drag->strength.factors.begin(), drag->strength.factors.end(), is_zero);
+}
+
+/// Returns Graph::contact_only.
+std::uint64_t contactOnly(const Graph& graph) {
+  std::uint64_t others = graph.stiffness_reads.scalars;
+  std::uint64_t surfaces = 0;
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    const bool silent = isSilentInFront(graph.modes[i], graph);
+    (silent ? surfaces : others) |= graph.mode_fields[i].reads.scalars;
+  }
+  for (const std::size_t i : graph.attentive) {
+    if (i < graph.scalar_fields.size()) others |= std::uint64_t{1} << i;
+  }
+  return surfaces & ~others;
+}
+
 }  // namespace
 
 double TransferSpec::highest() const noexcept {
@@ -114,6 +158,7 @@ Graph compileGraph(const GraphSpec& spec, const std::map<std::string, FieldPtr>&
     if (graph.vector_fields[i]->attends())
       graph.attentive.push_back(graph.scalar_fields.size() + i);
   }
+  graph.contact_only = contactOnly(graph);
   for (const auto& [name, field] : fields) {
     if (!reads.isRead(name)) reads.graph.unused.push_back(name);
   }

@@ -249,6 +249,11 @@ struct Graph {
   Transfer stiffness;  ///< Coupling stiffness [N/m]. Without factors it is constant.
   FieldSet stiffness_reads;  ///< Fields that the stiffness reads. A field without data gives its
                              ///< background.
+  /// Fields that matter only in contact (bit i: scalar_fields[i]). They need no attend(), and only
+  /// these modes read them: isosurfaces with the same strength everywhere on V = level and with the
+  /// background on their free side, and drags that are zero on the free side of such a surface.
+  /// They add no primitive to a proxy in front of all these surfaces.
+  std::uint64_t contact_only = 0;
   /// Fields that need attend(), numbered through: scalar_fields, then vector_fields.
   std::vector<std::size_t> attentive;
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.

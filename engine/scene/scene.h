@@ -68,7 +68,7 @@ struct Scene {
   StepParams step;      ///< Accuracy of the motion within each tick.
   SolverParams solver;  ///< Stopping criteria of each balance. makeScene leaves the defaults.
   /// True if forces come only from volumes at rest: without parts, motions, guides and user-defined
-  /// modes. The proxy of a hand far from all data is then at the hand.
+  /// modes. A tick on a free path then needs no reading (moveProxy).
   bool still = false;
 };
 

@@ -7,6 +7,7 @@
 
 #include "palpate/engine/tick/decide.h"
 #include "palpate/engine/tick/iteration.h"
+#include "palpate/engine/tick/sweep.h"
 #include "palpate/engine/tick/trial.h"
 
 namespace palpate {
@@ -16,8 +17,8 @@ namespace {
 constexpr int kMostStrays = 16;
 /// Largest distance that a waiting proxy is pulled through surfaces that cannot hold it [voxels].
 constexpr int kMostStrides = 4;
-/// After this number of free ticks, properties and memories are those of a place without data. They
-/// stay so while the way is empty, and a tick need not read.
+/// After this number of free ticks, the memories are those of a place without primitives. They stay
+/// so while the way is free, and a tick need not read.
 constexpr int kSettled = 2;
 constexpr double kFree = 1e-9;  ///< [m]: a proxy within this distance of the probe counts as free
 /// A reading that advances less than this share of the tolerance stalls. Two stalls end the slice.
@@ -263,28 +264,39 @@ void moveBodies(Tick& tick, int slice, int slices) noexcept {
   }
 }
 
-/// Returns true if no path from the proxy to the hand can meet data of a field: each field's bounds
-/// are elsewhere, or the field is empty as far as the hand.
-bool isWayEmpty(const Tick& tick) noexcept {
+/// Fields that the path from the proxy to the hand may meet.
+struct OnWay {
+  bool any = false;  ///< True if a field may act without a contact.
+  /// The others, of Graph::contact_only (bit i: scalar_fields[i]).
+  std::uint64_t contact_only = 0;
+};
+
+/// Returns the fields with bounds on the straight path from the proxy to the hand that are not
+/// empty as far as the hand.
+OnWay fieldsOnWay(const Tick& tick) noexcept {
   const Graph& graph = tick.scene.graph;
   const Vec3& a = tick.proxy.position;
   const Vec3& b = tick.probe;
   const Box way{a.cwiseMin(b), a.cwiseMax(b)};
-  const auto empty = [&](const auto& fields, const std::vector<FieldFrame>& frames) {
-    for (std::size_t i = 0; i < frames.size(); ++i) {
-      if (meets(way, frames[i]) && !(fields[i]->freeWithin(a) > (b - a).norm())) return false;
+  OnWay on;
+  const auto look = [&](const auto& fields, const std::vector<FieldFrame>& frames,
+                        std::uint64_t contact_only) {
+    for (std::size_t i = 0; i < frames.size() && !on.any; ++i) {
+      if (!meets(way, frames[i]) || fields[i]->freeWithin(a) > (b - a).norm()) continue;
+      const std::uint64_t bit = contact_only & std::uint64_t{1} << i;
+      on.contact_only |= bit;
+      on.any = bit == 0;
     }
-    return true;
   };
-  return empty(graph.scalar_fields, graph.scalar_frames) &&
-         empty(graph.vector_fields, graph.vector_frames);
+  look(graph.scalar_fields, graph.scalar_frames, graph.contact_only);
+  look(graph.vector_fields, graph.vector_frames, 0);
+  return on;
 }
 
-/// Returns true if the balance is at the hand without a reading: the proxy was there, and nothing
-/// is on the way.
-bool isFree(const Tick& tick) noexcept {
+/// Returns true if the proxy was at the hand, and nothing about the scene or its data has changed.
+bool wasAtHand(const Tick& tick) noexcept {
   return tick.scene.still && tick.proxy.known && !tick.changed && tick.trace == nullptr &&
-         tick.proxy.offset.isZero(0.0) && isWayEmpty(tick);
+         tick.proxy.offset.isZero(0.0);
 }
 
 }  // namespace
@@ -292,8 +304,10 @@ bool isFree(const Tick& tick) noexcept {
 bool moveProxy(Tick& tick, double time) noexcept {
   Proxy& proxy = tick.proxy;
   Bodies& bodies = tick.around.bodies;
-  const bool free = isFree(tick);
-  if (free && proxy.free_ticks >= kSettled) {
+  const OnWay on = wasAtHand(tick) ? fieldsOnWay(tick) : OnWay{true};
+  if (!on.any && proxy.free_ticks >= kSettled &&
+      (on.contact_only == 0 || isPathClear(tick, on.contact_only))) {
+    proxy.beyond += tick.probe - proxy.position;
     proxy.position = tick.probe;
     tick.report.solver = SolverKind::kClosedForm;
     return true;
@@ -318,7 +332,7 @@ bool moveProxy(Tick& tick, double time) noexcept {
     settle(mode, proxy.position, last == Slice::kArrived, memory);
   });
   bodies.arrive();
-  const bool stayed = free && tick.report.primitives == 0 && proxy.offset.isZero(0.0);
+  const bool stayed = !on.any && tick.report.primitives == 0 && proxy.offset.isZero(0.0);
   proxy.free_ticks = stayed ? proxy.free_ticks + 1 : 0;
   return last != Slice::kSpoilt;
 }

@@ -46,10 +46,11 @@ struct StepReport {
   double injected =
       0.0;  ///< Work that primitives did on the proxy [J]: the sum of max(0, -k (h - p_new).(p_new
             ///< - p_old)) over its moves, h the hand in that move. Along a curve: the rise of the
-            ///< spring's energy. At least the bound on the work on the hand (docs/tick.md, Energy).
+            ///< spring's energy. If k o.dp - k/2 |dp - dh|^2 is larger, `injected` has that value
+            ///< (symbols and reason: docs/tick.md, Energy).
   int iterations = 0;    ///< Solver iterations (SolveResult::iterations) of all sub-steps.
   int substeps = 0;      ///< Number of readings of properties on the path; a balance follows each.
-                         ///< 0 if the hand has been far from all data for some ticks.
+                         ///< 0 if the hand has been free for some ticks and meets no surface.
   int samples = 0;       ///< Number of field reads in all sub-steps.
   bool coarse = false;   ///< True if coarser data, or data of another time, replaced missing data.
   int traced = 0;        ///< Number of vector reads along streams.

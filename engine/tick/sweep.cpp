@@ -101,4 +101,18 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
   trial.cut = !met->placed;
 }
 
+bool isPathClear(Tick& tick, std::uint64_t fields) noexcept {
+  const auto blocks = [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
+    const SurfaceAhead ahead = surfaceAhead(mode, memory);
+    const SurfaceSource* skin = ahead.skin != nullptr ? ahead.skin : touchOf(mode, memory).skin;
+    if (skin == nullptr || (fields >> skin->field & 1U) == 0) return false;
+    if (ahead.skin == nullptr || ahead.contact->placed || ahead.contact->touched) return true;
+    const Crossing crossing =
+        felt.bound.firstFall(*skin, ahead.level, tick.proxy.position, tick.probe);
+    tick.report.walked += crossing.cells;
+    return crossing.found || crossing.behind || crossing.share < 1.0;
+  };
+  return !anyMode(tick.felt(), blocks);
+}
+
 }  // namespace palpate

@@ -1,6 +1,8 @@
 /// The sweep: finds surfaces on the proxy's path, so that the proxy does not pass through them.
 #pragma once
 
+#include <cstdint>
+
 #include "palpate/engine/tick/iteration.h"
 #include "palpate/engine/tick/tick.h"
 #include "palpate/engine/tick/trial.h"
@@ -13,5 +15,10 @@ namespace palpate {
 /// any other surface, the path has the common lift of the planes that bear load. A surface that
 /// yields does not end the step. RT: no allocation. Cost: ScalarField::firstFall.
 void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept PALPATE_NONBLOCKING;
+
+/// Returns true if the proxy is in front of every isosurface whose field is in `fields`, touches
+/// none, and meets none on the straight path to the hand. Without parts and motions. RT: no
+/// allocation. Cost: ScalarField::firstFall.
+[[nodiscard]] bool isPathClear(Tick& tick, std::uint64_t fields) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -25,7 +25,8 @@ struct Proxy {
   Vec3 beyond = Vec3::Zero();    ///< Position minus the place of the last reading [m].
   bool placed = false;           ///< False if the next tick starts the proxy at the hand.
   bool known = false;            ///< True if properties have been read in this scene.
-  /// Number of ticks in a row whose path met no data and that ended at the hand (moveProxy).
+  /// Number of free ticks in a row: without a primitive, and on a path where no field acts without
+  /// a contact (moveProxy).
   int free_ticks = 0;
   bool lost = false;  ///< True if the proxy reached the hand on a path that was not completely
                       ///< swept. The next tick then forgets contacts.

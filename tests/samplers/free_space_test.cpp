@@ -60,12 +60,17 @@ FieldPtr fieldOf(const openvdb::GridPtrVec& grids, const Placement& placement = 
   return makeVdbField(loadVolume(folder / "a.vdb", name), placement, sampling);
 }
 
-/// A field without a map of free space. The bounds may be replaced.
-class Blind : public ScalarField {
+/// A field that needs attend(), so that a tick on a free path reads it. Without `map`, it has no
+/// map of free space: every tick in its bounds reads it.
+class Attentive : public ScalarField {
  public:
-  explicit Blind(ScalarPtr field) : Blind(field, field->frame()) {}
-  Blind(ScalarPtr field, const FieldFrame& frame) : ScalarField(frame), field_(std::move(field)) {}
+  Attentive(ScalarPtr field, bool map)
+      : ScalarField(field->frame()), field_(std::move(field)), map_(map) {}
 
+  [[nodiscard]] bool attends() const noexcept override { return true; }
+  [[nodiscard]] double freeWithin(const Vec3& p_W) const noexcept override {
+    return map_ ? field_->freeWithin(p_W) : 0.0;
+  }
   void reset(FieldCache& cache) const noexcept override { field_->reset(cache); }
   [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept override {
     return field_->sample(p_W, cache);
@@ -83,6 +88,7 @@ class Blind : public ScalarField {
 
  private:
   ScalarPtr field_;
+  bool map_;
 };
 
 GraphSpec skinOf(const std::string& name) {
@@ -230,7 +236,7 @@ TEST_CASE("the map of free space saves sub-steps and samples and does not change
   placement.scale = 1e-3;
   placement.translate = Vec3(-0.15, -0.03, 0.0);
   const auto field = std::get<ScalarPtr>(fieldOf({grid}, placement));
-  const auto blind = std::make_shared<const Blind>(field);
+  const auto blind = std::make_shared<const Attentive>(field, false);
   for (const bool parts : {false, true}) {
     CAPTURE(parts);
     const auto scene_of = [&](const ScalarPtr& felt) {
@@ -239,7 +245,7 @@ TEST_CASE("the map of free space saves sub-steps and samples and does not change
       one.push_back(makePart(skinOf("ball"), {{"ball", felt}}));
       return makeScene({}, {}, {}, {}, std::move(one));
     };
-    Hand seeing(scene_of(field));
+    Hand seeing(scene_of(std::make_shared<const Attentive>(field, true)));
     Hand groping(scene_of(blind));
     long moves = 0;
     long moves_of_blind = 0;
@@ -271,22 +277,67 @@ TEST_CASE("the map of free space saves sub-steps and samples and does not change
   }
 }
 
-TEST_CASE("a tick far from all data reads nothing and has the results of a tick that reads",
-          "[scale]") {
-  openvdb::initialize();
+/// A scene whose ticks read nothing where they can, and the same with ticks that always read.
+struct FreeScene {
+  const char* name;
+  GraphSpec graph;
+  ScalarPtr field;
+  double reach;   ///< Extent of the hand's motion [m].
+  double unread;  ///< Least share of ticks without a reading.
+};
+
+std::vector<FreeScene> freeScenes() {
   Placement placement;
   placement.scale = 1e-3;
   const auto ball = std::get<ScalarPtr>(fieldOf({makeBall(20.0, 1.0)}, placement));
-  // The same field with bounds so large that no hand leaves them: each tick reads.
-  FieldFrame everywhere = ball->frame();
-  everywhere.bounds = {Vec3::Constant(-10.0), Vec3::Constant(10.0)};
-  const auto read = std::make_shared<const Blind>(ball, everywhere);
-  for (const double friction : {0.0, 0.4}) {
-    GraphSpec spec = skinOf("ball");
-    spec.modes[0].friction = friction;
-    Hand fast(makeScene(spec, {{"ball", ball}}));
-    Hand full(makeScene(spec, {{"ball", read}}));
+  Sampling cubic;
+  cubic.interpolation = Interpolation::kCubic;
+  const auto smooth = std::get<ScalarPtr>(fieldOf({makeBall(20.0, 1.0)}, placement, cubic));
+  const auto place = Transform::createLinearTransform(1.0);
+  place->postTranslate(openvdb::Vec3d(-24.0));
+  Random random(5);
+  const auto rough = std::get<ScalarPtr>(fieldOf(
+      {makeGrid<openvdb::FloatGrid>(48, place,
+                                    [&](const openvdb::Vec3d& p) {
+                                      const double waves = std::sin(p.x() / 3.0) +
+                                                           std::sin(p.y() / 4.0) +
+                                                           std::sin(p.z() / 5.0);
+                                      return static_cast<float>(waves +
+                                                                0.5 * random.inCube(1.0).x());
+                                    })},
+      placement));
+  GraphSpec rough_skin = skinOf("ball");
+  rough_skin.modes[0].value = 0.8;
+  rough_skin.modes[0].solid = Solid::kAbove;
+  GraphSpec skin = skinOf("ball");
+  GraphSpec smooth_skin = skinOf("ball");
+  smooth_skin.modes[0].friction = 0.0;
+  GraphSpec layers = skinOf("ball");
+  layers.modes[0].strength = 0.5;  // yields
+  layers.modes.push_back(layers.modes[0]);
+  layers.modes[1].value = -2.0;
+  layers.modes[1].strength = 3.0;
+  ModeSpec drag;
+  drag.kind = ModeKind::kViscosity;
+  drag.of = "ball";
+  drag.strength = TransferFunction::piecewise({{-1.0, 0.2}, {0.0, 0.0}});
+  layers.modes.push_back(drag);
+  return {{"friction", skin, ball, 0.035, 0.5},
+          {"no friction, cubic", smooth_skin, smooth, 0.035, 0.5},
+          {"two surfaces and a drag behind the first", layers, ball, 0.03, 0.3},
+          {"rough", rough_skin, rough, 0.02, 0.02}};
+}
+
+TEST_CASE("a tick on a free path reads nothing and has the results of a tick that reads",
+          "[scale]") {
+  openvdb::initialize();
+  for (const FreeScene& scene : freeScenes()) {
+    const auto read = std::make_shared<const Attentive>(scene.field, false);
+    Hand fast(makeScene(scene.graph, {{"ball", scene.field}}));
+    Hand full(makeScene(scene.graph, {{"ball", read}}));
+    const Box& bounds = scene.field->frame().bounds;
     int unread = 0;
+    int within = 0;
     int held = 0;
     int returns = 0;
     bool was_unread = false;
@@ -294,14 +345,14 @@ TEST_CASE("a tick far from all data reads nothing and has the results of a tick 
     for (int i = 0; i < 20000; ++i) {
       // Up to 0.4 m/s, out of the bounds and back to the ball; a quarter of the time at rest.
       if (i / 500 % 4 != 3) time += 3e-3;
-      const Vec3 at = wander(time, 0.035);
+      const Vec3 at = wander(time, scene.reach);
       if (i == 9000) {
         fast.state.release();
         full.state.release();
       }
       const StepReport a = fast.step(at);
       const StepReport b = full.step(at);
-      CAPTURE(i, friction);
+      CAPTURE(i, scene.name);
       REQUIRE(a.status == b.status);
       REQUIRE((a.proxy - b.proxy).norm() <= 1e-9);
       REQUIRE((a.wanted - b.wanted).norm() <= 1e-6);
@@ -311,18 +362,53 @@ TEST_CASE("a tick far from all data reads nothing and has the results of a tick 
         REQUIRE(a.proxy == at);
         REQUIRE(a.wanted == Vec3::Zero());
         REQUIRE(a.solver == b.solver);
-        REQUIRE(a.samples + a.walked + a.primitives == 0);
+        REQUIRE(a.samples + a.primitives == 0);
       }
       unread += is_unread ? 1 : 0;
+      within += is_unread && (at.array().abs() < bounds.upper.array().abs()).all() ? 1 : 0;
       held += a.primitives > 0 ? 1 : 0;
       returns += was_unread && !is_unread ? 1 : 0;
       was_unread = is_unread;
     }
-    INFO(unread << " unread, " << held << " held, " << returns << " returns");
-    CHECK(unread > 5000);
-    CHECK(held > 1000);
-    CHECK(returns > 20);
+    INFO(scene.name << ": " << unread << " unread, " << within << " of them within the bounds, "
+                    << held << " held, " << returns << " returns");
+    CHECK(unread > scene.unread * 20000);
+    CHECK(within > 100);
+    CHECK(held > 500);
+    CHECK(returns > 10);
   }
+}
+
+TEST_CASE("a tick in the data reads if a mode acts without a contact", "[scale]") {
+  openvdb::initialize();
+  const auto ball = std::get<ScalarPtr>(fieldOf({makeBall(20.0, 1.0)}));
+  const auto readings = [&](const GraphSpec& spec) {
+    Hand hand(makeScene(spec, {{"ball", ball}}));
+    StepReport report;
+    for (int i = 0; i < 10; ++i) report = hand.step(Vec3(22.0 + 1e-3 * i, 0, 0));
+    return report.substeps;
+  };
+  CHECK(readings(skinOf("ball")) == 0);
+  GraphSpec drag = skinOf("ball");
+  drag.modes.emplace_back();
+  drag.modes[1].kind = ModeKind::kViscosity;
+  drag.modes[1].of = "ball";
+  // Zero on the solid side only; a drag that begins at the surface; a drag in front of the surface.
+  drag.modes[1].strength = TransferFunction::piecewise({{0.0, 0.0}, {5.0, 0.1}});
+  CHECK(readings(drag) == 1);
+  drag.modes[1].strength = TransferFunction::piecewise({{-1.0, 0.1}, {0.0, 0.0}});
+  CHECK(readings(drag) == 0);
+  drag.modes[1].strength = TransferFunction::piecewise({{-1.0, 0.1}, {0.5, 0.0}});
+  CHECK(readings(drag) == 1);
+  GraphSpec varies = skinOf("ball");
+  varies.fields["steepness"] = {Derivation::kMagnitude, "slope"};
+  varies.fields["slope"] = {Derivation::kGradient, "ball"};
+  varies.modes[0].by = "steepness";
+  varies.modes[0].strength = TransferFunction::piecewise({{0.0, 0.0}, {1.0, 3.0}});
+  CHECK(readings(varies) == 1);
+  GraphSpec inside = skinOf("ball");
+  inside.modes[0].solid = Solid::kAbove;  // the background is solid
+  CHECK(readings(inside) == 1);
 }
 
 TEST_CASE("guides and moving volumes act in every tick, however far the hand is", "[scale]") {
@@ -458,7 +544,7 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
     placement.translate = Vec3::Constant(-0.1) + random.inCube(count == 40 ? 0.01 : 0.04);
     const auto field = std::get<ScalarPtr>(makeVdbField(volume, placement, {}));
     seeing.push_back(makePart(spec, {{"frame", field}}));
-    groping.push_back(makePart(spec, {{"frame", std::make_shared<const Blind>(field)}}));
+    groping.push_back(makePart(spec, {{"frame", std::make_shared<const Attentive>(field, false)}}));
   }
   Hand a(makeScene({}, {}, {}, {}, std::move(seeing)));
   Hand b(makeScene({}, {}, {}, {}, std::move(groping)));
