@@ -71,7 +71,9 @@ std::unique_ptr<Device> openClient(const DeviceOptions& options) {
     throw DeviceError(
         "--device",
         "igtl is a hand that 3D Slicer leads, and this command does not listen for 3D Slicer",
-        "add --igtl 18944");
+        options.realtime   ? "add --igtl 18944"
+        : options.mouse.at ? "leave out --picture, and add --igtl 18944"
+                           : "add --realtime --igtl 18944");
   }
   return openLed(options.client, options);
 }
@@ -100,7 +102,9 @@ namespace {
 
 std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions& options) {
   if (!options.realtime) {
-    throw DeviceError("--device", "a real arm runs only in real time", "add --realtime");
+    // Only palpate view has a mouse. It has no --realtime; --picture makes its time virtual.
+    throw DeviceError("--device", "a real arm runs only in real time",
+                      options.mouse.at ? "leave out --picture" : "add --realtime");
   }
   ArmHost host;
   host.say = options.say;
@@ -108,19 +112,28 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   if (options.passive) host.tank = TankUse::kAct;
   host.refill = options.refill;
   auto arm = openAnyArm(name, host).device;
+  if (options.passive && !arm->traits().drives) {
+    throw Error("--passive", arm->info().name + " gives no force", "leave out --passive");
+  }
   if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
-    throw Error("--passive",
-                "the friction of " + arm->info().name +
-                    " is not known, or is too small for its encoder steps",
-                "run palpate devices --test " + name +
-                    "; if the arm has passed, its encoder steps are too coarse for --passive");
+    throw Error(
+        "--passive",
+        "the friction of " + arm->info().name +
+            " is not known at every joint, or is smaller than the error of its measurement or the "
+            "force steps of its motors",
+        "run palpate devices --test " + name + "; if the arm has passed, leave out --passive");
   }
   const double most = arm->info().output_rate;
   if (options.say && options.rate > most && most > 0.0) {
-    options.say(
-        fmt::format("{} takes {} forces per second, and the loop computes {}: use --rate {} to "
-                    "send all of them",
-                    arm->info().name, most, options.rate, most));
+    constexpr double kSlowest = 500.0;  // [Hz]: lowest --rate in real time
+    std::string remedy = "the arm gets the newest of them";
+    if (most >= kSlowest) {
+      remedy = fmt::format("use --rate {} to send all of them", most);
+    } else if (options.rate > kSlowest) {
+      remedy = fmt::format("use --rate {}, the lowest, to send more of them", kSlowest);
+    }
+    options.say(fmt::format("{} takes {} forces per second, and the loop computes {}: {}",
+                            arm->info().name, most, options.rate, remedy));
   }
   return arm;
 }

@@ -101,7 +101,9 @@ int copyOf(int file, const std::filesystem::path& path) {
   throw VolumeError(path.string(),
                     std::string("another program may change it, and it cannot be copied (") +
                         std::strerror(trouble) + ")",
-                    "free disk space for temporary files, or set TMPDIR to another folder");
+                    trouble == EIO
+                        ? "check the disk"
+                        : "free disk space for temporary files, or set TMPDIR to another folder");
 }
 
 }  // namespace
@@ -117,8 +119,11 @@ void throwAbsent(const std::filesystem::path& path, const std::string& what,
 
 LeasedFile::LeasedFile(const std::filesystem::path& path) {
   Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (file.get() < 0)
-    throw VolumeError(path.string(), "it cannot be read", "check its permissions");
+  if (file.get() < 0) {
+    throw VolumeError(path.string(),
+                      std::string("it cannot be read (") + std::strerror(errno) + ")",
+                      "check the file, its permissions and the limit of open files (ulimit -n)");
+  }
   leased_ = lease(file.get());
   file_ = leased_ ? file.release() : copyOf(file.get(), path);
   if (leased_) patience_ = longestWait() / 2;

@@ -78,7 +78,11 @@ const ModuleVersion& loadModule(const Module& module, const std::string& subject
   if (!other.empty()) {
     throw Error(subject, other, "install palpate and palpate-network of the same release");
   }
-  throw Error(subject, std::string(module.file) + " is missing in " + searched, remedy);
+  // If the user names a folder, only that folder is searched.
+  const char* const given = std::getenv("PALPATE_MODULES");
+  const bool elsewhere = given != nullptr && searched == given;
+  throw Error(subject, std::string(module.file) + " is missing in " + searched,
+              remedy + (elsewhere ? ", or unset PALPATE_MODULES" : ""));
 }
 
 }  // namespace palpate

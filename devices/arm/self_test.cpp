@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
-#include <limits>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -60,18 +59,22 @@ std::string inWords(const Vec3& v) {
 }
 
 /// Adds a problem if the masses along the driven axes differ more than on a real arm.
-void compareMasses(SelfTestResult& result) {
-  double light = std::numeric_limits<double>::infinity();
-  double heavy = 0.0;
+void compareMasses(SelfTestResult& result, const ArmAxes& axes) {
+  const AxisResult* light = nullptr;
+  const AxisResult* heavy = nullptr;
   for (const AxisResult& axis : result.axes) {
     if (!axis.driven) continue;
-    light = std::min(light, axis.mass);
-    heavy = std::max(heavy, axis.mass);
+    if (light == nullptr || axis.mass < light->mass) light = &axis;
+    if (heavy == nullptr || axis.mass > heavy->mass) heavy = &axis;
   }
-  if (result.problems.empty() && heavy > kAlike * light) {
-    result.problems.push_back("it moves like " + inWords(light) + " kg along one axis and like " +
-                              inWords(heavy) + " kg along another: correct the scale of a motor");
-  }
+  if (!result.problems.empty() || light == nullptr || !(heavy->mass > kAlike * light->mass)) return;
+  const auto along = [&](const AxisResult* axis) {
+    return inWords(axis->mass) + " kg along " +
+           axes.name(static_cast<int>(axis - result.axes.data()));
+  };
+  result.problems.push_back("it moves like " + along(light) + " and like " + along(heavy) +
+                            ", more than " + inWords(kAlike) +
+                            " times as much: correct the scale of a motor");
 }
 
 }  // namespace
@@ -417,7 +420,7 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
   // If the push did not stop the falling arm, only its weight minus Coulomb friction is known.
   result.held = caught_ && !far_;
   result.weight = result.held ? fell.bias : fell.bias - fell.coulomb;
-  std::string words = "released, it moves to " + inWords(result.falls) + " by itself";
+  std::string words = "released, it moves in direction " + inWords(result.falls) + " by itself";
   if (!fell.fitted || !(result.weight > 0.0)) {
     result.weight = 0.0;
     return words + ": hold the tip still until you let go of it, and run the test again";
@@ -428,17 +431,19 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
   if (params_.down.isZero()) return words + ": counterweight it, or find what pulls it";
   const double down = params_.down.dot(result.falls);
   if (down > kStraight) {
-    return words + ": counterweight it, or have its motors carry it: add a mass of " +
+    return words +
+           ": counterweight it; if its profile has \"kinematics\", its motors can carry it: add a "
+           "mass of " +
            inWords(mass) + " kg to gravity/masses of its profile, as {\"mass\": " + inWords(mass) +
            "} for a mass at the tip, or the masses and centres of its links";
   }
   if (down < -kStraight) {
     return words + ": that is upwards: reduce gravity/masses of its profile by " + inWords(mass) +
-           " kg at the tip";
+           " kg at the tip, or its counterweight";
   }
   return words +
-         ": this direction is not gravity/down of its profile: check whether a spring, a cable or "
-         "a motor pulls it";
+         ": this direction is not gravity/down of its profile (-z by default): check whether a "
+         "spring, a cable or a motor pulls it, or correct mount";
 }
 
 SelfTestResult SelfTest::result() const {
@@ -461,11 +466,12 @@ SelfTestResult SelfTest::result() const {
   }
   if (far_) {
     result.problems.push_back("it moved farther than " + inWords(params_.travel) +
-                              " m: do not push it, and check whether it falls or moves by itself");
+                              " m from its start: do not push it, check whether it falls or moves "
+                              "by itself, and correct the scale of its motors");
   }
   checkReadings(result);
   for (int a = 0; a < 3; ++a) judgeAxis(a, result);
-  compareMasses(result);
+  compareMasses(result, params_.axes);
   return result;
 }
 
@@ -475,8 +481,9 @@ void SelfTest::checkReadings(SelfTestResult& result) const {
       std::min(params_.input_rate, static_cast<double>(ticks_) / std::max(result.seconds, 1e-9));
   if (rate < 0.5 * asked) {
     result.problems.push_back(
-        "it sends " + inWords(rate) + " positions per second, but its profile states " +
-        inWords(params_.input_rate) + ": correct rate/input, or check its firmware");
+        "it sends " + inWords(rate) + " positions per second, less than half of the expected " +
+        std::to_string(std::lround(asked)) +
+        ": correct rate/input of its profile or the rate of its plug-in, or check its firmware");
   }
   if (params_.stale > 0.0 && result.slowest > params_.stale) {
     result.problems.push_back("a pause of " + inWords(1e3 * result.slowest) +
@@ -496,9 +503,10 @@ void SelfTest::judgeAxis(int a, SelfTestResult& result) const {
   axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
   axis.along = std::min(along_[plus], along_[plus + 1]);
   if (!axis.moved && !far_ && trusted_) {
-    result.problems.push_back(name + ": " + inWords(params_.force) +
+    const std::string sign = went_[plus] == went_[plus + 1] ? "" : went_[plus] ? "-" : "+";
+    result.problems.push_back(sign + name + ": " + inWords(params_.force) +
                               " N did not move it: let go of it, switch its motors on, or, if its "
-                              "friction is larger, increase --force");
+                              "friction is larger, reduce it or increase --force");
   }
   checkDirection(plus, "+" + name, result);
   checkDirection(plus + 1, "-" + name, result);
@@ -516,8 +524,9 @@ void SelfTest::checkDirection(std::size_t run, const std::string& where,
       "pushed to " + where + "," +
       (along_[run] < -kStraight
            ? " it moved the other way: change the sign of its motors' scale, or of its encoders' "
-             "scale"
-           : " it moved in another direction (cosine " + inWords(along_[run]) +
+             "scale (in a PID profile, of force or way)"
+           : " it moved in another direction (the cosine to the push is " + inWords(along_[run]) +
+                 ", not above " + inWords(kStraight) +
                  "): check whether motors are exchanged, or correct the geometry"));
 }
 
@@ -532,8 +541,8 @@ std::string SelfTest::fitTrouble(const AxisResult& axis) const {
            " ms late or more: check its firmware and its cable, and end other programs that use it";
   }
   if (axis.mass < kLightest || axis.mass > kHeaviest) {
-    return "it moves like " + inWords(axis.mass) +
-           " kg: correct the scale of its encoders or motors";
+    return "it moves like " + inWords(axis.mass) + " kg, outside of " + inWords(kLightest) +
+           " to " + inWords(kHeaviest) + " kg: correct the scale of its encoders or motors";
   }
   return {};
 }

@@ -66,14 +66,15 @@ void write(const Json& json) {
     out.flush();
     if (!out) {
       std::filesystem::remove(partial, error);
-      throw DeviceError(file.string(), "it cannot be written", "make its folder writable");
+      throw DeviceError(file.string(), "it cannot be written",
+                        "make its folder writable, or free disk space");
     }
   }
   std::filesystem::rename(partial, file, error);
   if (error) {
     const std::string why = error.message();
     std::filesystem::remove(partial, error);
-    throw DeviceError(file.string(), why, "make its folder writable");
+    throw DeviceError(file.string(), why, "remove it, or make it your own");
   }
 }
 

@@ -135,7 +135,7 @@ std::string ArmWatch::wordsOf(const Kind& kind, std::int64_t now) const {
   const std::size_t size = kind.bytes.size() - std::min(head, kind.bytes.size());
   out += fmt::format(", {} byte{}", size, size == 1 ? "" : "s");
   if (kind.count == 0) {
-    out += fmt::format(": STOPPED, last received {:.2f} s ago", age);
+    out += fmt::format(": NONE in the last {:.2f} s, last received {:.2f} s ago", span, age);
   } else if (span > 0.0) {
     out += fmt::format(": {:.0f} per second, last received {:.2f} s ago",
                        static_cast<double>(kind.count) / span, age);

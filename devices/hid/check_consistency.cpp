@@ -24,11 +24,14 @@ void checkOutput(const JsonNode& fields, const HidProfile& profile) {
   for (std::size_t f = 0; f < profile.output->fields.size(); ++f) {
     const bool motor = isMotor(profile, f);
     const JsonNode at = fields.child(profile.output->fields[f].name);
-    if (motor && at.has("rest")) at.child("rest").fail("the field drives a motor", "remove it");
+    if (motor && at.has("rest")) {
+      at.child("rest").fail("the field drives a motor", "remove \"rest\"");
+    }
     for (const char* key : {"scale", "offset"}) {
       if (motor || !at.has(key)) continue;
       at.child(key).fail("the field does not drive a motor",
-                         "remove it; give the raw value that the field holds as \"rest\"");
+                         std::string("remove \"") + key +
+                             "\"; give the raw value that the field holds as \"rest\"");
     }
   }
 }
@@ -80,27 +83,31 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
   if (facts.step > kMostStep) {
     root.child("kinematics")
         .child("joints")
-        .fail(fmt::format("one count of each joint moves the tip by {:.3g} m", facts.step),
-              "correct the inputs' scale (radians per count) or the ratio");
+        .fail(fmt::format("one count of each joint moves the tip by {:.3g} m, more than {} m",
+                          facts.step, kMostStep),
+              "correct the inputs' scale (radians or metres per count) or the ratio");
   }
   checkRanges(root, profile, facts);
-  const char* const remedy = "correct torque_constant, ratio, or its field's scale, least and most";
+  const char* const remedy =
+      "correct torque_constant, ratio, limits/force, or the motor's field: scale, least and most";
   const MotorFact* strongest = nullptr;
   for (const MotorFact& motor : facts.motors) {
     if (motor.asked > kMostAsked * motor.room) {
       root.child("kinematics")
           .child("joints")
           .element(motor.joint)
-          .fail(
-              fmt::format("a force of {} N at the tip needs {:.3g} from {}, whose limit is {:.3g}",
-                          profile.limits.force, motor.asked, motor.field, motor.room),
-              remedy);
+          .fail(fmt::format("a force of {} N at the tip needs {:.3g} from {}, more than {} times "
+                            "its limit of {:.3g}",
+                            profile.limits.force, motor.asked, motor.field, kMostAsked, motor.room),
+                remedy);
     }
     if (motor.carries > kMostCarried * motor.continuous) {
-      root.child("gravity").fail(fmt::format("{} needs {:.3g} to carry the arm's masses, more than "
-                                             "half of its continuous limit of {:.3g}",
-                                             motor.field, motor.carries, motor.continuous),
-                                 "correct masses and centres, or counterweight the arm");
+      root.child("gravity").fail(
+          fmt::format(
+              "{} needs {:.3g} to carry the arm's masses, more than half of its {}limit of {:.3g}",
+              motor.field, motor.carries, motor.continuous < motor.room ? "continuous " : "",
+              motor.continuous),
+          "correct masses and centres, or counterweight the arm");
     }
     if (strongest == nullptr || motor.asked / motor.room > strongest->asked / strongest->room) {
       strongest = &motor;
@@ -111,10 +118,10 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
     root.child("kinematics")
         .child("joints")
         .element(strongest->joint)
-        .fail(fmt::format("a force of {} N at the tip needs only {:.2g} % of the limit of {}, and "
-                          "smaller shares of the other motors' limits",
-                          profile.limits.force, 100.0 * strongest->asked / strongest->room,
-                          strongest->field),
+        .fail(fmt::format("a force of {} N at the tip needs less than {} % of every motor's limit, "
+                          "at most {:.2g} % ({})",
+                          profile.limits.force, 100.0 * kLeastAsked,
+                          100.0 * strongest->asked / strongest->room, strongest->field),
               remedy);
   }
 }
@@ -130,28 +137,34 @@ void checkSequences(const JsonNode& input, const HidProfile& profile) {
   for (std::size_t r = 0; r < profile.input.size(); ++r) {
     if (!profile.input[r].sequence) continue;
     const ReportField& counter = profile.input[r].fields[*profile.input[r].sequence];
+    std::string shared;
     const auto shares = [&](const FieldRef& other) {
+      if (other.report != r) return false;
       const ReportField& field = profile.input[r].fields[other.field];
-      return other.report == r && counter.bit < field.bit + field.bits &&
-             field.bit < counter.bit + counter.bits;
+      const bool overlaps =
+          counter.bit < field.bit + field.bits && field.bit < counter.bit + counter.bits;
+      if (overlaps) shared = field.name;
+      return overlaps;
     };
     const bool joint = std::any_of(profile.joints.begin(), profile.joints.end(),
                                    [&](const HidJoint& j) { return shares(j.from); });
-    const bool flag = std::any_of(profile.flags.begin(), profile.flags.end(),
-                                  [&](const HidFlag& f) { return shares(f.field); });
+    const bool flag = !joint && std::any_of(profile.flags.begin(), profile.flags.end(),
+                                            [&](const HidFlag& f) { return shares(f.field); });
     if (!joint && !flag) continue;
     input.element(r)
         .child("sequence")
-        .fail(fmt::format("{} shares bits with a {}, which does not change with every report",
-                          counter.name, joint ? "joint" : "flag"),
-              "name a field that counts reports, or remove it");
+        .fail(fmt::format("{} shares bits with a {}, which does not change with every report (its "
+                          "field is {})",
+                          counter.name, joint ? "joint" : "flag", shared),
+              "name a field that counts reports, or remove \"sequence\"");
   }
 }
 
 void checkRates(const JsonNode& root, const HidProfile& profile, bool drives) {
   if (drives != (profile.output_rate > 0.0)) {
+    if (!profile.pid.empty()) root.fail("\"pid\" needs rate/output", "add rate/output");
     root.fail("\"output\" and rate/output are valid only together",
-              "give both \"output\" and rate/output");
+              drives ? "add rate/output" : "add \"output\", or remove rate/output");
   }
   if (drives && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
     root.child("rate").child("output").fail(

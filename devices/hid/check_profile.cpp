@@ -98,15 +98,15 @@ HidReportSpec outputOf(const FileReport& file, const Node& node) {
   if (report.size > kMostOut) {
     node.child("size").fail(fmt::format("more than {} bytes", kMostOut), "use a shorter report");
   }
-  std::vector<bool> used(8 * report.size);
+  std::vector<const ReportField*> used(8 * report.size, nullptr);
   for (const ReportField& field : report.fields) {
     for (std::uint32_t bit = field.bit; bit < field.bit + field.bits; ++bit) {
-      if (used[bit]) {
+      if (used[bit] != nullptr) {
         node.child("fields")
             .child(field.name)
-            .fail("it shares bits with another field", "correct bit or bits");
+            .fail("it shares bits with another field, " + used[bit]->name, "correct bit or bits");
       }
-      used[bit] = true;
+      used[bit] = &field;
     }
   }
   return report;
@@ -153,7 +153,7 @@ FieldRef fieldThatMayBe(double equals, const std::string& name, const Node& node
   const ReportField& of = profile.input[field.report].fields[field.field];
   if (equals < of.least || equals > of.most) {
     node.fail(fmt::format("{} cannot be {}", of.name, equals),
-              "correct equals, or the field's type and bits");
+              "correct equals, or the field's type, bits, least and most");
   }
   return field;
 }
@@ -220,7 +220,8 @@ std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& field
   const std::size_t to = fields.output(node, file.motor, true);
   const ReportField& motor = profile.output->fields[to];
   if (!motor.bounded) {
-    node.fail("its field has no limits", "give its field \"least\" and \"most\", small at first");
+    node.fail("its field does not have both limits",
+              "give its field \"least\" and \"most\", small at first");
   }
   const double none = std::round(motor.offset);
   if (none < motor.least || none > motor.most) {
@@ -230,8 +231,12 @@ std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& field
     node.fail("its field cannot hold both positive and negative forces",
               "correct offset, type, least and most");
   }
-  if (isMotor(profile, to)) {
-    node.fail("it drives another joint already", "name this joint's own motor");
+  const auto other = std::find_if(profile.joints.begin(), profile.joints.end(),
+                                  [&](const HidJoint& joint) { return joint.to == to; });
+  if (other != profile.joints.end()) {
+    node.fail(fmt::format("it drives another joint already, /kinematics/joints/{}",
+                          other - profile.joints.begin()),
+              "name this joint's own motor");
   }
   return to;
 }
@@ -246,7 +251,9 @@ HidJoint jointOf(const FileJoint& file, const Node& at, const Fields& fields,
     const bool apart = joint.from.report != other.from.report || one.bit >= two.bit + two.bits ||
                        two.bit >= one.bit + one.bits;
     if (!apart) {
-      at.child("from").fail("it shares bits with another joint", "correct from, or bit and bits");
+      at.child("from").fail(fmt::format("it shares bits with another joint, /kinematics/joints/{}",
+                                        &other - profile.joints.data()),
+                            "correct from, or bit and bits");
     }
   }
   if (file.motor.empty()) return joint;
@@ -271,14 +278,14 @@ HidStep stepOf(const FileStep& file, const Node& at, const Fields& fields,
     const ReportField& of = profile.output->fields[to];
     if (raw < of.least || raw > of.most) {
       field.fail(fmt::format("{} is outside of {} to {}", raw, of.least, of.most),
-                 "correct it, or the field's type and bits");
+                 "correct it, or the field's type, bits, least and most");
     }
     step.values.emplace_back(to, raw);
   }
   // Only forces that have passed the engine's force limit may drive a motor.
   for (const auto& sent : step.values) {
     if (isMotor(profile, sent.first)) {
-      at.child("send").fail("a step drives a motor",
+      at.child("send").fail("a step drives a motor, " + profile.output->fields[sent.first].name,
                             "remove the fields of motors: palpate keeps their forces at zero");
     }
   }
@@ -331,7 +338,7 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
   const std::size_t count = profile.kinematics->joints();
   if (file.joints.size() != count) {
     node.child("joints").fail(fmt::format("it is not a list of {} joints", count),
-                              "give one for each joint of the model");
+                              "give one for each link, or correct links");
   }
   for (std::size_t i = 0; i < count; ++i) {
     profile.joints.push_back(

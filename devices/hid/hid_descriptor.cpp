@@ -213,7 +213,7 @@ std::optional<DescriptorComplaint> compare(const Wanted& wanted, const HidDescri
                                  (device.numbered ? " " + std::to_string(at->id) : "") + " has " +
                                  bytesOf(at->size) + (device.numbered ? " after its number" : "") +
                                  ", not " + std::to_string(wanted.size),
-                             feature ? "send at most " + bytesOf(at->size)
+                             feature ? "send at most " + bytesOf(at->size) + " after the first"
                                      : "write \"size\": " + std::to_string(at->size) +
                                            ", and check the positions of its fields"};
 }

@@ -206,7 +206,8 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
   const std::string name = "arm " + profile_.name;
   const auto stop = [this] { return quit_ || (host_.stop && host_.stop()); };
   if (profile_.output && !port.write(zero_)) {
-    throw DeviceError(name, "it rejects a report", "end other programs that use it");
+    throw DeviceError(name, "it was unplugged, or it rejects the report of zero force",
+                      "plug it in again; if that does not help, check its profile and firmware");
   }
   runSequence(port, input, profile_.open, stop);
   const auto end = Clock::now() + kFirstReport;
@@ -216,7 +217,7 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
     if (got == ReadStatus::kGone) throw DeviceError(name, "it was unplugged", "plug it in again");
     if (Clock::now() > end) {
       throw DeviceError(name, "it sends no report that its profile describes",
-                        "check its power and firmware" +
+                        "check its power, its profile and its firmware" +
                             (profile_.firmware.empty() ? "" : ": " + profile_.firmware));
     }
     if (profile_.output && Clock::now() > ask) {
@@ -235,10 +236,17 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
 void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                             const std::function<bool()>& stop) {
   const std::string name = "arm " + profile_.name;
-  const auto require = [&](bool good) {
-    if (!good) throwGone(name);
-  };
+  const std::string list = &steps == &profile_.open   ? "/open/"
+                           : &steps == &profile_.home ? "/home/"
+                                                      : "/close/";
   for (const HidStep& step : steps) {
+    const auto require = [&](bool good) {
+      if (good) return;
+      throw DeviceError(name,
+                        "it was unplugged, or it rejects the report of the step " + list +
+                            std::to_string(&step - steps.data()),
+                        "plug it in again, or correct this step of its profile");
+    };
     const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
     if (stop && stop()) throwStopped(name);
     switch (step.kind) {
@@ -288,10 +296,10 @@ void HidDevice::waitFor(ReportPort& port, HidInput& input, const HidStep& step,
       const std::string value = field.name + " = " + number.data();
       if (!begun && says) {
         throw DeviceError(name, "it reported " + value + " from the start",
-                          "release it first; then " + step.words);
+                          "release its button or switch first; then " + step.words);
       }
       throw DeviceError(name, "it does not report " + value,
-                        asked ? step.words : "check its power and firmware");
+                        asked ? step.words : "check its power, its profile and its firmware");
     }
     std::this_thread::sleep_for(kAsk);
     if (!look()) continue;

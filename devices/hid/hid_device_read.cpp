@@ -236,6 +236,7 @@ bool HidDevice::countedOn(double pause) const noexcept {
 
 std::string HidDevice::whyNotReady() const {
   for (const HidFlag& flag : profile_.flags) {
+    if (!silent() && flags_at_[flag.field.report] == kNever) continue;  // not known: see below
     if (input_.raw(flag.field) == flag.equals) continue;
     if (flag.means == HidFlag::Means::kHomed) return "it is not homed: home it";
     if (flag.means == HidFlag::Means::kEnabled) {

@@ -41,6 +41,12 @@ std::multiset<std::string>& openHere() {
   return paths;
 }
 
+const char* remedyForOpen(int error) {
+  return error == EMFILE || error == ENFILE
+             ? "close files, or raise the limit of open files (ulimit -n)"
+             : "plug the arm in again";
+}
+
 /// Has one hidapi handle to read and one to write. Two threads must not share a handle, because
 /// hidapi frees the handle's error text on every failure.
 class HidPort final : public ReportPort {
@@ -53,8 +59,9 @@ class HidPort final : public ReportPort {
       in_ = guard_ >= 0 ? hid_open_path(path.c_str()) : nullptr;
       out_ = in_ != nullptr ? hid_open_path(path.c_str()) : nullptr;
       if (out_ == nullptr) {
-        const std::string why = std::strerror(errno);
-        throw DeviceError(path, "it cannot be opened (" + why + ")", "plug it in again");
+        const int error = errno;
+        throw DeviceError(path, "it cannot be opened (" + std::string(std::strerror(error)) + ")",
+                          remedyForOpen(error));
       }
     } catch (...) {
       closeAll();
@@ -181,7 +188,7 @@ int openNode(const std::string& path, int access) {
   struct stat status {};
   if (stat(path.c_str(), &status) != 0) {
     throw DeviceError(path, "the device does not exist",
-                      "plug it in; run palpate devices for a list");
+                      "plug it in (in a container, pass it in); run palpate devices for a list");
   }
   if (!S_ISCHR(status.st_mode) || path.rfind("/dev/hidraw", 0) != 0) {
     throw DeviceError(path, "it is not a HID device", "name a HID device, such as /dev/hidraw0");
@@ -194,7 +201,7 @@ int openNode(const std::string& path, int access) {
                       "install palpate's udev rules with the line for this arm (printed by "
                       "`palpate devices`), then plug the arm in again");
   }
-  throw DeviceError(path, std::strerror(error), "plug the arm in again");
+  throw DeviceError(path, std::strerror(error), remedyForOpen(error));
 }
 
 /// A port that cannot write. The kernel gives each reader its own ring of reports.
@@ -265,8 +272,8 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     if (waited < kDying || (orphaned && waited < std::chrono::duration<double>(kLongestClaim))) {
       if (orphaned && say && !said) {
         std::string words = path;
-        words.append(": the program that used it, ").append(pid);
-        say(words.append(", has ended: waiting for its guardian"));
+        words.append(": the program that used it (process ").append(pid);
+        say(words.append(") has ended: waiting for its guardian"));
       }
       said = said || orphaned;
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -275,7 +282,9 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     std::string who = pid.empty() ? "another program" : processOf(pid);
     if (orphaned) who.assign("the guardian of a program that has ended (").append(pid).append(")");
     throw DeviceError(path, who + " uses it",
-                      "end that program: two programs on one arm would both send forces");
+                      orphaned
+                          ? "plug the arm in again, or end its process palpate-guard"
+                          : "end that program: two programs on one arm would both send forces");
   }
 }
 
@@ -303,8 +312,8 @@ void refuseEffects(const std::string& path, const std::vector<std::string>& node
   for (const std::string& node : nodes) {
     const auto programs = whoHas(node);
     if (programs.empty()) continue;
-    throw DeviceError(path, programs[0] + " uses this arm's force effects through " + node,
-                      "end that program: two programs on one arm would both send forces");
+    throw DeviceError(path, programs[0] + " can use this arm's force effects through " + node,
+                      "end that program: two programs on one arm could both send forces");
   }
 }
 

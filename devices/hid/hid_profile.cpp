@@ -71,11 +71,12 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
   for (const auto& file : files) {
     try {
       HidProfile profile = readHidProfile(file);
-      const bool taken = std::any_of(profiles.begin(), profiles.end(),
-                                     [&](const HidProfile& p) { return p.name == profile.name; });
-      if (taken) {
+      const auto taken = std::find_if(profiles.begin(), profiles.end(),
+                                      [&](const HidProfile& p) { return p.name == profile.name; });
+      if (taken != profiles.end()) {
         notes.push_back(file.string() + ": /name: another file in this folder has the name " +
-                        profile.name + ": give this file another name");
+                        profile.name + " (" + taken->source +
+                        "): change \"name\" in one of the two files");
         continue;
       }
       const bool hides = std::any_of(
@@ -83,7 +84,7 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
           [&](const auto& own) { return std::string_view(own.first) == profile.name + ".json"; });
       if (hides && file.stem() != profile.name) {
         notes.push_back(file.string() + ": /name: this file replaces palpate's own profile " +
-                        profile.name + ": give this file another name to keep both");
+                        profile.name + ": change \"name\" in this file to keep both");
       }
       profiles.push_back(std::move(profile));
     } catch (const DeviceError& e) {

@@ -34,12 +34,26 @@ HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
   }
 }
 
+/// Returns a name like FoundArm::nameAs(). If `given` has a file, the name has this file too,
+/// because the profile's name does not lead to a file outside of the user's folder.
+std::string nameLike(const ArmName& given, const FoundArm& arm, const HidProfile& profile) {
+  if (!given.isFile()) return arm.nameAs(profile);
+  const std::string own = arm.identity();
+  return "hid:" + given.profile + (own.empty() ? "" : "@" + own);
+}
+
 const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile>& profiles,
                            const std::vector<std::string>& notes) {
   std::vector<std::string> names;
   for (const HidProfile& profile : profiles) {
     if (profile.name == name) return profile;
     names.push_back(profile.name);
+  }
+  for (const HidProfile& profile : profiles) {
+    if (!profile.source.ends_with("/" + name + ".json")) continue;
+    throw DeviceError("hid:" + name,
+                      "the profile in " + profile.source + " has the name " + profile.name,
+                      "use hid:" + profile.name + ", or change \"name\" in this file");
   }
   const bool refused = std::any_of(notes.begin(), notes.end(), [&](const std::string& note) {
     return note.find("/" + name + ".json: ") != std::string::npos;
@@ -156,7 +170,7 @@ ChosenArm findArm(const std::string& name, const std::function<void(const std::s
   const std::optional<ArmName> parsed = parseArmName(name);
   if (!parsed) {
     throw DeviceError(name, "it is not the name of an arm",
-                      "write hid, hid:PROFILE or hid:PROFILE@SERIAL");
+                      "write hid, hid:PROFILE, hid:PROFILE@SERIAL or plugin:NAME");
   }
   std::string wanted = parsed->profile;
   const std::string& serial = parsed->serial;
@@ -174,32 +188,40 @@ ChosenArm findArm(const std::string& name, const std::function<void(const std::s
   }
 
   std::vector<std::pair<const FoundArm*, const HidProfile*>> choices;
+  const auto fits = [&](const FoundArm& arm, const HidProfile& profile) {
+    return (serial.empty() || arm.identity() == serial) &&
+           (wanted.empty() || profile.name == wanted);
+  };
   std::vector<FoundArm> arms = findArms(profiles);
   const auto ours = std::partition(
       arms.begin(), arms.end(), [](const FoundArm& arm) { return !isOpenHere(arm.device.path); });
-  const bool all_ours = ours == arms.begin() && !arms.empty();
+  const bool used = std::any_of(ours, arms.end(), [&](const FoundArm& arm) {
+    return std::any_of(arm.profiles.begin(), arm.profiles.end(),
+                       [&](const HidProfile& profile) { return fits(arm, profile); });
+  });
   arms.erase(ours, arms.end());
-  if (all_ours) {
-    throw DeviceError(name, "other hands use all arms that are plugged in", "plug in another arm");
-  }
   for (const FoundArm& arm : arms) {
-    if (!serial.empty() && arm.identity() != serial) continue;
     for (const HidProfile& profile : arm.profiles) {
-      if (wanted.empty() || profile.name == wanted) choices.emplace_back(&arm, &profile);
+      if (fits(arm, profile)) choices.emplace_back(&arm, &profile);
     }
+  }
+  if (choices.empty() && used) {
+    throw DeviceError(name, "other hands use all plugged-in arms of this name",
+                      "plug in another arm");
   }
   if (choices.empty()) {
     std::string there;
     for (const FoundArm& arm : arms)
-      there += (there.empty() ? "" : ", ") + arm.nameAs(arm.profiles[0]);
-    throw DeviceError(name, "this arm is not plugged in",
-                      there.empty() ? "plug it in; run palpate devices for a list of arms"
-                                    : "plug it in, or use " + there);
+      there += (there.empty() ? "" : ", ") + nameLike(*parsed, arm, arm.profiles[0]);
+    throw DeviceError(
+        name, "this arm is not plugged in",
+        std::string("plug it in") + (wanted.empty() ? "" : " or correct \"match\" of its profile") +
+            (there.empty() ? "; run palpate devices for a list of arms" : ", or use " + there));
   }
   if (choices.size() > 1) {
     std::string which;
     for (const auto& [arm, profile] : choices)
-      which += (which.empty() ? "" : ", ") + arm->nameAs(*profile);
+      which += (which.empty() ? "" : ", ") + nameLike(*parsed, *arm, *profile);
     throw DeviceError(name, "several arms match", "name one of " + which);
   }
   return {*choices[0].first, *choices[0].second};
@@ -251,13 +273,19 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
     asked.say(fmt::format("{}: {}", arm.device->info().name, arm.device->info().source));
   }
   if (asked.say && !good && profile.output) {
-    asked.say(fmt::format(
-        "{}: limited to {} N and {} N/m, because it is untested: run palpate devices --test {}",
-        arm.device->info().name, kUntestedForce, kUntestedStiffness, chosen.arm.nameAs(profile)));
+    const std::string test =
+        asked.tests ? ""
+        : own.empty()
+            ? ": palpate cannot store the test of an arm without a serial number and a port"
+            : ": run palpate devices --test " +
+                  nameLike(parseArmName(name).value_or(ArmName{}), chosen.arm, profile);
+    asked.say(fmt::format("{}: limited to {} N and {} N/m, because it is untested{}",
+                          arm.device->info().name, kUntestedForce, kUntestedStiffness, test));
   }
   if (asked.say && good && !identity.numbered) {
     asked.say(fmt::format(
-        "{}: the arm has no serial number: palpate takes it for the arm that was tested at {}",
+        "{}: the arm has no serial number: palpate takes it for the arm that was tested at port "
+        "{}; if it is another arm, test it again",
         arm.device->info().name, own));
   }
   return arm;

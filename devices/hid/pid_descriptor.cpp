@@ -162,7 +162,8 @@ PidMap readPidMap(const HidDescriptor& device, const std::string& name) {
   const auto operation = reportOf(device, pid::kOperationReport);
   if (!constant || constant->find(pid::kIndex) == nullptr ||
       constant->find(pid::kMagnitude) == nullptr) {
-    refuse(name, "its descriptor has no report for the magnitude of a constant force");
+    refuse(name,
+           "its descriptor has no report for the magnitude of a constant force with its index");
   }
   const ReportField& magnitude = constant->find(pid::kMagnitude)->at;
   if (!(magnitude.least < 0.0 && magnitude.most > 0.0)) {
@@ -170,7 +171,7 @@ PidMap readPidMap(const HidDescriptor& device, const std::string& name) {
   }
   if (!operation || operation->find(pid::kIndex) == nullptr ||
       operation->choice(pid::kStart) == nullptr || operation->choice(pid::kStop) == nullptr) {
-    refuse(name, "its descriptor has no report that starts and stops an effect");
+    refuse(name, "its descriptor has no report that starts and stops an effect by its index");
   }
   map.constant = *constant;
   map.operation = *operation;

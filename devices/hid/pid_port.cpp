@@ -101,8 +101,9 @@ PidPort::~PidPort() {
 
 void PidPort::require(bool good, const char* what) const {
   if (!good) {
-    throw DeviceError(params_.name, std::string("it rejects ") + what,
-                      "check its power and firmware, and end other programs that use it");
+    throw DeviceError(params_.name, std::string("it was unplugged, or it rejects ") + what,
+                      "plug it in again, check its power and firmware, and end other programs that "
+                      "use it");
   }
 }
 
@@ -154,8 +155,10 @@ void PidPort::open() {
     const auto next = static_cast<int>(effects_.size());
     const bool makes = map_.create && map_.load;
     if (!makes && !goodIndex(next)) {
-      throw DeviceError(params_.name, "its reports cannot hold the number of an axis' effect",
-                        "remove axes from its profile");
+      throw DeviceError(params_.name,
+                        "its reports cannot hold the number " + std::to_string(next) +
+                            " of the effect of axis " + kAxisNames[static_cast<std::size_t>(axis)],
+                        next == 1 ? "check its firmware" : "remove axes from its profile");
     }
     effect.index = makes ? makeEffect() : next;
     prepare(effect, axis);
@@ -222,7 +225,8 @@ int PidPort::loadedIndex() {
       // An answer with the index of an earlier effect is outdated and does not count.
       if (loaded && at) {
         why = "it has given the effect the index " + std::to_string(std::llround(*at)) +
-              (*at >= 1.0 ? ", which another effect has or its reports cannot hold" : "");
+              (*at >= 1.0 ? ", which another effect has or its reports cannot hold"
+                          : ", but indices begin at 1");
       }
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(params_.settle > 0 ? 1 : 0));
@@ -259,6 +263,7 @@ void PidPort::prepare(Effect& effect, int axis) {
     if (duration_ > kMostDuration) {
       throw DeviceError(params_.name,
                         "its shortest effect lasts " + std::to_string(duration_) +
+                            " s, more than " + std::to_string(std::lround(kMostDuration)) +
                             " s, so its force would stay on too long if the program dies",
                         "use a device with shorter effects");
     }

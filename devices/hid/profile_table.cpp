@@ -81,7 +81,7 @@ JsonType<FileField> fieldType() {
       .may("scale",
            jsonNumber()
                .where([](double scale) { return scale != 0.0; }, "it is 0",
-                      "write the value of one count")
+                      "write the value of one count, or for an output the counts per unit")
                .also({{"not", {{"const", 0}}}})
                .says("Scale of the field. For an input, value = scale * raw + offset; for an "
                      "output, raw = scale * value + offset."),
@@ -152,7 +152,8 @@ JsonType<FileJoint> jointType() {
       .may("ratio",
            jsonNumber()
                .where([](double ratio) { return ratio != 0.0; }, "it is 0",
-                      "write encoder radians per joint radian: 1 without a gear")
+                      "write field units per joint unit, such as encoder radians per joint "
+                      "radian: 1 without a gear")
                .also({{"not", {{"const", 0}}}})
                .says("Encoder radians per joint radian, negative for opposite directions."),
            to(&HidJoint::ratio))

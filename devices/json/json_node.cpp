@@ -193,7 +193,7 @@ Json parseJson(const std::string& text, const std::string& source, JsonRaise rai
   }
   if (!reader.syntaxError().empty()) {
     raise(source, "it is not valid JSON (" + reader.syntaxError() + ")",
-          "correct the syntax there");
+          "correct the syntax or the number there");
   }
   if (reader.repeatedKey()) {
     raise(source, "the key \"" + *reader.repeatedKey() + "\" occurs twice in one object",

@@ -241,7 +241,7 @@ int find(palpate_plugin_found* found, int room) {
   const int count = dhdGetDeviceCount();
   for (int i = 0; i < count && i < room; ++i) {
     palpate_plugin_found f{};
-    // The SDK gives the name of an arm only if no other program has the arm open.
+    // The SDK gives the name of an arm only if it can open the arm.
     const bool ours = open_arm != nullptr && open_arm->id == i;
     const int id = ours ? i : dhdOpenID(static_cast<char>(i));
     if (id >= 0) {
@@ -250,7 +250,8 @@ int find(palpate_plugin_found* found, int room) {
       copy(f.model, dhdGetSystemName(static_cast<char>(id)));
       if (!ours) dhdClose(static_cast<char>(id));
     } else {
-      copy(f.model, "an arm of Force Dimension that another program uses");
+      std::snprintf(f.model, sizeof f.model, "an arm that cannot be opened (%s)",
+                    dhdErrorGetLastStr());
     }
     give(at(found, i), f);
   }
@@ -275,7 +276,8 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
     id = dhdOpenSerial(static_cast<int>(number));
   }
   if (id < 0) {
-    tell(error, room, "dhd: no arm%s%s (%s); plug it in and switch it on",
+    tell(error, room,
+         "dhd: no arm%s%s opens (%s); plug it in and switch it on, or end other programs",
          *serial == '\0' ? "" : " ", serial, dhdErrorGetLastStr());
     return nullptr;
   }

@@ -91,7 +91,8 @@ Inventory ask(std::string& why) {
   while (!inventory.answered) {
     if (inventory.refusals > refusals) {
       why = "no service answers at " + address.words +
-            ": start the Haply Hub, or on Linux: systemctl start haply-inverse-service";
+            ": start the Haply Hub, or on Linux: systemctl start haply-inverse-service; "
+            "PALPATE_HAPLY_URL sets another address";
       return inventory;
     }
     if (ended()) {
@@ -297,7 +298,10 @@ int find(palpate_plugin_found* found, int room) {
   const Using connection;
   std::string why;
   const Inventory inventory = ask(why);
-  if (!why.empty()) return PALPATE_PLUGIN_GONE;
+  if (!why.empty()) {
+    if (host.say != nullptr) host.say(why.c_str());
+    return PALPATE_PLUGIN_GONE;
+  }
   for (std::size_t i = 0; i < inventory.arms.size() && static_cast<int>(i) < room; ++i) {
     palpate_plugin_found all{};
     const std::string_view serial = inventory.arms[i].id.view();

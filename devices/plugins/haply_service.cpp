@@ -86,9 +86,9 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
   } else if (out.host == "localhost" || out.host == "127.0.0.1") {
     // The system may resolve the name "localhost" to another machine.
     out.host = "127.0.0.1";
-  } else if (!anywhere) {
+  } else if (!anywhere && !out.host.empty()) {
     why = "\"" + url + "\" is not this machine, and palpate sends no forces over a network" +
-          remedy + ", or PALPATE_HAPLY_ANYWHERE to 1 if you trust that network";
+          remedy + ", or set PALPATE_HAPLY_ANYWHERE to 1 if you trust that network";
     return false;
   }
   if (out.host.empty()) {

@@ -274,9 +274,12 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   char* end = nullptr;
   const unsigned long index = std::strtoul(serial, &end, 10);
   const unsigned count = countNow();
+  if (count == 0) {
+    tell(error, room, "nifalcon: no arm is found; plug it in, and allow it by a udev rule");
+    return nullptr;
+  }
   if (*end != '\0' || index >= count) {
-    tell(error, room, "nifalcon: no arm%s%s, %u are plugged in; use 0, 1, ...",
-         *serial == '\0' ? "" : " ", serial, count);
+    tell(error, room, "nifalcon: no arm %s, %u are plugged in; count them from 0", serial, count);
     return nullptr;
   }
   open_arm = safely("nifalcon", error, room, static_cast<Arm*>(nullptr), [&]() -> Arm* {
@@ -288,7 +291,9 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
     arm->falcon.getFalconKinematic()->getWorkspaceOrigin(middle);
     for (std::size_t i = 0; i < 3; ++i) arm->middle[i] = middle[i];
     if (!arm->falcon.open(static_cast<unsigned>(index))) {
-      tell(error, room, "nifalcon: the arm cannot be opened (error %d); allow it by a udev rule",
+      tell(error, room,
+           "nifalcon: the arm cannot be opened (error %d); allow it by a udev rule, and end other "
+           "programs that use it",
            static_cast<int>(arm->falcon.getErrorCode()));
       return nullptr;
     }

@@ -242,7 +242,9 @@ void PluginArm::carry(bool may) noexcept {
 
 std::string PluginArm::whyNotReady() const {
   if (heard_at_ == kNever) return "its positions do not arrive: check its cable and its plug-in";
-  if ((news_.reading.state & PALPATE_PLUGIN_READY) == 0) return "it is not ready: home it";
+  if ((news_.reading.state & PALPATE_PLUGIN_READY) == 0) {
+    return "it is not ready: home it, and check its power and its maker's program";
+  }
   const bool held = (news_.reading.state & PALPATE_PLUGIN_HELD) != 0;
   if (has(PALPATE_PLUGIN_DEADMAN) && !held) return "its handle is free: hold it";
   return {};

@@ -123,10 +123,15 @@ std::vector<std::string> pluginNames() {
 }
 
 std::filesystem::path pluginFile(const std::string& name) {
+  if (!plain(name)) {
+    throw DeviceError("plugin:" + name, "it is not the name of a plug-in",
+                      "give 1 to 64 letters, digits, _ and -, such as the name of its file "
+                      "without .so");
+  }
   for (const auto& folder : pluginFolders()) {
     const std::filesystem::path file = folder / (name + kEnding);
     std::error_code error;
-    if (!plain(name) || !std::filesystem::is_regular_file(file, error)) continue;
+    if (!std::filesystem::is_regular_file(file, error)) continue;
     // Resolves links, because the target of a link is the file that is loaded.
     std::filesystem::path real = std::filesystem::canonical(file, error);
     for (const auto& what : {real, real.parent_path()}) {
@@ -146,14 +151,14 @@ std::filesystem::path pluginFile(const std::string& name) {
   for (const auto& folder : pluginFolders())
     where += (where.empty() ? "" : " or ") + folder.string();
   throw DeviceError("plugin:" + name, "this plug-in is not installed",
-                    there.empty() ? "put it into " + where : "use " + there);
+                    (there.empty() ? "" : "use " + there + ", or ") + "put it into " + where);
 }
 
 PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
     : name_("plugin:" + file.stem().string()) {
   if (!Loaded::add(name_)) {
     throw DeviceError(name_, "another hand already runs this plug-in inside this program",
-                      "use plugin:NAME for this hand, which runs in a process of its own");
+                      "use " + name_ + " for this hand: it then runs in a process of its own");
   }
   try {
     handle_ = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
@@ -180,7 +185,11 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
                         "build it again with the plugin.h of this program");
     }
     hostNow() = std::move(host);
-    if (entry_->init == nullptr || entry_->init(&kHost) != 0) {
+    if (entry_->init == nullptr) {
+      throw DeviceError(name_, "the function init of its palpate_plugin_entry is missing",
+                        "set this function in the plug-in");
+    }
+    if (entry_->init(&kHost) != 0) {
       throw DeviceError(name_, "it does not start", "read its messages");
     }
     const void* factory =

@@ -342,9 +342,11 @@ std::vector<FoundPlugin> findPlugins(double patience) {
       auto [here, there] = pluginSocketPair();
       PluginChild child(programBeside(), {"list", found.file.string()}, {there.get()});
       there = OwnedDescriptor();
+      std::string said;
       const PluginAnswer heard = receivePluginMessages(
           here.get(), child, patience, nullptr, [&](const PluginMessage& message) {
             const std::vector<std::string> lines = pluginLinesOf(message);
+            if (message.kind == PluginMessage::kSay) said = lines[0];
             if (message.kind == PluginMessage::kPlugin) {
               found.what = lines[0];
               found.version = lines[1];
@@ -363,11 +365,16 @@ std::vector<FoundPlugin> findPlugins(double patience) {
             }
           });
       if (heard == PluginAnswer::kLate) {
-        found.trouble = "it does not answer: end the program that it waits for";
+        found.trouble = fmt::format(
+            "plugin:{}: it does not answer within {} s: end the program that it waits for, or "
+            "switch its arm off and on",
+            name, patience);
       }
       if (heard == PluginAnswer::kEnded && found.trouble.empty()) {
-        found.trouble = "its process ended during the query: correct the plug-in";
+        found.trouble =
+            fmt::format("plugin:{}: its process ended during the query: correct the plug-in", name);
       }
+      if (!found.trouble.empty() && !said.empty()) found.trouble += " (it said: " + said + ")";
       child.end(heard == PluginAnswer::kLate ? 0.0 : kEnds);
     } catch (const Error& error) {
       found.trouble = error.what();
@@ -405,9 +412,12 @@ OpenedArm openPluginArm(const std::string& name, const ArmHost& asked) {
   host.measured = measuredArm(identity);
   OpenedArm arm{std::make_unique<PluginArm>(std::move(port), known, good, host), identity};
   if (asked.say && !good && arm.device->traits().drives) {
-    asked.say(fmt::format(
-        "{}: limited to {} N and {} N/m, because it is untested: run palpate devices --test {}@{}",
-        name, kUntestedForce, kUntestedStiffness, known, identity.own));
+    const std::string test =
+        asked.tests            ? ""
+        : identity.own.empty() ? ": palpate cannot store the test of an arm without a serial number"
+                               : ": run palpate devices --test " + known + "@" + identity.own;
+    asked.say(fmt::format("{}: limited to {} N and {} N/m, because it is untested{}", name,
+                          kUntestedForce, kUntestedStiffness, test));
   }
   return arm;
 }

@@ -257,7 +257,7 @@ class Claim {
       if (error == EADDRINUSE)
         throw DeviceError(arm, "another program uses it", "end that program");
       throw DeviceError(arm, std::string("it cannot be claimed (") + std::strerror(error) + ")",
-                        "end other programs");
+                        "end other programs, or permit Unix sockets to this process");
     }
   }
   Claim(const Claim&) = delete;
@@ -310,7 +310,8 @@ PluginLink& mapLink() {
   }
   auto& link = *static_cast<PluginLink*>(memory);
   if (link.magic != PluginLink::kMagic || link.size != sizeof(PluginLink)) {
-    throw DeviceError("palpate-plugin", "its version differs from palpate's", "install both again");
+    throw DeviceError("palpate-plugin", "its version differs from palpate's",
+                      "install palpate and palpate-plugin of the same release");
   }
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   const auto orders = static_cast<std::size_t>(reinterpret_cast<const char*>(&link.news) -

@@ -66,7 +66,8 @@ std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& co
     const std::vector<std::string> fields = split(line);
     if (!headed) {
       if (fields != columns) {
-        throw DeviceError(name, "its first line is not the header " + header, "add the header");
+        throw DeviceError(name, "its first line is not the header " + header,
+                          "begin the file with this header, and give each row these fields");
       }
       headed = true;
       continue;

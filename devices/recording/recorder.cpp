@@ -30,8 +30,13 @@ Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
   beside_ = fmt::format("{}.{}.begun", file_.string(), ::getpid());
   descriptor_ = ::open(beside_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor_ < 0) {
-    throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
-                "check the folder and its permissions");
+    // Another run with this process number, which may have been killed, has made the file.
+    const bool exists = errno == EEXIST;
+    throw Error(file_.string(),
+                exists ? fmt::format("its unfinished file {} exists already", beside_.string())
+                       : fmt::format("it cannot be written ({})", std::strerror(errno)),
+                exists ? "if no run writes to that file, remove it"
+                       : "check the folder and its permissions");
   }
   rows_.reserve(kRoom);
   write(recordingHeader(setting));

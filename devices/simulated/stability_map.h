@@ -49,7 +49,8 @@ using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
 /// Returns a method that runs the engine's whole tick in a scene: all limits, but no tank.
 [[nodiscard]] MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start);
 
-/// Final behaviour, judged in the last quarter of the time, or as soon as the arm is 0.1 m away.
+/// Final behaviour, judged in the last quarter of the time, or as soon as the arm is more than 0.1
+/// m from MapContact::place.
 enum class MapOutcome : std::uint8_t {
   kRests,  ///< The arm rests to within some encoder steps, or its swing decays.
   /// Limit cycle: the arm keeps swinging by at most 0.02 m. The swing may still be growing.

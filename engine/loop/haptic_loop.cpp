@@ -114,7 +114,8 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
       watch_by_(watch),
       watch_(device.info().watch),
       hand_(limitsInLoop(device.info(), rate)) {
-  require(device.info(), noLess(heartbeat), "the heartbeat", heartbeat);
+  require(device.info(), noLess(heartbeat), "the heartbeat [s]", heartbeat,
+          "give seconds, or 0 for no limit");
 }
 
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {

@@ -22,7 +22,7 @@ double checked(const LoopParams& params) {
   }
   if (params.early && !(*params.early >= 0.0 && *params.early <= 0.25 / rate)) {
     throw DeviceError("early", std::to_string(*params.early) + " s is out of range",
-                      "give 0 s to a quarter of a period");
+                      "give 0 s to a quarter of the period, " + std::to_string(0.25 / rate) + " s");
   }
   return rate;
 }

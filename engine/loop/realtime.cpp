@@ -57,7 +57,9 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
   report.awake = awake.granted();
   if (request.awake && !awake.granted()) {
     refuse(report, "cores that stay awake", awake.error(),
-           "give your group write access to /dev/cpu_dma_latency");
+           awake.error() == ENOENT
+               ? "pass /dev/cpu_dma_latency to the container, or use a kernel that has it"
+               : "give your group write access to /dev/cpu_dma_latency");
   }
   if (request.lock_memory) {
     report.memory = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
@@ -73,7 +75,7 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
     report.priority = error == 0;
     if (error != 0) {
-      refuse(report, "priority " + std::to_string(request.priority), error,
+      refuse(report, "priority " + std::to_string(wanted.sched_priority), error,
              "raise rtprio in /etc/security/limits.d");
     }
   }
@@ -85,7 +87,7 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     report.core = error == 0;
     if (error != 0) {
       refuse(report, "core " + std::to_string(request.core), error,
-             "choose a number below that of nproc");
+             "choose a core that this process may use: taskset -cp $$ lists them");
     }
   }
   touchStack();

@@ -52,7 +52,10 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
   }
   // A product of factors has the same limit as a single number.
   if (!(spec.highest() <= most)) {
-    throw SceneError(at, "its highest value exceeds " + shortNumber(most),
+    const char* const unit = key == "stiffness" ? " N/m" : key == "friction" ? "" : " N";
+    throw SceneError(at,
+                     "its highest value, " + shortNumber(spec.highest()) + unit + ", exceeds " +
+                         shortNumber(most) + unit,
                      "reduce it or its factors");
   }
   return out;
@@ -353,9 +356,11 @@ CompiledMode compileMode(const ModeSpec& spec, const std::string& path, GraphRea
 
 Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads) {
   const std::string path = "/coupling";
-  for (const TransferSpec::Factor& factor : spec.factors) {
+  for (std::size_t i = 0; i < spec.factors.size(); ++i) {
+    const TransferSpec::Factor& factor = spec.factors[i];
     if (factor.by.empty() && !factor.curve.isConstant()) {
-      throw SceneError(path + "/stiffness", "a curve has no input",
+      const std::string which = spec.factors.size() > 1 ? "/product/" + std::to_string(i) : "";
+      throw SceneError(path + "/stiffness" + which, "the curve has no input",
                        "add \"by\" with the name of a scalar");
     }
   }

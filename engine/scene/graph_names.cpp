@@ -29,7 +29,9 @@ void GraphNames::throwUnknown(const std::string& path, const std::string& name) 
   for (const auto& [volume, field] : fields_) names.push_back(volume);
   for (const auto& [field, derived] : spec_.fields) names.push_back(field);
   const std::string near = nearestName(name, names);
-  std::string remedy = near.empty() ? "there are:" : "did you mean \"" + near + "\"?";
+  std::string remedy = !near.empty()   ? "did you mean \"" + near + "\"?"
+                       : names.empty() ? "add it"
+                                       : "there are:";
   if (near.empty()) {
     for (const std::string& n : names) remedy += " " + n;
   }

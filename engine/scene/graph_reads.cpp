@@ -9,10 +9,11 @@
 namespace palpate {
 namespace {
 
-int newProperty(const std::string& name, std::vector<std::string>& names) {
+int newProperty(const std::string& name, std::vector<std::string>& names, const char* type) {
   if (names.size() == static_cast<std::size_t>(kMaxProperties)) {
     throw SceneError("/modes",
-                     "the modes read more than " + std::to_string(kMaxProperties) + " properties",
+                     "the modes and the stiffness read more than " +
+                         std::to_string(kMaxProperties) + " properties that are " + type,
                      "use fewer modes");
   }
   names.push_back(name);
@@ -21,18 +22,19 @@ int newProperty(const std::string& name, std::vector<std::string>& names) {
 
 void checkRoom(const Graph& graph) {
   if (graph.scalar_fields.size() + graph.vector_fields.size() < kMaxFields) return;
-  throw SceneError("/volumes",
-                   "the modes read more than " + std::to_string(kMaxFields) + " volumes",
-                   "use fewer volumes");
+  throw SceneError(
+      "/volumes",
+      "the modes and the stiffness read more than " + std::to_string(kMaxFields) + " volumes",
+      "use fewer volumes");
 }
 
 }  // namespace
 
 int GraphReads::newScalar(const std::string& name) {
-  return newProperty(name, graph.scalar_properties);
+  return newProperty(name, graph.scalar_properties, "scalars");
 }
 int GraphReads::newVector(const std::string& name) {
-  return newProperty(name, graph.vector_properties);
+  return newProperty(name, graph.vector_properties, "vectors");
 }
 
 ScalarRead& GraphReads::scalarRead(const std::string& name) {

@@ -90,20 +90,24 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
     throw SceneError("/coupling", "the stiffness varies within a part",
                      "vary the stiffness in the scene itself");
   }
+  const auto which = [&]() -> std::string {
+    if (fields.empty()) return "volumes that share modes";
+    return "\"" + fields.begin()->first + "\" and the volumes that share its modes";
+  };
   if (spec.modes.size() > kMaxPartModes) {
-    throw SceneError("/modes",
-                     "volumes that share modes (a part of the scene) have " +
-                         std::to_string(spec.modes.size()) + " modes",
-                     "use at most " + std::to_string(kMaxPartModes));
+    throw SceneError(
+        "/modes",
+        which() + " (a part of the scene) have " + std::to_string(spec.modes.size()) + " modes",
+        "use at most " + std::to_string(kMaxPartModes));
   }
   Part part;
   part.graph = compileGraph(spec, fields);
   const Graph& graph = part.graph;
   if (graph.scalar_fields.size() + graph.vector_fields.size() > kMaxPartFields) {
     throw SceneError("/volumes",
-                     "the modes of volumes that share modes (a part of the scene) read more than " +
-                         std::to_string(kMaxPartFields) + " fields",
-                     "use fewer, or make them volumes of the scene");
+                     "the modes of " + which() + " (a part of the scene) read more than " +
+                         std::to_string(kMaxPartFields) + " volumes",
+                     "use fewer volumes, or put them outside parts (without \"instances\")");
   }
   for (const auto* frames : {&graph.scalar_frames, &graph.vector_frames}) {
     for (const FieldFrame& frame : *frames) {
@@ -115,8 +119,9 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
   for (std::size_t i = 0; i < spec.modes.size(); ++i) {
     const ModeSpec& mode = spec.modes[i];
     if (mode.kind == ModeKind::kUser || mode.kind == ModeKind::kGuide) {
-      throw SceneError("/modes/" + std::to_string(i), "a part has a guide or a user-defined mode",
-                       "move it to the scene itself");
+      const std::size_t number = spec.mode_numbers.empty() ? i : spec.mode_numbers.at(i);
+      throw SceneError("/modes/" + std::to_string(number),
+                       "a part has a guide or a user-defined mode", "move it to the scene itself");
     }
     part.most +=
         mode.strength.highest() * (1.0 + mode.friction.highest()) + mode.viscosity.highest();

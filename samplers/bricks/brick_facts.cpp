@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <new>
 #include <string_view>
 #include <type_traits>
 #include <zstd.h>
@@ -531,6 +532,9 @@ BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::str
   BrickManifest manifest;
   try {
     readFacts(parseText(text.begin(), text.end()), manifest);
+  } catch (const std::bad_alloc&) {
+    throw VolumeError(called, "the system has too little memory",
+                      "end other programs to free memory");
   } catch (const std::exception& e) {
     std::string why = e.what();
     std::replace(why.begin(), why.end(), '\n', ' ');

@@ -422,8 +422,8 @@ BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& 
                    ProcessGroup& group, const std::optional<Share>& share) {
   if (parts.size() != 1) {
     throw VolumeError(
-        "\"" + info.name + "\"", "its components are at different places",
-        "make bricks of each component, or of a grid with all components at the voxels' centres");
+        "\"" + info.name + "\"", "its components are separate grids, or are at different places",
+        "make bricks of each component, or of one grid of vectors at the voxels' centres");
   }
   BrickInput input;
   input.name = info.name;

@@ -177,9 +177,12 @@ std::shared_ptr<const HalvedBrick> HalvedBricks::make(const BrickEntry& entry) {
   std::vector<std::byte> slot(format.bytes());
   const BrickArrival arrival = source_.read({level_, entry.at}, slot);
   if (arrival.status != BrickStatus::kArrived) {
+    // `why` is "file: reason: remedy".
     const auto colon = arrival.why.find(": ");
+    const auto last = arrival.why.rfind(": ");
+    const std::string reason = arrival.why.substr(colon + 2, last - colon - 2);
     throw VolumeError(arrival.why.substr(0, colon),
-                      "a brick that was just written cannot be read back",
+                      "a brick of this export cannot be read back (" + reason + ")",
                       "check the disk, and run the same command again");
   }
   const BrickView view(format, slot.data());

@@ -32,13 +32,19 @@ BrickManifest BrickManifest::read(const std::filesystem::path& folder) {
   const auto status = std::filesystem::status(folder, error);
   if (!std::filesystem::exists(status)) throwAbsent(folder, "no such folder", error);
   const std::filesystem::path file = folder / kBrickManifestFile;
+  (void)std::filesystem::exists(file, error);
+  if (error) {
+    throw VolumeError(folder.string(), "it cannot be read (" + error.message() + ")",
+                      "check its permissions");
+  }
   if (!std::filesystem::is_directory(status) || !isBricks(folder)) {
     throw VolumeError(folder.string(), "it is not a volume in bricks",
                       "make one: palpate brick FILE.vdb FOLDER");
   }
   if (!std::filesystem::exists(file, error)) {
     throw VolumeError(folder.string(), "it is unfinished: it has no manifest",
-                      "run the command that writes it again: it continues where it stopped");
+                      "run the command that writes it again: it continues where it stopped; or "
+                      "finish the copy");
   }
   std::vector<std::byte> bytes;
   std::ifstream stream;
@@ -50,7 +56,8 @@ BrickManifest BrickManifest::read(const std::filesystem::path& folder) {
                 static_cast<std::streamsize>(size));
     bytes.resize(static_cast<std::size_t>(stream.gcount()));
   } else {
-    throw VolumeError(file.string(), "it cannot be read", "check its permissions");
+    throw VolumeError(file.string(), "it cannot be read, or is not a file",
+                      "check the file and its permissions");
   }
   return parse(bytes, file.string());
 }

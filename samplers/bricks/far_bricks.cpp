@@ -139,13 +139,16 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
         url(kBrickManifestFile), verdict.why,
         file.request->code == kUnauthorized
             ? "set PALPATE_HTTP_KEYS to a file with the server's key (docs/servers.md)"
+        : verdict.why.find(kNoMemory) != std::string::npos
+            ? "end other programs to free memory"
             : "check the address, the server and the network");
   }
   const std::vector<std::byte>& body = file.request->body;
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));
   const auto known = std::min({body.size(), BrickFacts::headOf(body), kLongestHead});
   head.assign(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(known));
-  // Allocates all memory now. Later only the store allocates, and it reports a lack of memory.
+  // Allocates the fetching thread's memory now. Later only the store allocates memory in this
+  // thread, and it reports a lack of memory. Decoding allocates in the thread that calls next().
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
     free.back()->request = store->make();
@@ -193,6 +196,9 @@ BrickArrival FarBricks::State::arrivalOf(const BrickId& id, BrickVerdict verdict
   const char* remedy = "copy or write the volume again";
   if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the volume has";
   if (verdict.status == BrickStatus::kUnreadable) remedy = "check the server and the network";
+  const auto says = [&](const char* words) { return verdict.why.find(words) != std::string::npos; };
+  if (says(kNoMemory)) remedy = "end other programs to free memory";
+  if (says("PALPATE_HTTP_KEYS")) remedy = "correct the key, and start the program again";
   arrival.why = url(brickObject(id, manifest->format())) + ": " + verdict.why + ": " + remedy;
   return arrival;
 }

@@ -129,7 +129,8 @@ std::optional<HttpKey> findHttpKey(const HttpOrigin& origin) {
     const std::string which = "line " + std::to_string(number);
     if (!to || !key) {
       refuse(file, which + " is not a server with its key",
-             "write https://HOST basic NAME PASSWORD, or https://HOST bearer TOKEN");
+             "write https://HOST basic NAME PASSWORD, or https://HOST bearer TOKEN, with single "
+             "spaces and Unix line ends");
     }
     if (!found && *to == origin) found = key;
     if (to->scheme == "http" && !isThisMachine(*to)) {

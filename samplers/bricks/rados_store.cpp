@@ -24,7 +24,11 @@ constexpr std::size_t kPiece = std::size_t{4} << 20U;
 void* load() {
   void* const library = dlopen(kLibrary, RTLD_NOW | RTLD_LOCAL);
   if (library != nullptr) return library;
-  throw VolumeError(kLibrary, "it cannot be loaded", "install librados2, Ceph's client");
+  const char* const why = dlerror();
+  throw VolumeError(
+      kLibrary,
+      std::string("it cannot be loaded (") + (why == nullptr ? "unknown error" : why) + ")",
+      "install librados2, Ceph's client");
 }
 
 /// The address of a function of librados, which converts to any function type.
@@ -208,7 +212,8 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
   how = call_.connect(cluster_);
   if (how == -ETIMEDOUT) fail(how, "no monitor of Ceph answers", "check mon_host and the network");
   if (how < 0) {
-    fail(how, "Ceph rejects the user \"" + address_.user + "\"",
+    fail(how,
+         "Ceph rejects the user \"" + address_.user + "\", or its keyring or mon_host is missing",
          "check mon_host, the user (rados://user@pool/folder) and its keyring");
   }
   how = call_.ioctx_create(cluster_, address_.pool.c_str(), &pool_);

@@ -269,7 +269,9 @@ void BrickWindow::Loader::checkVolume(Clock::time_point now) {
     reportOnce(
         {{},
          BrickStatus::kGone,
-         source.manifest().info().name + ": the volume does not exist any more: restore it"});
+         source.manifest().info().name +
+             ": the volume does not exist any more, or cannot be reached: restore it, or check the "
+             "network"});
   }
   if (!there || !doubted) return;
   if (gone.exchange(false)) {

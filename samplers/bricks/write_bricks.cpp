@@ -51,13 +51,18 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
   const std::string remedy = "remove it, or name another folder";
   if (fs::exists(folder / kBrickManifestFile, error)) {
     if (BrickManifest::read(folder).identity() == identity) return Found::kFinished;
-    throw Error(folder.string(), "it contains bricks of another input or of other options", remedy);
+    throw Error(folder.string(),
+                "it contains bricks of another input, of other options, or of another version of "
+                "palpate or zstd",
+                remedy);
   }
   if (fs::exists(folder / kBrickAttributesFile, error)) {
     if (BrickFacts::identityIn(contentsOf(folder / kBrickAttributesFile)) == identity) {
       return Found::kUnfinished;
     }
-    throw Error(folder.string(), "it contains other data, or unfinished bricks of another input",
+    throw Error(folder.string(),
+                "it contains other data, or unfinished bricks of another input, other options or "
+                "another version of palpate or zstd",
                 remedy);
   }
   // A terminated run may have left these files.
@@ -433,8 +438,8 @@ BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
   const Begin first = gatherOne(group, Begin{identity, found}).front();
   found = first.found;
   if (first.identity != identity) {
-    throw Error(folder.string(), "this rank's input differs from that of rank 0",
-                "give all ranks the same file and the same version of palpate");
+    throw Error(folder.string(), "this rank's input or options differ from those of rank 0",
+                "give all ranks the same file, the same options and the same version of palpate");
   }
   if (found == Found::kFinished) {
     if (held) held->removePartial();

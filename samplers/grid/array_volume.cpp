@@ -145,9 +145,11 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
 }
 
 void check(const VoxelArray& array) {
-  for (const std::int64_t along : array.size) {
-    if (along >= 1 && along <= kMostAlong) continue;
-    throw VolumeError(array.name, "its size along an axis is 0 or more than 2147483647",
+  for (std::size_t a = 0; a < 3; ++a) {
+    if (array.size[a] >= 1 && array.size[a] <= kMostAlong) continue;
+    throw VolumeError(array.name,
+                      "its size along an axis is " + std::to_string(array.size[a]) + " (axis " +
+                          std::to_string(a + 1) + " of 3)",
                       "give an array with 1 to 2147483647 values along each of three axes");
   }
   if (array.background && !std::isfinite(*array.background)) {
@@ -162,7 +164,7 @@ void check(const VoxelArray& array) {
   const double edges = array.axes.colwise().norm().prod();
   if (array.axes.allFinite() && array.origin.allFinite() && volume > 1e-9 * edges) return;
   throw VolumeError(array.name, "its voxels have no volume, or its position is not finite",
-                    "give a spacing above 0, and finite numbers");
+                    "give a spacing above 0, steps that are not in one plane, and finite numbers");
 }
 
 }  // namespace

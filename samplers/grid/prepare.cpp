@@ -139,8 +139,8 @@ std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool 
   }
   if (info.non_finite > 0) {
     return std::to_string(info.non_finite) +
-           " of its values are NaN, infinite or above 1e100: replace them before writing the file "
-           "(or set \"non_finite\": \"fill\" in the scene)";
+           " of its values are NaN, infinite or above 1e100 in size: replace them, or fill them "
+           "with the background (\"non_finite\": \"fill\" in a scene, fill=True in Python)";
   }
   if (info.active_voxels == 0) {
     return kNoActiveVoxel;

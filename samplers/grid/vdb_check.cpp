@@ -120,7 +120,9 @@ class VdbCheck::Walk {
     if (d.parent.empty()) return d;
     const GridEntry* parent = find(d.parent);
     if (parent == nullptr || !parent->parent.empty() || parent->type != d.type) {
-      damaged("a grid shares the tree of a grid that does not exist or has another type");
+      damaged(
+          "a grid shares the tree of a grid that does not exist, has another type or shares a tree "
+          "itself");
     }
     return *parent;
   }
@@ -163,7 +165,11 @@ class VdbCheck::Walk {
     const std::uint64_t more = std::min<std::uint64_t>(kBuffer - filled_, limit_ - read_);
     stream_.read(reinterpret_cast<char*>(buffer_.data() + filled_),
                  static_cast<std::streamsize>(more));
-    if (!stream_) truncated();  // the file became shorter during the read
+    if (!stream_) {
+      if (stream_.eof()) truncated();  // the file became shorter during the read
+      throw VolumeError(path_, "it cannot be read",
+                        "check the disk, and the limit of open files (ulimit -n)");
+    }
     read_ += more;
     filled_ += static_cast<std::size_t>(more);
   }
@@ -287,7 +293,9 @@ class VdbCheck::Walk {
       limit_ = static_cast<std::uint64_t>(d.end);
       bounded_ = true;
     } else if (kind == nullptr && !instance) {
-      throw VolumeError(path_, "it has a grid of type " + d.type + " and no table of contents",
+      throw VolumeError(path_,
+                        "its grid \"" + nameOf(d.name) + "\" is of type " + d.type +
+                            ", and the file has no table of contents",
                         "write the file with OpenVDB's io::File, or omit that grid");
     }
 
@@ -475,8 +483,8 @@ class VdbCheck::Walk {
     const auto size = take<std::int64_t>();
     if (size <= 0) {  // the array is stored without compression
       if (0 - static_cast<std::uint64_t>(size) != bytes) {
-        damaged("the values of a node have another size than the " + std::to_string(bytes) +
-                " bytes of its mask");
+        damaged("the values of a node do not have the expected size of " + std::to_string(bytes) +
+                " bytes");
       }
       skip(bytes);
       return;
@@ -535,7 +543,7 @@ class VdbCheck::Walk {
     const std::uint64_t blocks = (unpacked + block - 1) / block;
     const bool stored = (flags & 2U) != 0;
     if (stored ? packed != unpacked + 16 : packed < 16 + 4 * blocks) {
-      damaged("a compressed part has more blocks than its size allows");
+      damaged("the size of a compressed part does not fit its blocks");
     }
     return header;
   }

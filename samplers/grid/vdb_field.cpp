@@ -103,7 +103,8 @@ FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume, const Placeme
   }
   if (sampling.axial) {
     if (!volume->info().vector || parts.size() > 1) {
-      throw VolumeError(what, "only a vector in one grid can be axial", "remove \"axial\"");
+      throw VolumeError(what, "only a vector in one grid that is not staggered can be axial",
+                        "remove \"axial\"");
     }
     if (sampling.interpolation != Interpolation::kTrilinear) {
       throw VolumeError(what,

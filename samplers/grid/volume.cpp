@@ -168,7 +168,7 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
 
 /// Returns the command that converts another file to .vdb. Users can copy it from a message.
 std::string importOf(const std::filesystem::path& path) {
-  if (path.extension() == ".vdb") return "it is damaged: write it again";
+  if (path.extension() == ".vdb") return "it may be damaged or of another format: write it again";
   std::filesystem::path stem = path.filename();
   if (stem.extension() == ".gz") stem.replace_extension();
   const std::string out = stem.replace_extension(".vdb").string();
@@ -364,7 +364,8 @@ class VdbFile {
     } catch (const std::bad_alloc&) {
       throw;                                   // the file is not the cause of this error
     } catch (const std::ios_base::failure&) {  // thrown by GridReader
-      throw VolumeError(path_.string(), "it is truncated", "copy or write it again");
+      throw VolumeError(path_.string(), "it is truncated, or reading it failed",
+                        "copy or write it again, or check the disk");
     } catch (const std::exception& e) {
       std::string why = e.what();
       std::replace(why.begin(), why.end(), '\n', ' ');

@@ -55,14 +55,17 @@ DisplacementFrames displacementsOf(std::span<const std::shared_ptr<const Volume>
   if (frames.empty()) return out;
   const Volume::Grid::Part& first = frames.front()->grid().parts.front();
   openvdb::CoordBBox box;
-  for (const auto& volume : frames) {
-    const auto& parts = volume->grid().parts;
-    const std::string name = "grid \"" + volume->info().name + "\"";
-    if (!volume->info().vector || parts.size() != 1) {
-      throw SceneError(path, name + " is not a vector in one grid", "give a displacement field");
+  for (std::size_t n = 0; n < frames.size(); ++n) {
+    const Volume& volume = *frames[n];
+    const auto& parts = volume.grid().parts;
+    const std::string name = "grid \"" + volume.info().name + "\" of frame " +
+                             std::to_string(n + 1) + " of " + std::to_string(frames.size());
+    if (!volume.info().vector || parts.size() != 1) {
+      throw SceneError(path, name + " is not a vector in one grid, or is staggered",
+                       "give a displacement field at the voxels' centres");
     }
     if (!sameLattice(first, parts.front())) {
-      throw SceneError(path, name + " lies on another lattice than the first frame",
+      throw SceneError(path, name + " has another position, orientation or voxel size than frame 1",
                        "resample all displacement fields to one lattice");
     }
     box.expand(activeBox(parts.front().data));

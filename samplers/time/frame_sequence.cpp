@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <new>
 #include <optional>
 #include <thread>
 #include <type_traits>
@@ -65,6 +66,12 @@ bool isEmpty(const Loaded& frame) {
   return frame.volume->info().active_voxels == 0;
 }
 
+/// Returns the name of a frame for messages: its file, and its grid if the request names one.
+std::string nameOf(const VolumeRequest& frame) {
+  const std::string file = frame.file.string();
+  return frame.grid.empty() ? file : file + ": grid \"" + frame.grid + "\"";
+}
+
 /// Loads a frame. A frame without data becomes background. Throws VolumeError if the frame cannot
 /// be read, or does not match `first`, the first frame with data (null while it is unknown).
 Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const Sampling& sampling,
@@ -87,17 +94,19 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
   };
   if (is.vector != like.vector || read_as(is) != read_as(like)) {
     const auto kind = [](const GridInfo& of) { return of.type + ", " + wordFor(of.grid_class); };
-    throw VolumeError(
-        request.file.string(),
-        "the frame is of another kind (" + kind(is) + ") than the first one (" + kind(like) + ")",
-        is.vector != like.vector ? "give frames of one type"
-                                 : std::string("set the class of its grid to \"") +
-                                       wordFor(like.grid_class) + "\", or that of the first one");
+    throw VolumeError(nameOf(request),
+                      "the frame is of another kind (" + kind(is) +
+                          ") than the first one with data (" + kind(like) + ")",
+                      is.vector != like.vector
+                          ? "give frames of one type"
+                          : std::string("set the class of its grid to \"") +
+                                wordFor(like.grid_class) + "\", or that of the first one");
   }
   if (out.volume->grid().parts.size() > 1) {
-    throw VolumeError(request.file.string(),
-                      "a vector whose components are separate grids cannot be played",
-                      "write it as one grid of vectors");
+    throw VolumeError(nameOf(request),
+                      "a vector that is staggered, or whose components are separate grids, cannot "
+                      "be played",
+                      "write it as one grid of vectors at the voxels' centres");
   }
   out.field = makeVdbField(out.volume, placement, sampling);
   return out;
@@ -142,8 +151,9 @@ void checkTimes(const FrameTimes& when, std::size_t count, const std::string& na
     const bool good = std::isfinite(when.times[i]) && (i == 0 || when.times[i] > when.times[i - 1]);
     if (good) continue;
     throw VolumeError(name,
-                      "time " + std::to_string(i) + " of its frames, " +
-                          std::to_string(when.times[i]) + ", is not after the time before",
+                      "time " + std::to_string(i) + " (counted from 0) of its frames, " +
+                          std::to_string(when.times[i]) + " s, is not " +
+                          (std::isfinite(when.times[i]) ? "after the time before" : "finite"),
                       "give ascending times in seconds");
   }
   if (!std::isfinite(when.times.back() - when.times.front())) {
@@ -299,6 +309,9 @@ void FrameSequence::Loader::fetch(int frame, std::size_t slot) {
             loadFrame(of.frames_[static_cast<std::size_t>(frame)], placement, sampling,
                       of.first_.get()));
     shared.missing[static_cast<std::size_t>(frame)].store(false, std::memory_order_release);
+  } catch (const std::bad_alloc&) {
+    why = nameOf(of.frames_[static_cast<std::size_t>(frame)]) +
+          ": the system has too little memory: end other programs to free memory";
   } catch (const std::exception& e) {
     why = e.what();
   }

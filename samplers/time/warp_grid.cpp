@@ -394,10 +394,14 @@ void check(const DisplacementFrames& of, const WarpTimes& when, const std::strin
     }
   }
   double most = 0.0;
-  for (const std::vector<float>& frame : of.frames) {
-    for (const float u : frame) {
-      if (!std::isfinite(u))
-        throw SceneError(path, "a displacement is not finite", "replace it by a finite number");
+  for (std::size_t n = 0; n < count; ++n) {
+    for (const float u : of.frames[n]) {
+      if (!std::isfinite(u)) {
+        throw SceneError(path,
+                         "a displacement in frame " + std::to_string(n + 1) + " of " +
+                             std::to_string(count) + " is not finite, or is too large for 32 bits",
+                         "replace it by a finite number, or scale it down");
+      }
       most = std::max(most, static_cast<double>(std::abs(u)));
     }
   }

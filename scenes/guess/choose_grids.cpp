@@ -138,7 +138,10 @@ Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
       vectors.uniform.push_back(&c);
       draft.leaveOut(c, c.seen);
     }
-    if (c.kind == Kind::kOther && c.input->isVector()) draft.leaveOut(c, c.seen);
+    if (c.kind == Kind::kOther && c.input->isVector()) {
+      draft.leaveOut(c.shownName(), c.seen, "resample the components to one lattice");
+      draft.use(c);
+    }
     if (draft.isFree(c, Kind::kFlow)) flows.push_back(&c);
   }
   if (flows.empty()) return vectors;
@@ -303,7 +306,7 @@ void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std:
   if (body == nullptr) return;
   draft.leaveOut("everything that is not connected to the largest body",
                  fmt::format("such as the table below a patient; to keep all, remove every \"by\": "
-                             "\"{}\" with its factor",
+                             "\"{}\"; in a \"product\", remove the whole factor that has it",
                              body->name),
                  "");
 }

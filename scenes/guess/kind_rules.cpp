@@ -84,8 +84,8 @@ bool isLabelsStated(const Evidence& e) {
          e.scalar.distinct.size() > 1;
 }
 
-/// Returns true if at least 0.2 % of the values are below -20 [HU], as air is. Raw values of a
-/// scanner are rarely negative.
+/// Returns true if at least 0.2 % of the values, or the value around an image, are below -20 [HU],
+/// as air is. Raw values of a scanner are rarely negative.
 bool hasAir(const ScalarAnalysis& scalar) {
   return scalar.low < -20.0;
 }
@@ -99,6 +99,9 @@ bool isOpen(const Evidence& e) {
 }
 bool isStatedAsCt(const Evidence& e) {
   return e.stated == GuessFor::kCt || e.input.modality == Modality::kCt;
+}
+bool isRawCt(const Evidence& e) {
+  return isStatedAsCt(e) && !hasAir(e.scalar);
 }
 bool hasOtherUnit(const Evidence& e) {
   const std::string unit = lowerCase(e.input.value_unit);
@@ -187,8 +190,7 @@ constexpr std::array kScalarRules{
              "{values}: they change evenly up to a limit: the distance to a surface, truncated"},
     KindRule{isLabelsByValues, Kind::kLabels,
              "{values}: {labels} values in constant pieces that touch in any order: labels"},
-    KindRule{isStatedAsCt, Kind::kScalar,
-             "{values}: CT without air at -1000: raw values of a scanner"},
+    KindRule{isRawCt, Kind::kScalar, "{values}: CT without air at -1000: raw values of a scanner"},
     KindRule{hasNoBoundary, Kind::kScalar, "{values}: no boundary was found"},
     KindRule{hasFront, Kind::kScalar, "{values}: a sharp front"},
     KindRule{hasOneBoundary, Kind::kScalar, "{values}: a boundary between materials"},

@@ -139,7 +139,8 @@ void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
     modes.push_back(isosurface(
         c.name + " all labels", c.name, betweenLabels(c, 1), true, kYielding,
         fmt::format("All labels as one body, except {0}, which surrounds them: half way between "
-                    "{0} and the next label. The boundaries within the body are not felt.",
+                    "{0} and the next label. This surface leaves out the boundaries within the "
+                    "body.",
                     shown(all[0]))));
   }
 }

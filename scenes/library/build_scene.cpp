@@ -32,7 +32,7 @@ void checkSize(const SceneSpec& spec, const std::string& path, double value, dou
                const char* unit) {
   if (std::abs(value) <= most) return;
   throw SceneError(pathIn(spec, path),
-                   fmt::format("{:g}{} is beyond the limit of {:g}{}", value, unit, most, unit),
+                   fmt::format("{}{} is beyond the limit of {:g}{}", value, unit, most, unit),
                    "give a number within the limit");
 }
 
@@ -257,10 +257,11 @@ std::map<std::string, const GridInfo*> gridsOf(const BuiltScene& built,
   return grids;
 }
 
-void noteRemarks(const SceneSpec& spec, const std::string& name, const Volume& volume,
+/// Adds the remarks on a volume to the notes. `which` is its name, or its name and a frame.
+void noteRemarks(const SceneSpec& spec, const std::string& which, const Volume& volume,
                  BuiltScene& built) {
   for (const std::string& remark : remarks(volume.info())) {
-    built.notes.push_back(fmt::format("{}: {}", pathIn(spec, "/volumes/" + name), remark));
+    built.notes.push_back(fmt::format("{}: {}", pathIn(spec, "/volumes/" + which), remark));
   }
 }
 
@@ -309,7 +310,8 @@ void noteEmptySurfaces(const SceneSpec& spec, BuiltScene& built) {
     built.notes.push_back(pathIn(
         spec,
         fmt::format(
-            "/modes/{}/value: {} is outside the grid's values, {} to {}: the isosurface is empty",
+            "/modes/{}/value: {} is outside the grid's values, {} to {}: the isosurface is empty: "
+            "give a value between them",
             i, mode.value, low, high)));
   }
 }
@@ -325,7 +327,11 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   const std::map<std::string, const GridInfo*> grids = gridsOf(built, displacements);
   Placer placer(spec, grids);
   for (const auto& [name, frames] : displacements) {
-    for (const auto& frame : frames) noteRemarks(spec, name, *frame, built);
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      const std::string which =
+          frames.size() > 1 ? fmt::format("{}: frame {} of {}", name, i + 1, frames.size()) : name;
+      noteRemarks(spec, which, *frames[i], built);
+    }
   }
   makeFields(spec, built, placer, things);
   built.play = playOf(spec, built);

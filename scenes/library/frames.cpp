@@ -62,9 +62,9 @@ std::optional<Pattern> patternOf(const fs::path& file) {
   return out;
 }
 
-std::map<long, fs::path> filesOf(const fs::path& file, const Pattern& pattern) {
+std::map<long, fs::path> filesOf(const fs::path& file, const Pattern& pattern,
+                                 std::error_code& error) {
   std::map<long, fs::path> files;
-  std::error_code error;
   const fs::path folder = file.has_parent_path() ? file.parent_path() : fs::path(".");
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
@@ -84,12 +84,17 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
   const VolumeRequest like{volume.file, volume.grid, volume.non_finite, volume.smooth};
   std::vector<VolumeRequest> frames;
   if (const auto pattern = patternOf(volume.file)) {
-    const std::map<long, fs::path> files = filesOf(volume.file, *pattern);
+    std::error_code error;
+    const std::map<long, fs::path> files = filesOf(volume.file, *pattern, error);
     if (files.empty()) {
-      std::error_code error;
-      const fs::path folder = volume.file.parent_path();
-      if (!folder.empty() && !fs::is_directory(folder, error)) {
-        throw VolumeError(folder.string(), "no such folder", "check the path");
+      const std::string folder =
+          volume.file.has_parent_path() ? volume.file.parent_path().string() : ".";
+      if (error == std::errc::no_such_file_or_directory || error == std::errc::not_a_directory) {
+        throw VolumeError(folder, "no such folder", "check the path");
+      }
+      if (error) {
+        throw VolumeError(folder, "the folder cannot be read (" + error.message() + ")",
+                          "check its permissions");
       }
       throw VolumeError(volume.file.string(), "the folder has no frame with this name",
                         "put numbered frames there, such as " + pattern->nameOf(1));
@@ -136,7 +141,8 @@ std::vector<fs::path> filesOf(const VolumeSpec& volume) {
   const auto pattern = patternOf(volume.file);
   if (!pattern) return {volume.file};
   std::vector<fs::path> files;
-  for (auto& [number, file] : filesOf(volume.file, *pattern)) files.push_back(file);
+  std::error_code ignored;
+  for (auto& [number, file] : filesOf(volume.file, *pattern, ignored)) files.push_back(file);
   return files;
 }
 

@@ -41,7 +41,9 @@ void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& name
     if (names.count(of) == 0) return;
     throw SceneError(
         pathIn(spec, path),
-        "\"" + of + "\" is the displacement of another volume, so modes and fields cannot read it",
+        "\"" + of +
+            "\" is the displacement of another volume, so modes, fields and the coupling cannot "
+            "read it",
         "add another volume of the same file, and name that volume");
   };
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
@@ -92,7 +94,7 @@ std::map<std::string, MotionPtr> ownMotions(const SceneSpec& spec,
     if (place.kind == PlaceSpec::Kind::kLike && !isGiven(volume.field)) {
       throw SceneError(path + (place.warp ? "/warp" : "/keyframes"),
                        "a volume that is placed like another volume moves with it",
-                       "remove these keys, or place the volume by fit, unit or scale");
+                       "remove keyframes and warp, or place the volume by fit, unit or scale");
     }
     const WarpPtr warp = warpOf(spec, name, displacements, placer, cache);
     motions[name] = place.keyframes.empty()

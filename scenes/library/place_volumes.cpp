@@ -22,7 +22,7 @@ Placement Placer::placementOf(const std::string& leader, std::size_t instance) {
   const PlaceSpec& place = spec_.volumes.at(leader).instances.at(instance);
   if (place.kind == PlaceSpec::Kind::kLike || !place.keyframes.empty()) {
     throw SceneError(path, "an instance cannot move, and cannot be placed like another volume",
-                     "give fit, unit or scale");
+                     "give fit, unit or scale without keyframes");
   }
   return compute(leader, place, path);
 }
@@ -32,8 +32,14 @@ Placement Placer::placementOf(const std::string& name) {
   if (known != done_.end()) return known->second;
   const std::string path = pathIn(spec_, "/volumes/" + name + "/place");
   if (!open_.insert(name).second) {
-    throw SceneError(path + "/like", "the \"like\" keys of these volumes form a circle",
-                     "place one of them by fit, unit or scale");
+    std::string circle = name;
+    const std::string* next = &name;
+    do {
+      next = &spec_.volumes.at(*next).place.like;
+      circle += ", " + *next;
+    } while (*next != name);
+    throw SceneError(path + "/like", "the \"like\" keys form a circle: " + circle,
+                     "place one of these volumes by fit, unit or scale");
   }
   const VolumeSpec& volume = spec_.volumes.at(name);
   if (volume.place.kind == PlaceSpec::Kind::kLike && !volume.instances.empty()) {
@@ -71,7 +77,9 @@ Placement Placer::computeAny(const std::string& name, const PlaceSpec& place,
   const auto positive = [&](double value, const char* key) {
     if (!std::isfinite(value) || value <= 0.0) {
       throw SceneError(path + "/" + key, fmt::format("{} is not a finite number > 0", value),
-                       "give metres, such as 0.1");
+                       place.kind == PlaceSpec::Kind::kFit
+                           ? "give metres, such as 0.1"
+                           : "give metres per unit of the file, such as 0.001");
     }
     return value;
   };
@@ -92,7 +100,9 @@ Placement Placer::computeAny(const std::string& name, const PlaceSpec& place,
       const auto& q = place.rotation_wxyz;
       const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
       if (!(rotation.norm() > 1e-6) || !std::isfinite(rotation.norm())) {
-        throw SceneError(path + "/rotation_wxyz", "the quaternion is zero or not finite",
+        throw SceneError(path + "/rotation_wxyz",
+                         fmt::format("the quaternion's length {:g} is below 1e-6 or not finite",
+                                     rotation.norm()),
                          "give w, x, y, z, such as [1, 0, 0, 0]");
       }
       if (!place.translate.allFinite()) {

@@ -186,11 +186,20 @@ void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
         "\"" + volume + "\" is read together with \"" + thing.leader + "\", which has instances",
         "give \"" + volume + "\" the place {\"like\": \"" + thing.leader + "\"}");
   }
-  if (in_base) {
-    throw SceneError("/volumes/" + thing.leader + "/instances",
-                     "a guide or the coupling reads the volume, so it cannot have instances",
-                     "remove the guide or the varying stiffness, or the instances");
+  if (!in_base) return;
+  const std::string instances = "/volumes/" + thing.leader + "/instances";
+  for (const std::string& volume : thing.volumes) {
+    if (volumes.at(volume).may_be_part) continue;
+    throw SceneError(instances,
+                     "\"" + volume +
+                         "\" moves, is a sequence or is in bricks, and is placed like this volume, "
+                         "which has instances",
+                     "place \"" + volume + "\" by fit, unit or scale, or remove the instances");
   }
+  throw SceneError(instances,
+                   "a guide, a user-defined mode or the coupling reads this volume or one in the "
+                   "same places, so it cannot have instances",
+                   "remove the guide, the mode or the varying stiffness, or remove the instances");
 }
 
 /// Returns the things that become parts. The modes of all other things stay outside parts.

@@ -86,13 +86,16 @@ PlayParams playOf(const SceneSpec& spec, const BuiltScene& built) {
   refuse(play.from && !std::isfinite(out.from), "from", "the number is not finite", "give seconds");
   refuse(!play.to && out.to < out.from, "from", "all sequences have ended before this time",
          "give a time [s] before the last frame's");
-  refuse(std::isnan(out.to) || out.to < out.from, "to", "the play ends before it begins",
-         "give a time [s] after \"from\"");
+  if (std::isnan(out.to) || out.to < out.from) {
+    throw SceneError(pathIn(spec, "/play/to"),
+                     fmt::format("the play ends before it begins, at {} s", out.from),
+                     "give a later time [s], or an earlier \"from\"");
+  }
   refuse(out.repeat && !std::isfinite(out.to), "repeat",
-         "the play has no end, because its sequences repeat", "add \"to\", or remove \"repeat\"");
+         "the play has no end, because a sequence repeats", "add \"to\", or remove \"repeat\"");
   refuse(out.speed < 0.0 && out.begin <= out.from, "speed",
          "backward play begins at the earliest time, so that nothing is played",
-         "add \"to\", the time at which backward play begins");
+         "give a later \"to\", the time at which backward play begins");
   return out;
 }
 
@@ -110,12 +113,14 @@ void noteSequences(const SceneSpec& spec, BuiltScene& built) {
                                         pathIn(spec, "/volumes/" + name + "/frames"), state.empty,
                                         state.frames));
     }
-    const std::uint64_t needed = sequence->neededFor(std::abs(built.play.speed));
-    if (state.slots >= std::min(needed, state.frames)) continue;
+    const std::uint64_t needed =
+        std::min(sequence->neededFor(std::abs(built.play.speed)), state.frames);
+    if (state.slots >= needed) continue;
     built.notes.push_back(fmt::format(
         "{}: memory holds {} of its {} frames, but at this speed it needs {}: give a larger "
-        "budget_mb, or a lower speed",
-        pathIn(spec, "/volumes/" + name + "/frames"), state.slots, state.frames, needed));
+        "budget_mb{}",
+        pathIn(spec, "/volumes/" + name + "/frames"), state.slots, state.frames, needed,
+        state.slots < sequence->neededFor(0.0) ? "" : ", or a lower speed"));
   }
 }
 

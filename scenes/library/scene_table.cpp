@@ -49,7 +49,7 @@ JsonType<Curve> piecewiseType() {
     return std::is_sorted(knots.begin(), knots.end(),
                           [](const auto& a, const auto& b) { return a.first < b.first; });
   };
-  return jsonList(knot, "it is not a list of points", "write [[input, output], ...]")
+  return jsonList(knot, "it is not a list of points, or is empty", "write [[input, output], ...]")
       .where(ascend, "the inputs do not ascend", "sort the points by input")
       .as<Curve>([](std::vector<Curve::Knot> knots) { return Curve::piecewise(std::move(knots)); });
 }
@@ -81,7 +81,8 @@ JsonType<TransferSpec> curveType(JsonSchema& definitions) {
           .defined("factor", definitions);
   kinds.push_back(JsonObject<TransferSpec>().need(
       "product",
-      jsonList(factor, "it is not a list of factors", "write [0.5, {\"window\": ...}, ...]"),
+      jsonList(factor, "it is not a list of factors, or is empty",
+               "write [0.5, {\"window\": ...}, ...]"),
       [](TransferSpec& to, const std::vector<TransferSpec>& product) {
         to.factors.clear();
         for (const TransferSpec& one : product) to.factors.push_back(one.factors[0]);
@@ -118,7 +119,8 @@ JsonObject<PlaceSpec> motionRows() {
                     "the grids with its name, or the files with a number in the place of %04d."),
                 &WarpSpec::field)
           .may("times",
-               jsonList(jsonNumber(), "it is not a list of times", "write [0, 0.1, ...]")
+               jsonList(jsonNumber(), "it is not a list of times, or is empty",
+                        "write [0, 0.1, ...]")
                    .says("Times of the frames, ascending [s]. The displacement is constant before "
                          "the first and after the last. A single frame needs no time."),
                &WarpSpec::times)
@@ -131,7 +133,8 @@ JsonObject<PlaceSpec> motionRows() {
   return JsonObject<PlaceSpec>()
       .may("warp", warp, [](PlaceSpec& place, WarpSpec value) { place.warp = std::move(value); })
       .may("keyframes",
-           jsonList(keyframe, "it is not a list of keyframes", "write [{\"time\": 0, ...}, ...]")
+           jsonList(keyframe, "it is not a list of keyframes, or is empty",
+                    "write [{\"time\": 0, ...}, ...]")
                .says("Motion of the placed volume. A keyframe turns it about the world's origin "
                      "and then shifts it. The pose changes evenly between keyframes and is "
                      "constant before the first and after the last. Times ascend."),
@@ -184,7 +187,7 @@ JsonType<PlaceSpec> placeType() {
                 })
           .refuse({"keyframes", "repeat", "warp"},
                   "a volume that is placed like another volume moves with it",
-                  "remove these keys, or place the volume by fit, unit or scale")
+                  "remove this key, or place the volume by fit, unit or scale")
           .refuse({"rotation_wxyz", "translate"}, "rotation_wxyz and translate need scale",
                   "give scale, in metres per unit of the file, instead"));
   return JsonObject<PlaceSpec>()
@@ -198,7 +201,7 @@ JsonType<PlaceSpec> instanceType() {
       .chooseByKey(placesWith({}))
       .refuse({"like", "keyframes", "repeat", "warp"},
               "an instance cannot move, and cannot be placed like another volume",
-              "give fit, unit or scale")
+              "remove this key, and place the instance by fit, unit or scale")
       .type();
 }
 
@@ -222,7 +225,8 @@ JsonType<FramesSpec> framesType() {
                .with(common),
            JsonObject<FramesSpec>()
                .need("times",
-                     jsonList(jsonNumber(), "it is not a list of times", "write [0, 0.1, ...]")
+                     jsonList(jsonNumber(), "it is not a list of times, or is empty",
+                              "write [0, 0.1, ...]")
                          .says("Times of the frames, ascending [s]. If the sequence repeats, one "
                                "more time follows: the return of the first frame."),
                      &FramesSpec::times)
@@ -251,7 +255,8 @@ JsonObject<SceneSpec> playRows() {
       .may("from",
            jsonNumber().says(
                "Earliest time of play [s], for both directions of play. The default is the begin "
-               "of the first sequence. If all sequences repeat, the default is no limit."),
+               "of the first sequence. If all sequences repeat, but the play does not, the default "
+               "is no limit."),
            [play](SceneSpec& spec, double from) { play(spec).from = from; })
       .may("to",
            jsonNumber().says(
@@ -311,12 +316,13 @@ JsonType<ReadVolume> volumeType() {
           jsonFlag().says(
               "If true, the vectors have no sign, like a fibre's direction. The default is false."),
           [](VolumeSpec& to, bool axial) { to.sampling.axial = axial; })
-      .may("non_finite",
-           jsonWord<NonFinite>({{"refuse", NonFinite::kRefuse}, {"fill", NonFinite::kFill}})
-               .says(
-                   "Treatment of values that are NaN or infinite. The default, \"refuse\", rejects "
-                   "the grid; \"fill\" replaces the values by the background, which has no data."),
-           &VolumeSpec::non_finite)
+      .may(
+          "non_finite",
+          jsonWord<NonFinite>({{"refuse", NonFinite::kRefuse}, {"fill", NonFinite::kFill}})
+              .says("Treatment of values that are NaN, infinite or above 1e100. The default, "
+                    "\"refuse\", rejects the grid; \"fill\" replaces the values by the background, "
+                    "which has no data."),
+          &VolumeSpec::non_finite)
       .may("smooth",
            smoothType().says(
                "Standard deviation of a Gaussian at load: a number of voxels, or a length such as "
@@ -341,7 +347,8 @@ JsonType<ReadVolume> volumeType() {
            [](VolumeSpec& to, double budget) { to.budget_mb = budget; })
       .may("place", placeType(), &VolumeSpec::place)
       .may("instances",
-           jsonList(instanceType(), "it is not a list of places", "write [{\"scale\": ...}, ...]")
+           jsonList(instanceType(), "it is not a list of places, or is empty",
+                    "write [{\"scale\": ...}, ...]")
                .says("Several places, instead of \"place\". Volumes that are placed like this one "
                      "stand in the same places."),
            &VolumeSpec::instances)
@@ -360,9 +367,19 @@ double metresPerUnit(const std::map<std::string, ReadVolume>& volumes, const std
     const PlaceSpec& place = volume->place;
     if (place.kind == PlaceSpec::Kind::kUnit) return place.size;
     if (place.kind == PlaceSpec::Kind::kMap) return place.scale;
+    if (place.kind != PlaceSpec::Kind::kLike) break;
     const auto leader = volumes.find(place.like);
-    if (place.kind != PlaceSpec::Kind::kLike || leader == volumes.end()) break;
+    if (leader == volumes.end()) {
+      throw SceneError(path,
+                       "a length in metres needs the place of \"" + place.like +
+                           "\", but the scene has no such volume",
+                       "correct \"like\", or give the width in voxels");
+    }
     volume = &leader->second;
+  }
+  if (!volume->instances.empty()) {
+    throw SceneError(path, "a length in metres needs one \"place\", not \"instances\"",
+                     "give the width in voxels or in the file's unit, such as \"1.5 file\"");
   }
   throw SceneError(path, "a length in metres needs a \"place\" by unit or scale",
                    "give such a place, or the width in voxels or in the file's unit, such as "
@@ -582,7 +599,8 @@ const Table& table() {
                  "Limits of the work in a tick, and the accuracy of a tick.")
         .mayHold("play", playRows(), "Common playback of the scene's sequences.")
         .need("volumes",
-              jsonMap(volumeType().defined("volume", t.definitions), 1, "the scene has no volume",
+              jsonMap(volumeType().defined("volume", t.definitions), 1,
+                      "the scene has no volume, or \"volumes\" is not an object",
                       "write {\"name\": {\"file\": ...}}"),
               putVolumes)
         .may("fields",

@@ -115,10 +115,12 @@ TEST_CASE("palpate's watch of an arm shows its report bytes, rates, fields, join
     port.say({1, 0xE8, 0x03, 0x18, 0xFC, 0x00, 0x00});
     (void)watch.take(port, ms(1600 + i));
   }
-  CHECK_THAT(watch.picture(ms(2100)),
-             Contains("report 2, 1 byte: STOPPED, last received 0.50 s ago\n  02 01\n"));
+  CHECK_THAT(
+      watch.picture(ms(2100)),
+      Contains("report 2, 1 byte: NONE in the last 0.50 s, last received 0.50 s ago\n  02 01\n"));
   const std::string stopped = watch.picture(ms(4600));
-  CHECK_THAT(stopped, Contains("report 1, 6 bytes: STOPPED, last received 2.50 s ago"));
+  CHECK_THAT(stopped,
+             Contains("report 1, 6 bytes: NONE in the last 2.50 s, last received 2.50 s ago"));
   CHECK_THAT(stopped, Contains("m in the hand's world, 2.50 s ago\n"));
 
   // Special cases: a report too short for a field, an empty report, more kinds of reports than the

@@ -879,9 +879,9 @@ TEST_CASE(
     profile.home[1].seconds = 0.2;
     for (int i = 0; i < 3; ++i) pressed.giveCounts(0, 0, 0, 5);
     pressed.again = {0, 0, 0, 5};
-    CHECK_THROWS_WITH(
-        HidDevice(profile, std::make_unique<FakePort>(pressed), true),
-        Contains("it reported state = 5 from the start: release it first; then press the button"));
+    CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(pressed), true),
+                      Contains("it reported state = 5 from the start: release its button or switch "
+                               "first; then press the button"));
     // A state that the device sets by itself may already be set at the start.
     profile.home[1].words.clear();
     CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
@@ -1020,7 +1020,7 @@ TEST_CASE("the state of a switch expires when its HID report stops arriving", "[
   // The arm is not ready, because the state of the switch is not yet known.
   givePlace();
   CHECK_FALSE(device.read().ready);
-  CHECK_THAT(device.whyNotReady(), Contains("dead-man switch"));
+  CHECK_THAT(device.whyNotReady(), Contains("the report with held does not arrive"));
   giveSwitch(1);
   CHECK(device.read().ready);
   for (const double stops : {0.29, 0.31}) {

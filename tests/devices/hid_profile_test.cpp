@@ -399,8 +399,8 @@ TEST_CASE("a claim of a device waits for the guardian of a killed program and re
   const pid_t short_one = killed(300);
   CHECK_NOTHROW(claim(ours, file, say));
   REQUIRE(said.size() == 1);
-  CHECK(said[0] == file + ": the program that used it, " + std::to_string(short_one) +
-                       ", has ended: waiting for its guardian");
+  CHECK(said[0] == file + ": the program that used it (process " + std::to_string(short_one) +
+                       ") has ended: waiting for its guardian");
   CHECK(waitpid(short_one, nullptr, 0) == short_one);
   REQUIRE(flock(ours, LOCK_UN) == 0);
 
@@ -524,7 +524,7 @@ TEST_CASE(
   // The weight may take at most half of a motor's peak and of its continuous force.
   json["gravity"]["masses"][0]["mass"] = 1.0;
   CHECK_THAT(trouble(json), Contains("/gravity: fc needs 4.9 to carry the arm's masses, more than "
-                                     "half of its continuous limit of 5"));
+                                     "half of its limit of 5"));
   json["gravity"]["masses"][0]["mass"] = 0.1;
   Json& motor = json["kinematics"]["joints"][2];
   motor["heating"] = 10.0;
@@ -923,7 +923,7 @@ TEST_CASE("a profile of a PID device gives axis travel in metres and forces in n
   }
   Json slow = good;
   slow["rate"].erase("output");
-  CHECK_THAT(trouble(slow), Contains("\"output\" and rate/output are valid only together"));
+  CHECK_THAT(trouble(slow), Contains("\"pid\" needs rate/output"));
 }
 
 TEST_CASE("a PID profile is refused if it has an axis that the device lacks", "[profile][pid]") {
@@ -977,7 +977,7 @@ TEST_CASE("a PID device is refused while another program uses its force effects"
   CHECK_THROWS_WITH(
       refuseEffects("/dev/hidraw3", {node}),
       Contains("/dev/hidraw3: ") && Contains("(" + std::to_string(other) +
-                                             ") uses this arm's force effects through " + node));
+                                             ") can use this arm's force effects through " + node));
   kill(other, SIGKILL);
   waitpid(other, nullptr, 0);
   close(ready[0]);

@@ -112,7 +112,7 @@ TEST_CASE("the self-test names an arm's faults and their remedy", "[hid]") {
   says(tried(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move it");
   says(tried(good, {2000.0, 20.0}), "did not move it");
   const Run heavy = tried(good, {0, 0}, nullptr, {0, 0, -0.4});
-  says(heavy, "released, it moves to (0, 0, -1) by itself, with 0.399 N");
+  says(heavy, "released, it moves in direction (0, 0, -1) by itself, with 0.399 N");
   CHECK(heavy.result.weight == Approx(0.4).margin(0.01));
   CHECK(heavy.result.held);
   // The message distinguishes an arm that falls from an arm that rises because it carries too much

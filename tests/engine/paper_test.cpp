@@ -261,7 +261,7 @@ TEST_CASE("weak primitives of any kind give at most their summed strength, like 
   }
 }
 
-TEST_CASE("fig. 2 a: with orthogonal weak constraints both methods give the correct balance",
+TEST_CASE("fig. 2 a: weak orthogonal constraints give the correct balance, and so do weak planes",
           "[paper][fig2]") {
   Random random(3);
   for (int i = 0; i < 100; ++i) {

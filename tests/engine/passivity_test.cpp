@@ -292,7 +292,8 @@ TEST_CASE("the energy tank assumes the worst case of the jitter of position read
   (void)tank.pass(Vec3::Zero(), {speed * longest, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() <= 0.5 * speed * speed * longest + 1e-15);
   CHECK(tank.energy() > 0.99 * 0.5 * speed * speed * longest);
-  // With a force: a hand at rest may have moved with the force since its position was read.
+  // With a force: the reported position stays the same, but the force may have moved the hand since
+  // the position was read.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, 100.0);
   other.refill(10.0);

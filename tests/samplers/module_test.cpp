@@ -43,7 +43,7 @@ TEST_CASE("a missing module is reported with the package that contains it", "[mo
   const ModulesIn folder("/nowhere");
   CHECK(refusalOf(kOther) ==
         "--other: palpate_other.so is missing in /nowhere: install the package palpate-network, or "
-        "build palpate with libother-dev");
+        "build palpate with libother-dev, or unset PALPATE_MODULES");
 }
 
 TEST_CASE("without PALPATE_MODULES modules are searched only in the program's own lib folder",

@@ -233,7 +233,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
                   if (group.rank() == 1) input.identity = "another";
                 })
                  .first,
-             Contains("differs from that of rank 0"));
+             Contains("differ from those of rank 0"));
   CHECK_FALSE(fs::exists(out / "palpate.bricks"));
   const auto [why, kept] = by(4, [](ProcessGroup&, BrickInput&, BrickOptions&) {});
   CHECK(why == "no error");

@@ -258,8 +258,10 @@ TEST_CASE("a smoothed ball of distances shrinks only by its curvature and stays 
   CHECK(grid.activeVoxelCount() < ball->activeVoxelCount() * 12 / 10);
 }
 
-TEST_CASE("a surface that is smaller than the Gaussian leaves a level set without a trace",
-          "[samplers][smooth]") {
+TEST_CASE(
+    "smoothing removes a body that is smaller than the Gaussian, and is refused if no other body "
+    "is left",
+    "[samplers][smooth]") {
   const auto small =
       openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(0.5F, openvdb::Vec3f(0), 0.1F, 3.0F);
   small->setName("small");

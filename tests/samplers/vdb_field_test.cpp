@@ -607,7 +607,7 @@ TEST_CASE("B-splines reproduce polynomials of their degree and the derivatives, 
 }
 
 TEST_CASE(
-    "the error of a spline falls with its order, and that of its derivative with one order less",
+    "halved voxels divide the errors of value and gradient as the interpolation's order predicts",
     "[samplers][spline]") {
   struct Order {
     Interpolation interpolation;

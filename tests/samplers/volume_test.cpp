@@ -484,7 +484,7 @@ TEST_CASE("a grid of an unsupported type is described from its header but its tr
   writeVdb(folder / "a.vdb", {labels, block()});
   std::fstream file(folder / "a.vdb", std::ios::in | std::ios::out | std::ios::binary);
   const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  // Overwrites the whole tree, which begins after the last row (four numbers) of the transform.
+  // Overwrites the whole tree, which begins after the transform: 15 characters and 15 numbers.
   const auto transform = bytes.find("UniformScaleMap");
   const auto next = bytes.find("density", transform);
   REQUIRE(next < bytes.size());

@@ -256,7 +256,7 @@ class Parts(Case):
         self.assertGreater(parts["crowded_ticks"], 0)
         self.assertGreater(parts["missing_max"], 0)
         words = run("feel", scene, "--seconds", 5).stdout
-        self.assertIn("more than 64 parts touched the hand", words)
+        self.assertIn("more than 64 parts were near the hand", words)
 
 
 class Sample(Case):
@@ -446,7 +446,7 @@ class Check(Case):
         (line,), found, _ = edge()
         share = f"{100 * found['open_cells'] / found['surface_cells']:.2g}"
         self.assertRegex(line, r"^edge      tip: in \d+ cells the surface reaches the edge of its data \(" + share +
-                               r" % of the surface is not felt\), first at \(.*\): there the force drops to zero "
+                               r" % of the surface is not felt\), first at \(.*\) m: there the force drops to zero "
                                r"within one tick: use a wider band or a larger volume$")
         self.assertIn(f" {found['open_cells']} cells", line)
         self.assertGreater(found["open_cells"], 1000)
@@ -1082,7 +1082,7 @@ class Interrupted(Case):
     def test_an_interrupted_make_writes_no_file(self):
         for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self.assertEqual(self.end(how, "make", "wind-tunnel", "a.vdb", "--voxel", 0.002),
-                             "palpate: interrupted: no output was written\n")
+                             "palpate: interrupted: unfinished output was not written\n")
 
     def test_a_signal_that_was_ignored_at_the_start_stays_ignored(self):
         """nohup makes a run ignore SIGHUP."""

@@ -354,7 +354,7 @@ class Press(Touch):
         self.assertAlmostEqual(wall["let_go_at"], 0.014)
         said = run("press", self.dir / "touch.json", "--at", words(MIDDLE), "--along",
                    words(along(INTO, 0.014)), "--speed", 14).stdout
-        self.assertIn("wall: no contact; yielded at 14 mm within a tick; released at 14 mm", said)
+        self.assertIn("wall: yielded at 14 mm within a tick; released at 14 mm", said)
 
     def test_a_drag_dissipates_all_work_that_is_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
@@ -620,7 +620,7 @@ class NearParts(Touch):
                 child.send_signal(how)
                 _, said = child.communicate(timeout=60)
                 self.assertEqual(child.returncode, 130)
-                self.assertIn("interrupted: no output was written", said)
+                self.assertIn("interrupted: unfinished output was not written", said)
                 self.assertEqual(sorted(os.listdir(self.dir)), before)
 
     def test_a_stability_map_does_not_overwrite_its_scene(self):

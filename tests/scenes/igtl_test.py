@@ -354,7 +354,8 @@ class IgtlTest(unittest.TestCase):
         time.sleep(0.3)
         client.send("IMAGE", "head", image(values, SIZE))
         client.send("STRING", "PalpateCommand", string("cut"))
-        self.assertEqual(client.until("STATUS"), (6, "IMAGE head: another image is still loading: send it again"))
+        self.assertEqual(client.until("STATUS"),
+                         (6, "IMAGE head: another image is still loading: send this image again"))
         self.assertEqual(client.until("STATUS")[0], 1)
         client.state("cut")
         run.end()

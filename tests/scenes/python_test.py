@@ -95,7 +95,8 @@ def test_integers_that_a_double_cannot_hold_exactly_give_a_warning():
         warnings.simplefilter("error")
         assert palpate.volume(counts).info["highest"] == 2**53
         counts[2, 2, 2] += 1
-        with pytest.raises(UserWarning, match="counts: integers above 9,007,199,254,740,992 are rounded"):
+        with pytest.raises(UserWarning, match="counts: integers with a magnitude above 9,007,199,254,740,992 are "
+                                              "rounded"):
             palpate.volume(counts, name="counts")
     for value, dtype in ((-2**53 - 1, "i8"), (2**64 - 1, "u8")):
         with pytest.warns(UserWarning, match="are rounded"):
@@ -292,7 +293,8 @@ try:
 except palpate.Error as e:
     print(e)
 """)
-    assert told == "memory: the call needs more memory than is available: split the work into smaller calls\n"
+    assert told == ("memory: the call needs more memory than is available: "
+                    "split the work into smaller calls, or use smaller volumes\n")
 
 
 @pytest.mark.parametrize("work", [

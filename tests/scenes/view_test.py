@@ -282,7 +282,7 @@ wait
         env = {**self.env, "MESA_GL_VERSION_OVERRIDE": "2.1"}
         env.pop("DISPLAY", None)
         done = self.still("--seconds", "0.1", "--picture", "still.png", env=env, status=2)
-        self.assertRegex(done.stderr, r"palpate: display: its OpenGL is older than 3\.2: .*\n"
+        self.assertRegex(done.stderr, r"palpate: display: its OpenGL does not start or is older than 3\.2: .*\n"
                          r"palpate: \S+: the picture was not drawn: its exit status is 2: .*\n$")
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
@@ -297,7 +297,7 @@ wait
         self.assertRegex(done.stderr, r"^palpate: .*still\.gif: it is not named \.png: .*\n$")
         bare = {**self.env, "PATH": str(self.dir), "DISPLAY": ":7777"}
         done = self.still("--seconds", "0.1", "--picture", "still.png", env=bare, status=2)
-        self.assertRegex(done.stderr, r"palpate: display: :7777 does not answer: install xvfb")
+        self.assertRegex(done.stderr, r"palpate: display: :7777 cannot be opened: install xvfb")
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
 
@@ -848,7 +848,7 @@ class Lost(Window):
         self.env["DISPLAY"] = ":7777"
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.goes_on(feel)
-        self.assertRegex(self.said(), r"palpate: display: :7777 does not answer: run palpate view on a desktop "
+        self.assertRegex(self.said(), r"palpate: display: :7777 cannot be opened: run palpate view on a desktop "
                          r"with OpenGL, or add --picture FILE\.png\n")
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
 

@@ -259,7 +259,7 @@ std::string edgeRemark(const OrderedJson& edge) {
   const double share = static_cast<double>(open) / edge["surface_cells"].get<double>();
   return fmt::format(
       "in {} cells the surface reaches the edge of its data ({:.2g} % of the surface is not felt), "
-      "first at {}: there the force drops to zero within one tick: use a wider band or a larger "
+      "first at {} m: there the force drops to zero within one tick: use a wider band or a larger "
       "volume",
       open, 100.0 * share, placeText(edge["open_at"]));
 }

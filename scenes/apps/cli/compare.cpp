@@ -165,7 +165,7 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
     return;
   }
   if (d.other_hand) {
-    say("inputs    differ from tick {} on ({} s): {}\n", d.other_hand->tick,
+    say("inputs    differ, first in tick {} ({} s): {}\n", d.other_hand->tick,
         rounded(d.other_hand->time), d.given);
   }
   if (d.differing == 0) {
@@ -181,11 +181,12 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   say("force     differs by at most {}, proxy by at most {}\n", by(d.force.value, "N"),
       by(1e3 * d.proxy.value, "mm"));
   for (const auto& [word, counts] : d.statuses) {
-    if (counts[0] != counts[1]) say("status    {}: {}, {} ticks\n", word, counts[0], counts[1]);
+    if (counts[0] == counts[1]) continue;
+    say("status    {}: {} ticks in A, {} in B\n", word, counts[0], counts[1]);
   }
   if (d.force.tick && d.force.value > 0.0) {
     const RecordedTick& most = *d.force.tick;
-    say("largest   in tick {} ({} s), hand at {}, proxy at {}: {} N in A; B differs by {}\n",
+    say("largest   in tick {} ({} s), hand at {} m, proxy at {} m: {} N in A; B differs by {}\n",
         most.tick, rounded(most.time), placeWords(vector(most.hand)),
         placeWords(vector(most.proxy)), rounded(vector(most.force).norm()), by(d.force.value, "N"));
   }

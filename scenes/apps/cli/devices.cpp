@@ -125,9 +125,12 @@ int show(const DevicesOptions& options) {
     const Legible ever = motor.continuous < motor.room
                              ? words(", {} continuously", rounded(motor.continuous))
                              : words("");
-    say("  {} N at the centre needs at most {} from {}, which gives at most {}{}{}\n",
+    say("  {} N at the centre needs at most {} from {}, which gives at most {}{} (in the field's "
+        "unit){}\n",
         rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room), ever,
-        motor.asked > motor.continuous ? ": the force is reduced there" : "");
+        motor.asked > motor.room         ? ": the force is reduced there"
+        : motor.asked > motor.continuous ? ": the force is reduced when the motor is hot"
+                                         : "");
   }
   if (!profile.masses.empty()) {
     say("  at the centre the motors carry {} N of the arm's weight at the tip, ({}, {}, {})",
@@ -186,7 +189,8 @@ Listing findAll() {
   all.plugins = findPlugins();
   for (const HidDeviceName& device : listHid()) {
     if (device.vendor != kTeensyMaker || device.product != kTeensyBoot) continue;
-    all.others.push_back(device.path + ": a Teensy without a program: load its firmware");
+    all.others.push_back(device.path +
+                         ": a Teensy in its bootloader: load its firmware, or plug it in again");
   }
   return all;
 }
@@ -290,8 +294,8 @@ void sayLimits(const ShownLimits& limits) {
 }
 
 void sayUntested(const std::string& device) {
-  say("  untested: limited to {} N and {} N/m: run palpate devices --test {}\n", kUntestedForce,
-      kUntestedStiffness, device);
+  say("  untested: limited to at most {} N and {} N/m: run palpate devices --test {}\n",
+      kUntestedForce, kUntestedStiffness, device);
 }
 
 void sayPluginArm(const FoundPlugin& plugin, const FoundPluginArm& arm) {
@@ -515,7 +519,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   verb->add_option(
       "--ruler", options->ruler,
       "Length by which you move the tip along a ruler on each axis, to measure the scale [m] "
-      "(default 0.1, less for a small arm; 0: skip this, and the arm stays limited)");
+      "(default 0.1, less for a small arm; 0: skip this, and an untested arm stays limited to "
+      "at most 1 N and 100 N/m)");
   verb->add_flag("-v,--verbose", options->verbose,
                  "With --test: also print the numbers behind the stability margin");
   verb->add_flag("--json", options->json, "Print JSON");

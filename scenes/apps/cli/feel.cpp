@@ -254,7 +254,8 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
       ->take_all()
       ->type_name("D");
   verb->add_option("--seconds", options->seconds,
-                   "Length of the run [s] (default: 10, or to the end of the path)");
+                   "Length of the run [s] (default: 10; with --igtl: until Ctrl-C; with only paths "
+                   "or recordings as hands: to the end of each)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   verb->add_option(
       "--speed", options->speed,
@@ -299,11 +300,14 @@ void addView(CLI::App& app, std::function<int()>& body) {
                    "repeat for several hands: the window draws the first")
       ->take_all()
       ->type_name("D");
-  verb->add_option("--speed", options->speed,
-                   "Speed of a recorded hand; 1 is the original speed (default 1)");
+  verb->add_option(
+      "--speed", options->speed,
+      "Speed of a recorded hand; 1 is the original speed (default 1; with --picture: as fast as "
+      "possible)");
   verb->add_option(
       "--seconds", options->seconds,
-      "Length of the run [s] (default: until the window is closed; with --picture: 10)");
+      "Length of the run [s] (default: until the window is closed, at most to the end of paths and "
+      "recordings; with --picture and another hand: 10)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   addReengage(*verb, *options);
   addSite(*verb, *options);

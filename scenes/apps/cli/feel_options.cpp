@@ -83,11 +83,19 @@ void checkRecordings(const FeelOptions& options) {
   }
 }
 
+/// Returns the remedy for an option that needs real time. `palpate view` has no --realtime, and
+/// recorded hands cannot run in real time.
+std::string remedyWithoutRealtime(const FeelOptions& options, const std::string& option) {
+  const bool replayed = std::any_of(options.devices.begin(), options.devices.end(), isReplay);
+  return options.window || replayed ? "leave out " + option : "add --realtime";
+}
+
 void checkSite(const FeelOptions& options) {
   if (!options.site.empty()) {
     (void)siteFrom(options.site, options.with);
     if (!options.realtime) {
-      throw Error("--site", "hands at other sites are linked only in real time", "add --realtime");
+      throw Error("--site", "hands at other sites are linked only in real time",
+                  remedyWithoutRealtime(options, "--site"));
     }
     if (!options.devices.empty() && options.devices[0] == "igtl") {
       throw Error("--site", "a site shares its first hand, and 3D Slicer must not move that hand",
@@ -110,8 +118,8 @@ void checkIgtl(const FeelOptions& options) {
   }
   if (options.igtl.empty()) return;
   if (!options.realtime) {
-    throw Error("--igtl", "a run in virtual time ends before a client can connect",
-                options.window ? "leave out --igtl" : "add --realtime");
+    throw Error("--igtl", "only a run in real time serves clients",
+                remedyWithoutRealtime(options, "--igtl"));
   }
   if (!(options.igtl_rate >= 1.0 && options.igtl_rate <= kIgtlMostRate)) {
     throw Error("--igtl-rate",
@@ -165,12 +173,12 @@ void checkFeelOptions(const FeelOptions& options) {
   checkRecordings(options);
   checkSite(options);
   if (options.watch && !options.realtime) {
-    throw Error("--watch", "a run in virtual time ends before the file can change",
-                "add --realtime");
+    throw Error("--watch", "only a run in real time reloads the scene file",
+                remedyWithoutRealtime(options, "--watch"));
   }
   if (options.reengage && !options.realtime) {
     throw Error("--reengage", "in virtual time no tick is late",
-                options.window ? "leave out --reengage" : "add --realtime");
+                remedyWithoutRealtime(options, "--reengage"));
   }
   checkIgtl(options);
 }
@@ -181,9 +189,13 @@ double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,
     return dynamic_cast<const ReplayDevice&>(*device).recording().setting().rate;
   };
   const double rate = rate_of(devices[0]);
-  const auto other = [&](const auto& device) { return rate_of(device) != rate; };
-  if (std::any_of(devices.begin(), devices.end(), other)) {
-    throw Error("--device", "the recordings have different rates", "replay them one by one");
+  for (std::size_t h = 1; h < devices.size(); ++h) {
+    if (rate_of(devices[h]) == rate) continue;
+    throw Error("--device",
+                fmt::format("the recordings have different rates: {} Hz in {}, {} Hz in {}", rate,
+                            fileOfReplay(options.devices[0].substr(7)), rate_of(devices[h]),
+                            fileOfReplay(options.devices[h].substr(7))),
+                "replay them one by one");
   }
   if (options.rate != FeelOptions{}.rate && options.rate != rate) {
     throw Error("--rate", fmt::format("the hand was recorded at {} Hz", rate), "leave out --rate");

@@ -100,9 +100,11 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
     return Vec3(most[key][0].get<double>(), most[key][1].get<double>(), most[key][2].get<double>());
   };
   const bool again = !most["at"].is_null();
-  say("strongest {} N after {} s, mainly from {}{}\n", rounded(most["force"].get<double>()),
-      rounded(most["time"].get<double>()), most["mode"].get<std::string>(),
-      again ? ": to explain it, run:" : "");
+  // Felt::add counts the force in a fast move half, so this force may not be the largest one.
+  const bool larger = summary["force_max"].get<double>() > most["force"].get<double>();
+  say("strongest {} N after {} s{}, mainly from {}{}\n", rounded(most["force"].get<double>()),
+      rounded(most["time"].get<double>()), larger ? " (a force in a fast move counts half)" : "",
+      most["mode"].get<std::string>(), again ? ": to explain it, run:" : "");
   if (again) say("{}\n", sentence(explainLine(scene, {place("at"), place("push")})));
 }
 

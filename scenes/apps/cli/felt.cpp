@@ -29,8 +29,8 @@ Legible modeWords(const OrderedJson& mode) {
   text += words("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
                 mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
   const OrderedJson& at = mode["at"];
-  text +=
-      words(" at {}", placeWords({at[0].get<double>(), at[1].get<double>(), at[2].get<double>()}));
+  text += words(" at {} m",
+                placeWords({at[0].get<double>(), at[1].get<double>(), at[2].get<double>()}));
   if (mode["pushed_through"].get<int>() > 0) {
     text += words(", pushed through {} times", mode["pushed_through"].get<int>());
   }
@@ -377,14 +377,18 @@ Legible Felt::words() const {
   text += cli::words("balance   {} % closed form, {} iterations a tick; error at most {} m\n",
                      rounded(100.0 * static_cast<double>(closed_form_) / ticks), mean("iterations"),
                      rounded(bound_max_));
+  std::int64_t faults = 0;
+  for (std::size_t i = 1; i < kFaults; ++i) faults += faults_[i];
   text += cli::words(
       "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {} ticks; {} "
       "faults\n",
       rounded(force_max_), kStrong, rounded(100.0 * static_cast<double>(strong_) / ticks), limited_,
-      statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
+      faults);
   if (coarse_ > 0) {
-    text += cli::words("coarse    coarser data replaced missing data in {} % of the ticks\n",
-                       rounded(100.0 * static_cast<double>(coarse_) / ticks));
+    text += cli::words(
+        "coarse    coarser data replaced missing data, or another frame replaced a missing frame, "
+        "in {} % of the ticks\n",
+        rounded(100.0 * static_cast<double>(coarse_) / ticks));
   }
   if (still_ > 0) {
     text += cli::words("still     the encoder counts did not change: the force faded in {} ticks\n",
@@ -406,8 +410,8 @@ Legible Felt::partsWords(const OrderedJson& parts) const {
                             parts["all"].get<std::int64_t>(), most_near_);
   if (crowded_ > 0) {
     text += cli::words(
-        "crowded   more than {} parts touched the hand in {} ticks: only the strongest were used; "
-        "the force error was at most {} N\n",
+        "crowded   more than {} parts were near the hand in {} ticks: only the strongest were "
+        "used; the force error was at most {} N\n",
         kMaxNearParts, crowded_, rounded(missing_));
   }
   return text;

@@ -152,14 +152,16 @@ int main(int argc, char** argv) {
     cli::complain(e.what());
     return cli::kBadInput;
   } catch (const cli::Interrupted&) {
-    cli::complain("interrupted: no output was written");
+    cli::complain("interrupted: unfinished output was not written");
     return cli::kInterrupted;
   } catch (const std::bad_alloc&) {
-    cli::complain("memory: not enough memory is available: use a smaller volume");
+    cli::complain(
+        "memory: not enough memory is available: use smaller data, or end other programs");
     return cli::kEndedEarly;
   } catch (const std::filesystem::filesystem_error& e) {
-    cli::complain(fmt::format("{}: the file system reports an error ({}): check the path",
-                              e.path1().string(), e.code().message()));
+    cli::complain(
+        fmt::format("{}: the file system reports an error ({}): check the path and its permissions",
+                    e.path1().string(), e.code().message()));
     return cli::kBadInput;
   } catch (const std::system_error& e) {
     const bool output = std::ferror(stdout) != 0;

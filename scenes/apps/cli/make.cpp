@@ -45,12 +45,16 @@ int make(const MakeOptions& options) {
     sayJson(json);
     return kDone;
   }
+  std::string unit;
+  for (const MadeVolume& volume : madeVolumes()) {
+    if (volume.name == options.name) unit = volume.length_unit;
+  }
   say("{}:\n", options.out);
   for (const MadeGrid& grid : grids) {
-    say("  {}{}: {}{}, {} active voxels, voxel size {}\n", grid.name,
+    say("  {}{}: {}{}, {} active voxels{}, voxel size {} {}\n", grid.name,
         grid.frames > 1 ? fmt::format("[0] to [{}]", grid.frames - 1) : "", sentence(grid.what),
         grid.value_unit.empty() ? "" : " [" + grid.value_unit + "]", grid.active_voxels,
-        rounded(grid.voxel));
+        grid.frames > 1 ? " each" : "", rounded(grid.voxel), unit);
   }
   return kDone;
 }

@@ -39,7 +39,7 @@ File scratch() {
   if (!file) {
     throw Error("temporary files",
                 std::string("no file can be created (") + std::strerror(errno) + ")",
-                "make room in /tmp");
+                "make room in /tmp, or make it writable");
   }
   return file;
 }

@@ -307,14 +307,20 @@ std::string millimetres(const OrderedJson& metres) {
 }
 
 void printPressed(const OrderedJson& mode) {
-  std::string text = "no contact";
+  const OrderedJson& yield = mode["yield"];
+  const double held = mode["held_max"].get<double>();
+  constexpr double kNewtons = 1e-6;  // [N]: smaller forces are rounding errors
+  std::string text;
   if (!mode["touched_at"].is_null()) {
     text = fmt::format("contact from {}, load up to {} N", millimetres(mode["touched_at"]),
-                       shown(mode["held_max"].get<double>()));
+                       shown(held));
+  } else if (held > kNewtons) {
+    text = fmt::format("contact only on the way out, load up to {} N", shown(held));
+  } else if (yield.is_null()) {
+    text = "no contact";
   }
-  const OrderedJson& yield = mode["yield"];
   if (!yield.is_null()) {
-    text += "; yielded at " + millimetres(yield["depth"]);
+    text += (text.empty() ? "yielded at " : "; yielded at ") + millimetres(yield["depth"]);
     text += yield["force"].is_null()
                 ? " within a tick"
                 : fmt::format(" under {} N", shown(yield["force"].get<double>()));
@@ -330,9 +336,12 @@ void printPress(const OrderedJson& json) {
   say("force     at most {} N, at {} moving {}; the limiter acted in {} ticks\n",
       of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
       json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
-  say("stiffness {}\n", json["stiffness"].is_null()
-                            ? "not measured"
-                            : of(json["stiffness"]) + " N/m up to the first yield");
+  const bool yielded =
+      std::any_of(json["modes"].begin(), json["modes"].end(),
+                  [](const OrderedJson& mode) { return !mode["yield"].is_null(); });
+  say("stiffness {}\n", json["stiffness"].is_null() ? "not measured"
+                        : yielded ? of(json["stiffness"]) + " N/m up to the first yield"
+                                  : of(json["stiffness"]) + " N/m on the way in");
   for (const OrderedJson& mode : json["modes"]) printPressed(mode);
   say("energy    {} J in, {} J returned: hysteresis {} J\n", of(json["work_in"]),
       of(json["work_out"]), of(json["hysteresis"]));
@@ -347,7 +356,8 @@ Way wayOf(const PressOptions& options) {
   way.along = readVector("--along", options.along);
   checkReach("--along", way.at + way.along);
   if (!(way.length() > 1e-9)) {
-    throw Error("--along", "its length is the depth, and it is zero",
+    throw Error("--along",
+                fmt::format("its length is the depth, and {} m is not above 1e-9 m", way.length()),
                 "give metres, for example 0,0,-0.01");
   }
   if (!(options.speed > 0.0) || !std::isfinite(options.speed)) {
@@ -356,7 +366,7 @@ Way wayOf(const PressOptions& options) {
   }
   const double steps = std::ceil(way.length() * options.rate / options.speed * (1.0 - 1e-12));
   if (!(steps <= kMostSteps)) {
-    throw Error("--speed", fmt::format("the path takes more than {} ticks", kMostSteps),
+    throw Error("--speed", fmt::format("each way of the path takes more than {} ticks", kMostSteps),
                 "press faster, less deep or at a lower rate");
   }
   way.steps = std::max(1, static_cast<int>(steps));

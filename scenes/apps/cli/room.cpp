@@ -54,8 +54,9 @@ std::string roomWords(const OrderedJson& room) {
   const std::string name = room["device"].get<std::string>();
   const std::string arm = name == "simulated" ? "the simulated arm" : name;
   if (swingsUp(room)) {
-    return fmt::format("stiffness {}: unstable on {}, even while held: use less than {}", asked,
-                       arm, newtons("stable"));
+    return fmt::format(
+        "stiffness {}: unstable on {}, even while held: use {}", asked, arm,
+        room["stable"].get<double>() > 0.0 ? "less than " + newtons("stable") : "less damping");
   }
   const auto passive = room["passive"].get<double>();
   if (room["stiffness"].get<double>() <= passive) {

@@ -67,7 +67,8 @@ Script::Script(const std::string& name, const std::string& option)
     script_ = programFolder().parent_path() / "share" / "palpate" / name;
   }
   if (run({script_.string(), "--check"}, "", STDERR_FILENO) != 0) {
-    throw Error(option, "python3 with matplotlib is not installed", "install python3-matplotlib");
+    throw Error(option, "/usr/bin/python3 with matplotlib is missing or does not start",
+                "install python3-matplotlib, or correct the error that python3 has printed");
   }
 }
 
@@ -76,8 +77,13 @@ void Script::draw(const OrderedJson& json, const WholeFile& file, const std::str
   std::vector<std::string> command{script_.string()};
   command.insert(command.end(), arguments.begin(), arguments.end());
   const auto progress = showProgress("drawing");
-  if (run(command, dump(json), file.descriptor()) != 0) {
-    throw Error(path, "the picture could not be drawn", "read the message of matplotlib above");
+  const int status = run(command, dump(json), file.descriptor());
+  if (status < 0) {
+    throw Error(path, "the picture could not be drawn, because python3 was killed or did not start",
+                "end other programs, and try again");
+  }
+  if (status > 0) {
+    throw Error(path, "the picture could not be drawn", "read the message of python3 above");
   }
 }
 

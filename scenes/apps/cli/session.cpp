@@ -31,7 +31,7 @@ class OnTime {
     plugging_ = zero.version;
     thread_.emplace(*hand_.device, params, &hand_.log);
     if (!thread_->realtime().refused.empty()) {
-      sayAside("{}: {}: the loop runs without it\n", name_, thread_->realtime().refused);
+      sayAside("{}: the loop runs without {}\n", name_, thread_->realtime().refused);
     }
   }
   [[nodiscard]] HapticThread& thread() { return *thread_; }
@@ -83,10 +83,14 @@ class OnTime {
     hand_.drain();
     const std::int64_t lost = hand_.log.lost();
     if (lost > 0) {
+      const bool traced = !run_.options.trace.empty();
+      const char* const from = !traced                    ? "picture"
+                               : hand_.picture != nullptr ? "trace and the picture"
+                                                          : "trace";
       complain(
-          fmt::format("{}: {} rows of the trace were lost, because writing was too slow: use a "
-                      "lower rate or a faster disk",
-                      name_, lost));
+          fmt::format("{}: {} ticks were lost from the {}, because the disk or the processor was "
+                      "too slow: use a lower rate or a faster disk, or end other programs",
+                      name_, lost, from));
     }
     const RealtimeReport& got = thread_->realtime();
     hand_.granted = {{"priority", got.priority},
@@ -257,7 +261,9 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   const bool known = options.with.empty() || !options.site_keys.empty();
   params.scene = shares_ = known && !options.own_scene && !from.text.empty();
   if (!known && options.watch && !options.own_scene) {
-    complain("feel: edits are not sent to sites on other machines: add --site-keys");
+    complain(
+        "feel: edits are neither sent nor received, because --with is given without --site-keys: "
+        "add --site-keys");
   } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }
@@ -363,9 +369,11 @@ void runAgain(const Run& run, const ScenesById& scenes) {
         const Scene* next = id == 0 ? nullptr : run.scene.get();
         if (found != scenes.end()) next = found->second.scene.get();
         if (id != 0 && found == scenes.end() && !scenes.empty()) {
-          complain(
-              fmt::format("feel: tick {}: its scene is not in the recording: {} is used instead",
-                          told.tick, run.from.file));
+          complain(fmt::format(
+              "{}: tick {}: its scene is not in the recording: the first scene of {} is used "
+              "instead",
+              run.nameOf(static_cast<std::size_t>(&hand - run.hands.data())), told.tick,
+              run.options.scene));
         }
         if (next != nullptr && next != run.scene.get() && next != scene) {
           hand->log.expect(*next, {});

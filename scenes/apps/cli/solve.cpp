@@ -47,7 +47,7 @@ Primitive readPrimitive(const Json& json, const std::string& name) {
   if (!json.is_object()) throw LineError(name + " is not an object");
   onlyKeys(json, {"kind", "position", "direction", "strength"}, name + ": ");
   if (!json.contains("kind") || !json["kind"].is_string())
-    throw LineError(name + ".kind is missing");
+    throw LineError(name + ".kind is missing or is not a string");
   Primitive p;
   const auto kind = json["kind"].get<std::string>();
   bool known = false;
@@ -82,6 +82,8 @@ OrderedJson answer(const std::string& line) {
       if (depth > 16) throw LineError("the JSON is nested too deeply");
       return true;
     });
+  } catch (const Json::out_of_range&) {
+    throw LineError("a number on the line is too large");
   } catch (const Json::exception&) {
     throw LineError("the line is not valid JSON");
   }

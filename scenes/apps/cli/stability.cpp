@@ -82,7 +82,8 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
   }
   if (contact.primitives.empty()) {
     throw Error(options.scene,
-                fmt::format("an exploring hand met no force of {} N, a fifth of --load, or more",
+                fmt::format("an exploring hand met no force of {} N, a fifth of --load, or more in "
+                            "a tick that converged",
                             rounded(0.2 * load)),
                 "reduce --load, or run palpate check to see where the volumes are");
   }
@@ -185,7 +186,8 @@ void check(const StabilityOptions& options) {
     throw Error(
         "--delay",
         fmt::format("{} s is {} ticks", options.delay, rounded(options.delay * options.rate)),
-        fmt::format("give at most {} ticks, or a lower rate", kMostPeriods));
+        fmt::format("give at most {} s ({} ticks), or a lower --rate",
+                    rounded(kMostPeriods / options.rate), kMostPeriods));
   }
   // At a larger angle the hand touches neither plane.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0, "degrees");
@@ -373,8 +375,8 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--planes", o->planes,
                    "Two planes instead of a wall, with this angle between them [degrees]");
   verb->add_option("--device", o->device,
-                   "hid:PROFILE: uses the measured rate, mass, friction, encoder step and delay of "
-                   "this arm, which must have passed `palpate devices --test`");
+                   "hid:PROFILE: uses rate and encoder step of the profile, and mass, friction and "
+                   "delay that `palpate devices --test` has measured");
   verb->add_option(
       "--map", o->map,
       "Writes the map: a name for .json, .png and .svg files, or a file with one of these endings");

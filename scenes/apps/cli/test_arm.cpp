@@ -53,7 +53,8 @@ std::optional<Vec3> atEnter(Arm& arm) {
     if (key != '\n') continue;
     const bool old = hand.age > arm.info().watch.stale;
     if (!hand.ready || hand.fault != Fault::kNone || old || !hand.position.allFinite()) {
-      const Fault fault = old ? Fault::kStale : hand.fault;
+      const bool lost = hand.fault == Fault::kNone && !hand.position.allFinite();
+      const Fault fault = old ? Fault::kStale : lost ? Fault::kNotFinite : hand.fault;
       complain("devices: the arm is not ready: " +
                (fault == Fault::kNone ? arm.whyNotReady()
                                       : wordsFor(fault) + std::string(": ") + remedyFor(fault)) +
@@ -83,7 +84,7 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   }
   complain(
       fmt::format("devices: hold the tip still at a place with {} m of free path along {} (the "
-                  "profile's mount defines these directions), and press Enter",
+                  "profile's mount, or the plug-in, defines these directions), and press Enter",
                   ruler, ways));
   std::optional<Vec3> from = atEnter(arm);
   for (int a = 0; a < 3 && from; ++a) {
@@ -310,14 +311,14 @@ void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, 
   if (!ruled) {
     complain(
         fmt::format("devices: the arm has passed, but its scale was not measured, so the arm stays "
-                    "limited to {} N and {} N/m: repeat the test with a ruler",
+                    "limited to at most {} N and {} N/m: repeat the test with a ruler",
                     kUntestedForce, kUntestedStiffness));
     return;
   }
   if (identity.own.empty()) {
     complain(
         fmt::format("devices: the arm has passed, but has neither a serial number nor a port to "
-                    "identify it: it stays limited to {} N and {} N/m",
+                    "identify it: the arm stays limited to at most {} N and {} N/m",
                     kUntestedForce, kUntestedStiffness));
     return;
   }
@@ -379,7 +380,7 @@ int testArm(const DevicesOptions& options) {
   }
   complain(
       fmt::format("devices: let go of the arm within a second{}: the test pushes it with at most "
-                  "{} N by a few centimetres for 25 s; Ctrl-C ends the test",
+                  "{} N by a few centimetres for about 25 s; Ctrl-C ends the test",
                   arm->traits().carries ? " (its motors carry its weight)" : "", force));
   Tested tested = run(*arm, guardian, force);
   if (ruled) tested.result.scale = ruled->scale;

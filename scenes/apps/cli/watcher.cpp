@@ -121,10 +121,13 @@ void Watcher::tellOfEdits(const Made& made) {
   refused_edits_ = {made.refused.begin(), made.refused.end()};
   const SharedEdits& before = shared_->felt();
   const SharedEdits& now = made.shared->felt();
+  SharedEdits tried;  // all edits that differ from the file
+  for (const SharedEdits& edit : made.shared->inOrder(1)) tried.insert(edit.begin(), edit.end());
   std::map<std::string, std::vector<SharedKey>> changed;
   for (const auto& [key, edit] : made.shared->edits()) {
     const auto old = before.find(key);
     const auto one = now.find(key);
+    if (one == now.end() && tried.contains(key)) continue;  // rejected: in made.refused
     const bool same = old == before.end() || one == now.end()
                           ? (old == before.end()) == (one == now.end())
                           : old->second == one->second;

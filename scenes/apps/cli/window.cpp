@@ -27,7 +27,8 @@ std::string programPath() {
   throw Error("palpate-view",
               error == ENOENT ? "this program, which draws the window, is not installed"
                               : std::strerror(error),
-              "install the package palpate-view, or build with VTK");
+              error == ENOENT ? "install the package palpate-view, or build with VTK"
+                              : "check its permissions, or end other programs");
 }
 
 /// Example: "it was ended by signal 9 (Killed)".
@@ -111,8 +112,9 @@ void Window::draw(const std::string& scene, const std::string& picture) {
     throw Interrupted{};
   }
   if (*status != 0) {
-    throw Error("palpate-view", "the picture was not drawn: " + endOf(*status),
-                "read its message above");
+    throw Error(
+        "palpate-view", "the picture was not drawn: " + endOf(*status),
+        WIFEXITED(*status) ? "read its message above" : "end other programs, and try again");
   }
 }
 

@@ -52,7 +52,7 @@ void endNow(int /*signal*/) {
     if (const char* file = place.load()) unlink(file);
   }
   constexpr std::string_view kClear = "\r\x1b[K";
-  constexpr std::string_view kSaid = "palpate: interrupted: no output was written\n";
+  constexpr std::string_view kSaid = "palpate: interrupted: unfinished output was not written\n";
   if (line_shown) (void)!write(STDERR_FILENO, kClear.data(), kClear.size());
   (void)!write(STDERR_FILENO, kSaid.data(), kSaid.size());
   _exit(kInterrupted);
@@ -209,8 +209,9 @@ WholeFile::~WholeFile() {
 
 void WholeFile::write(const std::string& text) {
   if (std::fwrite(text.data(), 1, text.size(), file_) != text.size()) {
-    throw Error(path_.string(), std::string("writing failed (") + std::strerror(errno) + ")",
-                "make room on the disk");
+    const std::string why = std::string("writing failed (") + std::strerror(errno) + ")";
+    if (file_ == stdout) throw Error("standard output", why, "check the disk or the pipe");
+    throw Error(path_.string(), why, "make room on the disk, or choose another disk");
   }
 }
 
@@ -233,13 +234,15 @@ void WholeFile::commit() {
   }
   std::FILE* file = std::exchange(file_, nullptr);
   const bool flushed = std::fclose(file) == 0;
+  std::string why = flushed ? "" : std::strerror(errno);
   std::error_code error;
   if (flushed) std::filesystem::rename(partial_, path_, error);
+  if (error) why = error.message();
   const bool whole = flushed && !error;
   if (!whole) std::remove(partial_.c_str());
   forgetPartial(partial_);
   if (!whole) {
-    throw Error(path_.string(), "the file could not be completed",
+    throw Error(path_.string(), "the file could not be completed (" + why + ")",
                 "check the disk and its permissions");
   }
 }
@@ -261,6 +264,9 @@ void checkOutputsApart(const std::vector<std::string>& outputs,
     for (std::size_t j = 0; j < i; ++j) {
       if (outputs[i].empty() || outputs[j].empty() || !isSamePlace(outputs[i], outputs[j])) {
         continue;
+      }
+      if (outputs[i] == "-") {
+        throw Error("standard output", "two outputs would be mixed", "send only one of them there");
       }
       throw Error(outputs[i], "two outputs are the same file", "give each output its own file");
     }

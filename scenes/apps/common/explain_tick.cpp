@@ -109,12 +109,14 @@ OrderedJson because(const ExplainedTick& tick) {
   json.push_back(loadsSentence(tick));
   json.push_back(forceSentence(tick));
   if (status == StepStatus::kSubstepLimit) {
+    const bool waits = !(tick.report.proxy - tick.hand).isZero(0.0);
     json.push_back(
-        "The proxy has not arrived: the push is longer than the sub-steps of one tick allow, and "
-        "the rest of the path waits for the next tick.");
+        waits ? "The proxy has not arrived within the sub-steps and iterations that one tick "
+                "allows: the rest of the path waits for the next tick."
+              : "The tick has reached its limit of sub-steps or iterations: the proxy is at the "
+                "hand, and may have passed a surface without contact.");
   } else if (status == StepStatus::kHairpin) {
-    json.push_back(
-        "A streamline turns back before it reaches the hand, so the proxy may jump along it.");
+    json.push_back("A streamline bends so tightly that the proxy may jump along it.");
   } else if (status == StepStatus::kDropped) {
     json.push_back("The tick had more primitives than it can hold, so it skipped some.");
   }

@@ -106,7 +106,7 @@ Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, 
       throw Error(scene,
                   fmt::format("the hand comes near {} of its {} parts; a report covers at most {}",
                               near.parts.size(), all, kMaxFields),
-                  "shorten the path, or make a scene with fewer parts");
+                  "make a scene with fewer parts, or, for explain and press, shorten the path");
     }
     opened.told = nearby(opened.told, opened.built, near.parts);
     if (opened.told.graph.modes.empty()) {
@@ -121,7 +121,7 @@ Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, 
                   fmt::format("the hand comes near {} of its {} parts; a report covers at most {} "
                               "volumes, {} properties and {} modes",
                               near.parts.size(), all, kMaxFields, kMaxProperties, kMaxModes),
-                  "shorten the path, or make a scene with fewer parts");
+                  "make a scene with fewer parts, or, for explain and press, shorten the path");
     }
     opened.built.notes = notes;
     std::string words =

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -25,6 +26,8 @@ constexpr std::size_t kPreamble = 128;
 constexpr std::size_t kPrefix = kPreamble + 4;
 constexpr std::string_view kPlainSyntax = "1.2.840.10008.1.2.1";
 constexpr std::string_view kDeflatedSyntax = "1.2.840.10008.1.2.1.99";
+constexpr const char* kNoMemory =
+    "the inflated data set needs more memory than is free (dcmconv +te inflates it on the disk)";
 
 std::uint32_t numberAt(std::string_view bytes, std::size_t at, std::size_t size) {
   if (at + size > bytes.size()) return 0;
@@ -130,7 +133,7 @@ std::string inflateInto(int to, std::istream& in) {
   // The length of an element has 32 bits, so a larger data set has no readable image.
   constexpr std::uint64_t kMost = std::uint64_t{1} << 32U;
   z_stream stream{};
-  if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) return "zlib has too little memory";
+  if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) return kNoMemory;
   const InflateEnd end(&stream);
   std::vector<char> packed(1U << 16U);
   std::vector<char> plain(1U << 18U);
@@ -145,12 +148,12 @@ std::string inflateInto(int to, std::istream& in) {
     stream.next_out = reinterpret_cast<Bytef*>(plain.data());
     stream.avail_out = static_cast<uInt>(plain.size());
     status = inflate(&stream, Z_NO_FLUSH);
+    if (status == Z_MEM_ERROR) return kNoMemory;
     if (status != Z_OK && status != Z_STREAM_END) return "the deflated data set is damaged";
     const std::size_t count = plain.size() - stream.avail_out;
     total += count;
     if (total > kMost) return "the deflated data set needs more than 4 GiB";
-    if (!writeAll(to, plain.data(), count))
-      return "the inflated data set needs more memory than is free";
+    if (!writeAll(to, plain.data(), count)) return kNoMemory;
   }
   return "";
 }
@@ -181,13 +184,17 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   in.clear();
   in.seekg(static_cast<std::streamoff>(syntax.data_set));
   memory_ = ::memfd_create("palpate-dicom", MFD_CLOEXEC);
-  std::string defect = "the inflated data set needs more memory than is free";
+  std::string defect = memory_ >= 0 ? kNoMemory
+                                    : fmt::format("no memory file for the inflated data set ({})",
+                                                  std::strerror(errno));
   if (memory_ >= 0 && writeAll(memory_, head.data(), head.size())) {
     defect = inflateInto(memory_, in);
   }
   if (!defect.empty()) {
     if (memory_ >= 0) ::close(memory_);
-    throw VolumeError(file.string(), defect, "copy or export the file again");
+    const bool full = defect == kNoMemory || memory_ < 0;
+    throw VolumeError(file.string(), defect,
+                      full ? "end other programs" : "copy or export the file again");
   }
   path_ = fmt::format("/proc/self/fd/{}", memory_);
 }

@@ -173,7 +173,8 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
     for (std::size_t i = 0; i < 4; ++i) bytes |= static_cast<std::int64_t>(head[4 + i]) << (8 * i);
     at += 8 + bytes;
     if (at > parser->GetFileSize()) {
-      return fmt::format("the file is truncated: {} bytes are missing", at - parser->GetFileSize());
+      return fmt::format("the file is truncated: at least {} bytes are missing",
+                         at - parser->GetFileSize());
     }
     ++parts;
   }
@@ -182,7 +183,7 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
 
 /// Returns the damage of an image file, without decoding its pixels; "" if valid.
 std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames) {
-  if (!parser->GetPixelDataFound()) return "the file ends before its pixels";
+  if (!parser->GetPixelDataFound()) return "the file has no pixels, or ends before them";
   const std::string syntax = textOf(meta->Get(0, DC::TransferSyntaxUID));
   if (!isReadable(syntax)) {
     return fmt::format("the pixels have an unsupported compression ({})", syntax);

@@ -152,21 +152,24 @@ class Stacker {
     const auto placed = static_cast<std::size_t>(
         std::count_if(slices.begin(), slices.end(), [](const Slice& s) { return s.placed; }));
     if (placed == 0) {
-      refuse("the images do not state their position in the patient: they may be screen captures",
-             "import the original series");
+      refuse(
+          "the images do not state their position in the patient (position, orientation or pixel "
+          "spacing is missing or invalid): they may be screen captures",
+          "import the original series");
     }
     if (placed < slices.size()) {
       const auto stray = std::find_if(slices.begin(), slices.end(),
                                       [](const Slice& slice) { return !slice.placed; });
-      refuse(fmt::format("{} of {} images do not state their position in the patient, such as {}",
+      refuse(fmt::format("{} of {} images do not state their position in the patient, such as {} "
+                         "(position, orientation or pixel spacing is missing or invalid)",
                          slices.size() - placed, slices.size(), fileOf(*stray)),
-             "remove them from the folder");
+             withoutStrayImages());
     }
     if (rescaled != 0 && rescaled != slices.size()) {
       const auto stray = std::find_if(slices.begin(), slices.end(),
                                       [](const Slice& slice) { return !slice.has_rescale; });
-      refuse(fmt::format("only {} of {} images state the scale of their values (RescaleSlope); {} "
-                         "does not",
+      refuse(fmt::format("only {} of {} images state the scale of their values (RescaleSlope and "
+                         "RescaleIntercept); {} does not",
                          rescaled, slices.size(), fileOf(*stray)),
              "export the series again");
     }
@@ -187,16 +190,22 @@ class Stacker {
     const auto fewer = [](const Sort& a, const Sort& b) { return a.second < b.second; };
     const auto [fewest, most] = std::minmax_element(sorts.begin(), sorts.end(), fewer);
     if (most->second != slices.size()) {
-      refuse(fmt::format("{} of {} images differ from the others in size, orientation or number "
-                         "format, such as {}: they may be localisers",
+      refuse(fmt::format("{} of {} images differ from the others in size, pixel spacing, "
+                         "orientation or number format, such as {}: they may be localisers",
                          slices.size() - most->second, slices.size(), fileOf(*fewest->first)),
-             "remove them from the folder");
+             withoutStrayImages());
     }
     return slices;
   }
 
   std::string fileOf(const Slice& slice) const {
     return series_.files[slice.file]->path.filename().string();
+  }
+
+  /// Returns the remedy for images that do not fit. Frames of a file cannot be removed.
+  std::string withoutStrayImages() const {
+    return series_.files.size() == 1 ? "export the series again without them"
+                                     : "remove them from the folder";
   }
 
   /// Finds the times of several images at each position. Throws VolumeError without times.
@@ -213,12 +222,14 @@ class Stacker {
       for (const Slice& slice : group) {
         const double same = kSamePlace * std::min(slice.across, slice.down);
         if ((slice.position - group.front().position).norm() > 2.0 * same) {
-          refuse(fmt::format("two images lie side by side at {} mm", ruler.at(slice)),
-                 "remove one of them");
+          refuse(fmt::format("two images lie side by side at {} mm: {} and {}", ruler.at(slice),
+                             fileOf(group.front()), fileOf(slice)),
+                 "keep one image at each position");
         }
         for (std::size_t i = 0; i < kKindTags.size(); ++i) {
           if (slice.kinds[i] == group.front().kinds[i]) continue;
-          refuse(fmt::format("{} images at each position differ in {}", count, kKindTags[i].name),
+          refuse(fmt::format("{} images at {} mm differ in {}", group.size(), ruler.at(slice),
+                             kKindTags[i].name),
                  "export each kind as a separate series");
         }
       }

@@ -181,9 +181,9 @@ void takeDisplacement(Gridded& made, Direction direction, const std::string& len
                       const std::string& file, const Progress& progress,
                       std::vector<std::string>& notes) {
   if (made.holes > 0) {
-    throw VolumeError(
-        file, fmt::format("{} voxels of the displacement field have no data", made.holes),
-        "export the field with a displacement at each voxel, and omit --voxel if it is rotated");
+    throw VolumeError(file,
+                      fmt::format("{} voxels of the displacement field have no data", made.holes),
+                      "export the field with a displacement at each voxel");
   }
   made.grid->setName("displacement");
   made.grid->setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);

@@ -153,17 +153,18 @@ Values onlyWithin(const Values& values, const std::vector<Fills>& fills, double 
   return out;
 }
 
-/// Adds a note if an array has only two values, and one of them looks like a fill value.
-void noteTwoValues(const Array& array, const Ends& ends, std::vector<std::string>& notes) {
+/// Adds a note if a component has only two values, and one of them looks like a fill value.
+/// @param name  Name of the component for the note.
+void noteTwoValues(const std::string& name, const Ends& ends, std::vector<std::string>& notes) {
   const double low = ends.low.values[0];
   const double high = ends.high.values[0];
   const bool is_pair = low < high && ends.low.values[1] == high;
   const bool is_low = is_pair && isFillNumber(low, std::abs(high));
   if (!is_low && !(is_pair && isFillNumber(high, std::abs(low)))) return;
   std::string note = fmt::format(
-      "{}: all values are {:.6g} or {:.6g}: both count as data, although programs write {:.6g} for "
-      "missing data",
-      array.name, low, high, is_low ? low : high);
+      "{}: all finite values are {:.6g} or {:.6g}: both count as data, although programs write "
+      "{:.6g} for missing data",
+      name, low, high, is_low ? low : high);
   if (std::find(notes.begin(), notes.end(), note) == notes.end()) notes.push_back(std::move(note));
 }
 
@@ -194,17 +195,20 @@ bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared&
   for (std::size_t c = 0; c < static_cast<std::size_t>(values.components()); ++c) {
     const Ends ends = endsOf(values, c, shared);
     Fills one = fillsOf(ends, values.lowestCode());
+    const std::string name =
+        values.components() == 1
+            ? array.name
+            : fmt::format("{}, component {} of {}", array.name, c + 1, values.components());
     if (one.low + one.high == 0) {
-      noteTwoValues(array, ends, notes);
+      noteTwoValues(name, ends, notes);
       one.lowest = ends.low.values.front();
       one.highest = ends.high.values.front();
     }
     const auto tell = [&](double value) {
       found = true;
       std::string note = fmt::format(
-          "{}: the value {:.6g} counts as missing data: all other values are between "
-          "{:.6g} and {:.6g}",
-          array.name, value, one.lowest, one.highest);
+          "{}: the value {:.6g} counts as missing data: the data are between {:.6g} and {:.6g}",
+          name, value, one.lowest, one.highest);
       if (std::find(notes.begin(), notes.end(), note) == notes.end()) notes.push_back(note);
     };
     for (std::size_t i = 0; i < one.low; ++i) tell(ends.low.values[i]);

@@ -145,7 +145,7 @@ const std::array kFormats = {
              return has(b, 0, {"\x5c\x01\0\0", 4}) && b.size() >= 348;
            },
            nullptr, "convert it to NIfTI, for example with nifti_tool"},
-    Format{"an STL, OBJ or PLY surface",
+    Format{"an STL or PLY surface",
            [](const std::string& b) {
              return has(b, 0, "solid ") || has(b, 0, "ply\n") || has(b, 0, "ply\r");
            },
@@ -185,6 +185,13 @@ bool isPlot3d(const Request& request) {
     if (end == known) return true;
   }
   return false;
+}
+
+/// Returns the remedy; if the file is gzipped and the remedy names --raw, also says to unpack it.
+std::string unpackedFor(const std::filesystem::path& file, const std::string& remedy) {
+  const bool is_packed = remedy.find("--raw") != std::string::npos && isGzip(file);
+  return is_packed ? "unpack the file with gunzip, which --raw does not do; then " + remedy
+                   : remedy;
 }
 
 bool isText(const std::string& bytes) {
@@ -259,7 +266,7 @@ std::unique_ptr<Reader> openAny(const Request& given) {
     throw VolumeError(
         request.file.string(),
         fmt::format("the file looks like {}, which palpate does not import", format.name),
-        format.remedy);
+        unpackedFor(request.file, format.remedy));
   }
   if (isGrib(request.file, bytes)) {
     throw VolumeError(
@@ -274,7 +281,9 @@ std::unique_ptr<Reader> openAny(const Request& given) {
       request.file.string(),
       isText(bytes) ? "the file looks like text in an unknown format"
                     : "the format is unknown, or the beginning of the file is damaged",
-      "see palpate import --help for the known formats, or describe the layout with --raw");
+      unpackedFor(
+          request.file,
+          "see palpate import --help for the known formats, or describe the layout with --raw"));
 }
 
 }  // namespace palpate::importer

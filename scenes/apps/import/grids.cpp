@@ -397,19 +397,23 @@ Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& 
 }
 
 /// OpenVDB rejects a transform if the volume of a voxel is very small.
-[[noreturn]] void refuseSmall(const std::string& file, double edge) {
-  throw VolumeError(file,
-                    fmt::format("voxels with an edge of {:g} are too small for OpenVDB", edge),
-                    "export the data in a smaller unit of length, for example mm instead of m");
+/// @param first  Begin of the remedy.
+[[noreturn]] void refuseSmall(const std::string& file, double edge, const std::string& first = "") {
+  throw VolumeError(
+      file, fmt::format("voxels with an edge of {:g} are too small for OpenVDB", edge),
+      first + "export the data in a smaller unit of length, for example mm instead of m");
 }
 
 openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const std::string& file) {
   const Mat3& M = file_from_index.linear;
   const double volume = std::abs(M.determinant());
   const double edges = M.col(0).norm() * M.col(1).norm() * M.col(2).norm();
-  if (!M.allFinite() || !file_from_index.origin.allFinite() || !(volume > 1e-9 * edges)) {
+  if (!file_from_index.origin.allFinite()) {
+    throw VolumeError(file, "the position of the first voxel is not finite", "correct the header");
+  }
+  if (!M.allFinite() || !(volume > 1e-9 * edges)) {
     throw VolumeError(file, "the voxels have no volume: the spacing or the directions are wrong",
-                      "correct the header");
+                      "correct the header, or the layout in --raw");
   }
   openvdb::Mat4R map;  // OpenVDB multiplies a row vector by the matrix
   map.setIdentity();
@@ -433,7 +437,7 @@ openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
     transform->postTranslate(origin);
     return transform;
   } catch (const openvdb::ArithmeticError&) {
-    refuseSmall(file, edge);
+    refuseSmall(file, edge, "give a larger --voxel, or ");
   }
 }
 

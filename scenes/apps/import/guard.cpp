@@ -233,7 +233,10 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
                     "arrays with --field or a larger --voxel");
       return cli::kEndedEarly;
     }
-    cli::complain(what + ": the reader crashed: the file is probably damaged: export it again");
+    cli::complain(fmt::format(
+        "{}: the reader crashed ({}): the file is probably damaged: export it again, or report "
+        "this message",
+        what, strsignal(signal)));
   } else if (!listener.complained()) {
     cli::complain(silent.empty() ? what +
                                        ": the reader stopped without a message: the file is "

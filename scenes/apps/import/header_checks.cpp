@@ -13,7 +13,7 @@ namespace palpate::importer {
 namespace {
 
 constexpr double kMostBytes = 1e15;
-constexpr const char* kCorrectHeader = "correct the header, or check the program that wrote it";
+constexpr const char* kCorrectSizes = "correct the sizes, or check the program that wrote them";
 
 std::string nameOf(const std::filesystem::path& data, const std::filesystem::path& header) {
   const std::filesystem::path name = data.lexically_relative(header.parent_path());
@@ -37,13 +37,13 @@ double bytesOf(const std::filesystem::path& header, const std::vector<double>& s
     throw VolumeError(header.string(),
                       fmt::format("size {} of the image is {}, not a whole number from 1 to {}",
                                   i + 1, size, std::numeric_limits<int>::max()),
-                      kCorrectHeader);
+                      kCorrectSizes);
   }
   if (bytes > kMostBytes) {
     throw VolumeError(
         header.string(),
-        fmt::format("the values need {:.0g} bytes, more than the limit of 1e15", bytes),
-        kCorrectHeader);
+        fmt::format("the values need {:.3g} bytes, more than the limit of 1e15", bytes),
+        kCorrectSizes);
   }
   return bytes;
 }
@@ -54,21 +54,23 @@ double sizeOfData(const std::filesystem::path& header, const std::filesystem::pa
   std::error_code unread;  // a missing file is rejected below
   const std::filesystem::path folder =
       std::filesystem::weakly_canonical(std::filesystem::absolute(header).parent_path(), unread);
-  const std::filesystem::path named =
-      std::filesystem::weakly_canonical(std::filesystem::absolute(data), unread)
-          .lexically_relative(folder);
+  const std::filesystem::path real =
+      std::filesystem::weakly_canonical(std::filesystem::absolute(data), unread);
+  const std::filesystem::path named = real.lexically_relative(folder);
   if (!follow && (named.empty() || *named.begin() == "..")) {
-    throw VolumeError(
-        header.string(),
-        fmt::format("the header names a data file in another folder, {}", data.string()),
-        "move the data file beside the header, or add --follow");
+    throw VolumeError(header.string(),
+                      fmt::format("the header names a data file in another folder, {}",
+                                  (real.empty() ? data : real).string()),
+                      "move the data file beside the header, or add --follow");
   }
   std::error_code error;
-  const auto size = std::filesystem::file_size(data, error);
-  if (error || !std::filesystem::is_regular_file(data, error)) {
+  const bool is_file = std::filesystem::is_regular_file(data, error);
+  const auto size = is_file ? std::filesystem::file_size(data, error) : 0;
+  if (!is_file || error) {
     throw VolumeError(header.string(),
-                      fmt::format("the data file {} cannot be read", nameOf(data, header)),
-                      "move the data file to the place that the header states");
+                      fmt::format("the data file {} cannot be read ({})", nameOf(data, header),
+                                  error ? error.message() : "it is not a regular file"),
+                      "put a readable file there, or correct its name in the header");
   }
   return static_cast<double>(size);
 }
@@ -77,9 +79,10 @@ void checkHeld(const std::filesystem::path& header, const std::filesystem::path&
                double least) {
   if (held >= least) return;
   throw VolumeError(header.string(),
-                    fmt::format("{} is truncated: it has {:.0f} of {:.0f} bytes",
+                    fmt::format("{} has {:.0f} of at least {:.0f} bytes: it is truncated, or the "
+                                "header is wrong",
                                 calledBy(header, data), std::max(held, 0.0), std::ceil(least)),
-                    "copy or export the file again");
+                    "copy or export the file again, or correct the header");
 }
 
 }  // namespace palpate::importer

@@ -37,8 +37,9 @@ namespace {
 std::string emptyBecause(const Imported& imported) {
   const Gridded& made = imported.made;
   if (made.holes == made.voxels) return "no voxel has data";
-  if (made.tolerance > 0.0) return "all voxels are within the tolerance of the background";
-  return "all voxels have the same value";
+  const std::string all = made.holes > 0 ? "all voxels with data " : "all voxels ";
+  return all + (made.tolerance > 0.0 ? "are within the tolerance of the background"
+                                     : "have the same value");
 }
 
 /// Replaces fill values by NaN, subtracts an offset from large whole numbers, and adds a note about
@@ -71,9 +72,9 @@ std::vector<Imported> fromMesh(const Options& options, Piece& piece, const std::
     voxel = suggested.edge;
     if (suggested.edge > suggested.by_cell) {
       notes.push_back(fmt::format(
-          "the voxels have an edge of {:g}, which limits them to {:g} per point: half the edge of "
-          "the median cell, {:g}, would make {:.2g} million voxels; the resampling error shows the "
-          "loss; {}",
+          "the voxels have an edge of {:g}, which limits them to {:g} per point (in a small mesh "
+          "to 33 x 33 x 33): without this limit the edge would be {:g}, which makes {:.2g} million "
+          "voxels; the resampling error shows the loss; {}",
           voxel, kVoxelsPerPoint, suggested.by_cell, 1e-6 * suggested.voxels_by_cell,
           options.iso ? "smaller voxels are not possible with --iso on a mesh"
                       : fmt::format("--voxel {:g} selects the smaller voxels", suggested.by_cell)));
@@ -174,16 +175,16 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
   imported.made = make(isDisplacement(options) ? kKeepAll : tolerance);
   if (!isDisplacement(options) && imported.made.active == 0 && keepsConstant(options, array)) {
     if (imported.made.holes == imported.made.voxels) {
-      const double background = earlier.backgrounds[array.name];
+      const auto last = earlier.backgrounds.find(array.name);
+      const bool is_first = last == earlier.backgrounds.end();
+      const double background = is_first ? 0.0 : last->second;
       array.values = constantLike(array.values, background);
       piece.hidden = Values();
-      notes.push_back(
-          fmt::format("{}: no voxel has data: all get the background of the last step, "
-                      "{:g}",
-                      array.name, background));
+      notes.push_back(fmt::format(
+          "{}: no voxel has data: all get the {} {:g}", array.name,
+          is_first ? "value" : "background of the last step whose values vary,", background));
     } else {
-      notes.push_back(
-          fmt::format("{}: all voxels have the same value, and all are kept", array.name));
+      notes.push_back(fmt::format("{}: {}, and all are kept", array.name, emptyBecause(imported)));
     }
     imported.made = make(kKeepAll);
     imported.made.tolerance = 0.0;
@@ -219,10 +220,11 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   }
   if (scalars.size() != 1) {
     throw Error("--iso",
-                scalars.empty() ? "the file has no scalar"
-                                : fmt::format("the file has {} scalars: {}", scalars.size(),
+                scalars.empty() ? "none of the imported arrays is a scalar"
+                                : fmt::format("{} scalars are imported: {}", scalars.size(),
                                               fmt::join(scalars, ", ")),
-                scalars.empty() ? "omit this option" : "choose one with --field");
+                scalars.empty() ? "with --field choose a scalar whose values vary, or omit --iso"
+                                : "choose one with --field");
   }
   if (!others.empty()) {
     step.notes.push_back(
@@ -435,7 +437,7 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
     names.reserve(step.grids.size());
     for (const Imported& imported : step.grids) names.push_back(imported.made.grid->getName());
     throw Error("--bricks",
-                fmt::format("the file has {} arrays, and --bricks writes only one: {}",
+                fmt::format("{} arrays are imported, and --bricks writes only one: {}",
                             names.size(), fmt::join(names, ", ")),
                 "choose one with --field");
   }

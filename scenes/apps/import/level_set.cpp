@@ -96,8 +96,9 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   openvdb::tools::volumeToMesh(grid, points, quads, iso);
   if (quads.empty()) {
     throw VolumeError(
-        file, fmt::format("no surface in \"{}\" has the value {:g}", grid.getName(), iso),
-        "give an --iso within the range of the values, which an import without --iso prints");
+        file, fmt::format("no surface in \"{}\" has the value of --iso", grid.getName()),
+        "give an --iso within the range of the file's values, which an import without --iso "
+        "prints");
   }
   const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
   if (static_cast<double>(quads.size()) * refinement * refinement * 6.0 > 1e9) {
@@ -122,8 +123,7 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   }
   openvdb::tools::signedFloodFill(out.grid->tree());
   if (inside == 0) {
-    throw VolumeError(file,
-                      fmt::format("the solid at the value {:g} is thinner than the voxels", iso),
+    throw VolumeError(file, "the solid at the value of --iso is thinner than the voxels",
                       "give a smaller --voxel or another --iso");
   }
   out.lost = lostPart(points, *out.grid);

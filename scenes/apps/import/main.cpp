@@ -59,8 +59,8 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
   try {
     const fs::path path = fs::weakly_canonical(fs::absolute(vdb)).lexically_relative(folder);
     scene = sceneFor(path.string(), step) + "\n";
-  } catch (const VolumeError&) {
-    step.notes.emplace_back("no scene: no array varies enough for the hand to feel");
+  } catch (const VolumeError& e) {
+    step.notes.push_back("no scene: " + e.reason() + ": " + e.remedy());
     return "";
   }
   if (to_stdout) return scene;
@@ -132,9 +132,11 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     if (step.grids.empty()) {
       if (steps.size() == 1) {
         throw Error(options.request.file.string(), step.notes.back(),
-                    "import arrays whose values vary");
+                    options.tolerance.value_or(0.0) > 0.0
+                        ? "give a smaller --tolerance, or import arrays whose values vary"
+                        : "import arrays whose values vary");
       }
-      step.notes.emplace_back("no file for this step: no array has values that vary");
+      step.notes.emplace_back("no file for this step: all arrays were skipped");
     } else if (first.empty() || (!has_contrast && hasContrast(step))) {
       first = out;
       has_contrast = hasContrast(step);
@@ -145,9 +147,9 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     }
     if (count > 1 && options.time.empty()) {
       step.notes.push_back(
-          fmt::format("this is the first of {} steps: --time N imports another step, --time all "
-                      "imports all steps",
-                      count));
+          fmt::format("this is the first of {} steps (number 0): --time N imports step N, 0 to {}; "
+                      "--time all imports all steps",
+                      count, count - 1));
     }
     text += textOf(out, step);
     reports.push_back(jsonOf(out, step));
@@ -203,10 +205,13 @@ void check(const Options& options) {
     throw Error("--scene", "a scene needs a .vdb, which --bricks does not write",
                 "omit one of the two options");
   }
-  if (cli::isSamePlace(options.request.file, options.out) ||
-      (!options.scene.empty() && (cli::isSamePlace(options.scene, options.out) ||
-                                  cli::isSamePlace(options.scene, options.request.file)))) {
-    throw Error(options.out.string(), "two files of the command have the same path",
+  const bool is_scene_twice =
+      !options.scene.empty() && (cli::isSamePlace(options.scene, options.out) ||
+                                 cli::isSamePlace(options.scene, options.request.file));
+  if (is_scene_twice || cli::isSamePlace(options.request.file, options.out)) {
+    throw Error(is_scene_twice ? "--scene" : options.out.string(),
+                is_scene_twice ? "the scene and another file of the command have the same path"
+                               : "the input and the output have the same path",
                 "give each file its own path");
   }
   if (isDisplacement(options)) {
@@ -274,8 +279,9 @@ void checkTogether(const Options& options) {
   }
   if (!canJoinGroup()) {
     throw Error(
-        "mpirun", "this palpate was built without MPI",
-        "install libopenmpi-dev and build palpate again, or start one process without mpirun");
+        "mpirun", "this importer was built without MPI",
+        "install the package palpate-import, or install libopenmpi-dev and build palpate again, or "
+        "start one process without mpirun");
   }
 }
 

@@ -59,8 +59,9 @@ void checkPoints(vtkDataSet* mesh, const std::string& file) {
   if (range[0] < 0.0 || range[1] >= static_cast<double>(grid->GetNumberOfPoints())) {
     throw VolumeError(
         file,
-        fmt::format("the cells refer to points {:g} to {:g}, but the mesh has {} points", range[0],
-                    range[1], grid->GetNumberOfPoints()),
+        fmt::format("the cells refer to points {:.0f} to {:.0f}, counted from 0, but the mesh has "
+                    "{} points",
+                    range[0], range[1], grid->GetNumberOfPoints()),
         "the file is damaged: export it again");
   }
 }
@@ -121,7 +122,8 @@ vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file
     split->TetrahedraOnlyOn();
     run(split, file);
     out = split->GetOutput();
-    notes.emplace_back("polyhedra and cells of high order were split into tetrahedra");
+    notes.emplace_back(
+        "all cells were split into tetrahedra, because some are polyhedra or of high order");
   }
   return out;
 }

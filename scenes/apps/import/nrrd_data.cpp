@@ -98,7 +98,8 @@ void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::siz
         part_values_ * nrrdElementSize(nrrd_) + (static_cast<std::uint64_t>(-(skip + 1)));
     const std::uint64_t there = open()->finish();
     if (there < needed) {
-      refuse(fmt::format("the packed values have {} bytes, but the header needs {}", there, needed),
+      refuse(fmt::format("{} has {} bytes after unpacking, but the header needs {}",
+                         part.file.filename().string(), there, needed),
              kNrrdDamaged);
     }
     before = there - needed;

@@ -76,7 +76,9 @@ std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, cons
   } else if (int lowest = 0, highest = 0, step = 0;
              first.find('%') != std::string::npos && words >> lowest >> highest >> step) {
     if (step == 0 || (highest - static_cast<double>(lowest)) / step > kMost) {
-      throw VolumeError(file.string(), "the header numbers more than 1000000 data files",
+      throw VolumeError(file.string(),
+                        step == 0 ? "the step between the numbers of the data files is 0"
+                                  : "the header numbers more than 1000000 data files",
                         kCorrectNrrdHeader);
     }
     for (long n = lowest; step > 0 ? n <= highest : n >= highest; n += step) {
@@ -166,7 +168,10 @@ NrrdHeader readNrrdHeader(const fs::path& file) {
     }
     takeLine(header, line, file);
   }
-  throw VolumeError(file.string(), "the file ends within its header", kNrrdDamaged);
+  throw VolumeError(
+      file.string(),
+      "the file ends within its header: an empty line or the field \"data file\" is missing",
+      kNrrdDamaged);
 }
 
 }  // namespace palpate::importer

@@ -133,8 +133,8 @@ std::vector<Piece> makeReady(Content& content, const std::string& file,
     }
   }
   if (taken.empty()) {
-    throw VolumeError(file, "the file has no array with one or three values per point",
-                      "export the values with the mesh");
+    throw VolumeError(file, "the file has no array with one, two or three values per point",
+                      "export such an array with the image or mesh");
   }
   return pieces;
 }
@@ -177,7 +177,7 @@ void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
   const std::vector<std::string> names = namesOf(pieces);
   for (const std::string& field : fields) {
     if (std::find(names.begin(), names.end(), field) == names.end()) {
-      throw VolumeError(file, fmt::format("the file has no array \"{}\"", field),
+      throw VolumeError(file, fmt::format("no array \"{}\" can be imported", field),
                         fmt::format("choose from {}", fmt::join(names, ", ")));
     }
   }

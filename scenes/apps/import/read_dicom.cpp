@@ -39,7 +39,9 @@ std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>
   std::error_code error;
   fs::directory_iterator entry(folder, error);
   if (error) {
-    throw VolumeError(folder.string(), "the folder cannot be read", "check the permissions");
+    throw VolumeError(folder.string(),
+                      fmt::format("the folder cannot be read ({})", error.message()),
+                      "check the folder and its permissions");
   }
   for (; entry != fs::directory_iterator(); entry.increment(error)) {
     std::error_code ignored;
@@ -223,7 +225,7 @@ class DicomReader final : public Reader {
     }
     if (head_.modality == "CT" && !table && !stack_.steps.front().front().has_rescale) {
       stack_.notes.emplace_back(
-          "the file has no RescaleSlope: the stored values are used unchanged");
+          "RescaleSlope or RescaleIntercept is missing: the stored values are used unchanged");
     }
     head_.slices.clear();
   }
@@ -236,7 +238,7 @@ class DicomReader final : public Reader {
                                      static_cast<int>(slices.size())};
     const Values stored = storedOf(slices);
 
-    // Copies only the values: the reader's image also holds the patient's name.
+    // Takes only the values from vtkDICOMReader's output, which also leads to the patient's name.
     Content content;
     Piece image;
     image.size = size;
@@ -408,7 +410,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::vector<fs::path> paths = dicomFilesOf(folder, &folders);
   if (paths.empty()) paths = filesBelow(folders);
   if (paths.empty()) {
-    throw VolumeError(folder.string(), "the folder has no DICOM file",
+    throw VolumeError(folder.string(),
+                      "the folder has no DICOM file, nor have the three levels of folders below it",
                       "give a folder of DICOM slices");
   }
   std::vector<File> files;

@@ -281,7 +281,10 @@ std::unique_ptr<Reader> openPlot3d(const Request& request) {
   }
   std::error_code error;
   if (!std::filesystem::is_regular_file(request.solution, error)) {
-    throw VolumeError(request.solution.string(), "no such file", "check the path of --solution");
+    throw VolumeError(request.solution.string(),
+                      error ? fmt::format("the file cannot be read ({})", error.message())
+                            : "the path does not lead to a regular file",
+                      "check the path of --solution");
   }
   return oneStep(request, readPlot3d);
 }

@@ -115,9 +115,11 @@ class Header {
         {"MET_LONG", {4, Type::kInt32}},      {"MET_ULONG", {4, Type::kUint32}},
         {"MET_LONG_LONG", {8, Type::kInt64}}, {"MET_ULONG_LONG", {8, Type::kUint64}},
         {"MET_FLOAT", {4, Type::kFloat32}},   {"MET_DOUBLE", {8, Type::kFloat64}}};
-    const auto at = types.find(text({"ElementType"}));
+    const std::string name = text({"ElementType"});
+    const auto at = types.find(name);
     if (at == types.end()) {
-      refuse(fmt::format("the ElementType \"{}\" is unknown", text({"ElementType"})),
+      refuse(name.empty() ? "the header has no ElementType"
+                          : fmt::format("the ElementType \"{}\" is unknown", name),
              "export the image as MET_SHORT or MET_FLOAT");
     }
     return at->second;
@@ -172,7 +174,10 @@ class Header {
       }
       in.seekg(static_cast<std::streamoff>(part.offset + k % each * bytes));
       in.read(to, static_cast<std::streamsize>(here * bytes));
-      if (!in) refuse("the values end too early", "copy or export the file again");
+      if (!in) {
+        refuse(fmt::format("{} cannot be read to the end", calledBy(file_, part.file)),
+               "copy or export the file again");
+      }
       to += here * bytes;
       k += here;
       if (progress) progress(static_cast<double>(k - first) / static_cast<double>(end - first));
@@ -192,8 +197,14 @@ class Header {
         in.finish();
       } else {
         std::ifstream in(part.file, std::ios::binary);
+        if (!in) {
+          refuse(fmt::format("the data file {} cannot be read", part.file.filename().string()),
+                 "check its permissions");
+        }
         in.seekg(static_cast<std::streamoff>(part.offset));
-        parse(in, values, p * share / size, share / size);
+        const std::string where =
+            parts_.size() == 1 ? "" : fmt::format("in {} ", calledBy(file_, part.file));
+        parse(in, where, values, p * share / size, share / size);
       }
       if (progress) progress(static_cast<double>(p + 1) / static_cast<double>(parts_.size()));
     }
@@ -203,14 +214,16 @@ class Header {
     return !text({"BinaryData"}).empty() && !isTrue({"BinaryData"});
   }
 
-  void parse(std::istream& in, const Values& values, std::size_t first, std::size_t count) const {
+  /// Reads values as text. `where` begins the reason of an error.
+  void parse(std::istream& in, const std::string& where, const Values& values, std::size_t first,
+             std::size_t count) const {
     visit(values, [&](auto* data) {
       using T = std::remove_pointer_t<decltype(data)>;
       for (std::size_t i = first; i < first + count; ++i) {
         double value = 0.0;
         if (!(in >> value)) {
-          if (in.eof()) refuse("the values end too early", "copy or export the file again");
-          refuse(fmt::format("value {} is not a number", i + 1),
+          if (in.eof()) refuse(where + "the values end too early", "copy or export the file again");
+          refuse(fmt::format("{}value {} is not a number", where, i - first + 1),
                  "correct the value, or export the file again");
         }
         if constexpr (std::is_integral_v<T>) {
@@ -228,9 +241,10 @@ class Header {
       refuse(fmt::format("the file is a MetaIO {}, not an image", object),
              "give a file with ObjectType = Image");
     }
-    if (text({"NDims"}) != "3") {
-      refuse(fmt::format("the image has {} dimensions",
-                         text({"NDims"}).empty() ? "no" : text({"NDims"})),
+    const std::string dimensions = text({"NDims"});
+    if (dimensions.empty()) refuse("the header has no NDims", kCorrectHeader);
+    if (dimensions != "3") {
+      refuse(fmt::format("the image has {} dimensions", dimensions),
              "give an image with 3 dimensions");
     }
     const std::vector<double> sizes = numbers({"DimSize"}, 3);
@@ -352,8 +366,8 @@ class MetaImageReader final : public Reader {
     content.patient = !axes.empty() && axes.find('?') == std::string::npos;
     if (!content.patient) {
       content.notes.emplace_back(
-          "no AnatomicalOrientation: as in ITK, x points to the patient's left and y to the back; "
-          "the result is in RAS, so the signs of x and y are reversed");
+          "AnatomicalOrientation is missing or unknown: as in ITK, x points to the patient's left "
+          "and y to the back; the result is in RAS, so the signs of x and y are reversed");
     }
     image.file_from_index = place(turn, content.notes);
     const Slab slices = header_.isSeekable() ? slicesToRead(request_, image) : image.slices();

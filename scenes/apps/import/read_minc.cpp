@@ -88,7 +88,8 @@ class MincScale {
     least_ = read(request, file, image, "image-min", 0.0);
     most_ = read(request, file, image, "image-max", 1.0);
     if (least_.size() != most_.size()) {
-      refuseMinc(request, "image-min and image-max have different dimensions");
+      refuseMinc(request,
+                 "image-min and image-max have different dimensions, or one of them is missing");
     }
   }
 
@@ -115,8 +116,9 @@ class MincScale {
     if (v < 0) return {otherwise};
     const std::vector<int>& own = file.variable(v).dimensions;
     if (own.size() > 2 || !std::equal(own.begin(), own.end(), image.dimensions.begin())) {
-      refuseMinc(request,
-                 fmt::format("the dimensions of {} are not the first ones of the image", name));
+      refuseMinc(
+          request,
+          fmt::format("the dimensions of {} are not the first one or two of the image", name));
     }
     rank_ = own.size();
     std::vector<std::size_t> count;

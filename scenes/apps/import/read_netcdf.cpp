@@ -164,7 +164,8 @@ class NetcdfReader final : public Reader {
     for (std::size_t v = 0; v < file_.variables().size(); ++v) find(static_cast<int>(v));
     if (!flat_.empty()) {
       left_.push_back(
-          fmt::format("{}: skipped: fewer than three dimensions of space", fmt::join(flat_, ", ")));
+          fmt::format("{}: skipped: fewer than three dimensions of space with two or more points",
+                      fmt::join(flat_, ", ")));
     }
     if (fields_.empty()) {
       if (const std::string type = file_.groupText("VTKHDF", "Type"); !type.empty()) {
@@ -401,7 +402,9 @@ class NetcdfReader final : public Reader {
       for (double& p : axis.at) {
         p *= hectopascals(axis.unit);
         if (!(p > 0.0)) {
-          throw VolumeError(request_.file.string(), "a pressure is not above 0",
+          throw VolumeError(request_.file.string(),
+                            fmt::format("a pressure of {:.6g} hPa along {} is not above 0", p,
+                                        file_.dimension(d).name),
                             "correct the coordinates");
         }
       }

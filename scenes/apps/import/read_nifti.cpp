@@ -146,7 +146,7 @@ class NiftiReader final : public Reader {
     const bool second = magic != "n+1" && magic != "ni1";
     if (const std::size_t least = second ? 540U : 348U; there < least) {
       refuse(fmt::format("the NIfTI header is truncated: it has {} of {} bytes", there, least),
-             kCheckWriter);
+             "copy or export the file again");
     }
     header_ = headerFrom(bytes, second);
     if (header_.size[0] < 1 || header_.size[0] > 7) {
@@ -265,7 +265,8 @@ class NiftiReader final : public Reader {
         meaning_ = Meaning::kTensor;
       } else {
         refuse(fmt::format("the image has {} values per voxel", size[5]),
-               "export one, three (a vector) or six (a symmetric matrix)");
+               size[5] == 6 ? "add --as tensor if they are a symmetric matrix"
+                            : "export one, three (a vector) or six (a symmetric matrix)");
       }
       notes_.emplace_back("components are read along x (right), y (front) and z (up)");
       return;

@@ -135,16 +135,21 @@ class NrrdReader final : public Reader {
       const bool directed = std::any_of(lines.begin(), lines.end(), [&](const auto& line) {
         return begins(line, "space directions:");
       });
-      const auto dropped = std::erase_if(lines, [&](const auto& line) {
-        return begins(line, "spacings:") || begins(line, "axis mins:") ||
-               begins(line, "axis maxs:") || begins(line, "units:");
+      std::vector<std::string> dropped;
+      std::erase_if(lines, [&](const auto& line) {
+        const bool drops = begins(line, "spacings:") || begins(line, "axis mins:") ||
+                           begins(line, "axis maxs:") || begins(line, "units:");
+        if (drops) dropped.push_back(lowered(line.substr(0, line.find(':'))));
+        return drops;
       });
-      if (!directed || dropped == 0 || !tryParse(lines)) {
-        if (directed && dropped > 0) std::free(biffGetDone(NRRD));  // NOLINT
+      if (!directed || dropped.empty() || !tryParse(lines)) {
+        if (directed && !dropped.empty()) std::free(biffGetDone(NRRD));  // NOLINT
         refuse(fmt::format("the NRRD header is damaged ({})", why), kCorrectNrrdHeader);
       }
-      notes_.emplace_back(
-          "the header has space directions and spacings: only the space directions are used");
+      notes_.push_back(
+          fmt::format("the header has space directions, so these fields are ignored: {}; the unit "
+                      "of length is read only from the field space units",
+                      fmt::join(dropped, ", ")));
     }
     if (!typeOf(nrrd_->type)) {
       refuse("the values are blocks of bytes", "export the values as integers or floats");
@@ -173,7 +178,8 @@ class NrrdReader final : public Reader {
       case nrrdKind3Gradient:
       case nrrdKind3Normal:
         if (size != 3) {
-          refuse(fmt::format("the vectors have {} components, not 3", size),
+          refuse(fmt::format("axis {} of {} has vectors of {} components, not 3", axis + 1,
+                             nrrd_->dim, size),
                  "if this axis is a series, set its kind in the header to \"list\"");
         }
         return component(Meaning::kVector);
@@ -193,8 +199,10 @@ class NrrdReader final : public Reader {
             (kind == nrrdKindList || kind == nrrdKindUnknown)) {
           return component(Meaning::kVector);
         }
-        if (series_ >= 0)
-          refuse("two axes are lists or times, and palpate imports only one", "export one of them");
+        if (series_ >= 0) {
+          refuse("two axes count as lists or times, and palpate imports only one such axis",
+                 "export one of them, or correct the kinds in the header");
+        }
         series_ = axis;
         return;
       default:
@@ -226,7 +234,8 @@ class NrrdReader final : public Reader {
     }
     if (space.size() < 3) {
       refuse("the image has fewer than three axes of space",
-             "give an image with three axes of space");
+             "give an image with three axes of space, or correct the kinds and space directions in "
+             "the header");
     }
     // Of four domain axes without directions, the last one is time.
     if (space.size() > 3 && (directed_ || space.size() > 4)) {
@@ -388,8 +397,12 @@ class NrrdReader final : public Reader {
     if (units[0] == units[1] && units[1] == units[2]) {
       content.length_unit = units[0];
     } else {
+      for (std::string& unit : units) {
+        if (unit.empty()) unit = "none";
+      }
       content.notes.push_back(
-          fmt::format("the axes have different units: {}", fmt::join(units, ", ")));
+          fmt::format("the axes have different units ({}), so the unit of length is unknown",
+                      fmt::join(units, ", ")));
     }
     if (nrrd_->space == nrrdSpace3DLeftHanded || nrrd_->space == nrrdSpace3DLeftHandedTime) {
       content.notes.emplace_back(

@@ -12,6 +12,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/header_checks.h"
 #include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/unpacked.h"
 #include "palpate/scenes/library/text_file.h"
 
 namespace palpate::importer {
@@ -66,7 +67,7 @@ class LayoutParser {
     const std::vector<double> size = numbers("size", 3);
     for (std::size_t a = 0; a < 3; ++a) {
       if (!(size[a] >= 1.0 && size[a] <= 1e6 && size[a] == std::floor(size[a]))) {
-        refuse("/size", fmt::format("{:g} is not a count from 1 to 1e6", size[a]),
+        refuse("/size", fmt::format("{} is not a count from 1 to 1e6", size[a]),
                "give the numbers of points along i, j and k");
       }
       layout.size[a] = static_cast<int>(size[a]);
@@ -244,7 +245,8 @@ class RawReader final : public Reader {
           file,
           fmt::format("the layout needs {} bytes from byte {}, but the file has {} bytes", needed,
                       offset, have),
-          "check size, type, components and skip, or copy the file again");
+          isGzip(request_.file) ? "unpack the file with gunzip, which --raw does not do"
+                                : "check size, type, components and skip, or copy the file again");
     }
     Piece image;
     image.size = layout_.size;

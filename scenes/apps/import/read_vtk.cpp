@@ -79,7 +79,7 @@ void checkPieces(const std::filesystem::path& file) {
   }
   if (whole > 0.0 && pieces < whole) {
     throw VolumeError(file.string(),
-                      fmt::format("the pieces cover {:.3g} of {:.3g} cells", pieces, whole),
+                      fmt::format("the pieces cover {:.0f} of {:.0f} cells", pieces, whole),
                       "export all pieces");
   }
 }

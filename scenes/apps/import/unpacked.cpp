@@ -68,7 +68,7 @@ Unpacked::~Unpacked() = default;
 
 void Unpacked::refuse(const std::string& why) const {
   throw VolumeError(header_.string(), fmt::format("{} {}", calledBy(header_, data_), why),
-                    "copy or export the file again");
+                    "copy or export the file again, or correct the header");
 }
 
 /// Reads more compressed bytes if none are left. Returns false at the end of the file.
@@ -96,7 +96,8 @@ std::size_t Unpacked::inflateSome(void* to, std::size_t bytes) {
       inflater_->ended = !inflater_->gzip || !refill() || *stream.next_in != 0x1f;
       if (!inflater_->ended) inflateReset(&stream);
     } else if (state != Z_OK) {
-      refuse(fmt::format("is damaged: the packed values cannot be unpacked ({})",
+      refuse(fmt::format("is damaged{}: the packed values cannot be unpacked ({})",
+                         inflater_->gzip ? "" : ", or not packed as the header states",
                          stream.msg == nullptr ? "zlib" : stream.msg));
     }
   }

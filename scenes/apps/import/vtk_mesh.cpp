@@ -445,7 +445,7 @@ class MeshResampler {
                         fmt::format("no voxel with an edge of {:g} has its centre in the part of "
                                     "the mesh where {} has data",
                                     voxel_, sheet.array().name),
-                        "give a smaller --voxel");
+                        "give a smaller --voxel, or choose arrays with data by --field");
     }
     return one;
   }

@@ -288,7 +288,8 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
     for (const std::string& name : there) {
       if (mesh->GetPointData()->HasArray(name.c_str()) != 0) continue;
       if (mesh->GetCellData()->HasArray(name.c_str()) != 0) continue;
-      notes.push_back(fmt::format("{}: skipped: some blocks do not have this array", name));
+      notes.push_back(fmt::format(
+          "{}: skipped: some blocks do not have this array, or have it in another form", name));
     }
   }
   std::vector<std::string> moved;
@@ -381,7 +382,7 @@ std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
     seen = takeOne(one, file, pieces, meshes, notes);
   }
   if (!seen) {
-    throw VolumeError(file, "the file has no cells with volume",
+    throw VolumeError(file, "the file has no cells with volume, or all of them are hidden",
                       "give an image or a mesh of cells with volume");
   }
   if (!meshes.empty()) pieces.push_back(takeMesh(std::move(meshes), file, notes));

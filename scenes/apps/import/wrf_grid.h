@@ -10,7 +10,7 @@
 namespace palpate::importer {
 
 struct WrfGrid {
-  int x = -1;  ///< Index of the dimension of the rows; `y` is that of the columns.
+  int x = -1;  ///< Index of the file's dimension west_east; `y` is that of south_north.
   int y = -1;
   int z = -1;       ///< -1: no levels.
   double dx = 0.0;  ///< Spacing along x on the plane of the map projection [m]; `dy` along y.

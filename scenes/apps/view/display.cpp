@@ -33,9 +33,9 @@ Display* connection = nullptr;
 /// Opens the connection. Returns the reason why the display cannot show OpenGL; empty if it can.
 std::string problem() {
   const char* name = std::getenv("DISPLAY");
-  if (name == nullptr || *name == '\0') return "the variable DISPLAY is empty";
+  if (name == nullptr || *name == '\0') return "the variable DISPLAY is empty or not set";
   connection = XOpenDisplay(nullptr);
-  if (connection == nullptr) return std::string(name) + " does not answer";
+  if (connection == nullptr) return std::string(name) + " cannot be opened";
   // VTK requests this configuration, and aborts without a message if the display does not have it.
   const std::array<int, 5> wanted{GLX_DEPTH_SIZE, 1, GLX_ALPHA_SIZE, 1, None};
   int count = 0;
@@ -115,8 +115,11 @@ std::string startServer() {
   return number;
 }
 
+/// Effect of a lost or failing display, for messages.
+const char* effect = "the window closes";
+
 int lost(Display* /*display*/) {
-  cli::complain("display: the connection is lost: the window closes");
+  cli::complain(fmt::format("display: the connection is lost: {}", effect));
   _exit(1);
 }
 
@@ -125,14 +128,15 @@ int refused(Display* display, XErrorEvent* error) {
   if (error->request_code == X_SetInputFocus) return 0;
   std::array<char, 128> why{};
   XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));
-  cli::complain(fmt::format("display: it rejected request {}.{}, {}: the window closes",
-                            error->request_code, error->minor_code, why.data()));
+  cli::complain(fmt::format("display: it rejected request {}.{}, {}: {}", error->request_code,
+                            error->minor_code, why.data(), effect));
   _exit(1);
 }
 
 }  // namespace
 
 void needDisplay(bool picture) {
+  if (picture) effect = "the picture is not drawn";
   XSetIOErrorHandler(lost);
   XSetErrorHandler(refused);
   std::string why = problem();
@@ -142,8 +146,11 @@ void needDisplay(bool picture) {
                 "run palpate view on a desktop with OpenGL, or add --picture FILE.png");
   }
   const std::string number = startServer();
-  if (number.empty())
-    throw Error("display", why, "install xvfb, which draws pictures without a desktop");
+  if (number.empty()) {
+    throw Error("display", why,
+                "install xvfb, which draws pictures without a desktop; if it is installed, find "
+                "out why Xvfb does not start");
+  }
   std::atexit(endServer);
   setenv("DISPLAY", (":" + number).c_str(), 1);
   why = problem();

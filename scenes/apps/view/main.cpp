@@ -92,7 +92,8 @@ void needOpenGL() {
   const auto window = vtkSmartPointer<vtkRenderWindow>::New();
   window->SetOffScreenRendering(1);
   if (window->SupportsOpenGL() == 0) {
-    throw Error("display", "its OpenGL is older than 3.2", "install a newer graphics driver");
+    throw Error("display", "its OpenGL does not start or is older than 3.2",
+                "install a newer graphics driver");
   }
 }
 

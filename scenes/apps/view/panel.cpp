@@ -102,9 +102,9 @@ std::vector<std::string> statusOf(const LiveTick& tick, double reengage) {
     lines.emplace_back(remedyFor(tick.fault));
     if (tick.fault == Fault::kLate && reengage > 0.0) {
       lines.push_back(
-          fmt::format("without another fault the force returns {} s after the last late tick, at "
-                      "most {} times a minute",
-                      reengage, Reengagement::kMost));
+          fmt::format("without another fault or a pause over {} s the force returns {} s after the "
+                      "last late tick, at most {} times a minute",
+                      Reengagement::kPause, reengage, Reengagement::kMost));
     }
     lines.emplace_back("press Enter to restore the force");
     return lines;
@@ -113,7 +113,9 @@ std::vector<std::string> statusOf(const LiveTick& tick, double reengage) {
   lines.push_back(fmt::format("{}, within {} um", wordFor(tick.status),
                               brief(std::max(kFinest, 1e6 * tick.error_bound))));
   if (*adviceFor(tick.status) != '\0') lines.emplace_back(adviceFor(tick.status));
-  if (tick.limited) lines.emplace_back("the device's limits reduced the force");
+  if (tick.limited) {
+    lines.emplace_back("the gate reduced the force: a limit, an engagement or the energy tank");
+  }
   if (tick.late_ticks > 0) {
     lines.push_back(fmt::format("{} late tick{}", tick.late_ticks, tick.late_ticks > 1 ? "s" : ""));
   }

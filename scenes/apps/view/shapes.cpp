@@ -282,12 +282,15 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
   const int most = fine_ && fine ? kFinePoints : graph.scalar_fields.size() > 8 ? 48 : kPoints;
   const int points =
       static_cast<int>(std::clamp(kPointsPerVoxel * voxels, 48.0, static_cast<double>(most)));
+  const double step = voxels / (points - 1);
   if (!mesh(points, When::kFine)) {
-    notes_.push_back(fmt::format("{}: no surface at the value {}", name, level));
+    notes_.push_back(step > 1.0
+                         ? fmt::format("{}: not drawn: too small, or no surface at {}", name, level)
+                         : fmt::format("{}: no surface to draw at the value {}", name, level));
     return;
   }
   (void)mesh(std::min(points, kCoarsePoints), When::kCoarse);
-  if (const double step = voxels / (points - 1); step > 1.5) {
+  if (step > 1.5) {
     notes_.push_back(fmt::format("{}: drawn {:.1f} times coarser than it is felt", name, step));
   }
   ++surfaces_;
@@ -403,7 +406,7 @@ void Shapes::addStreams(const Graph& graph, std::size_t field, Along along,
     }
   }
   if (cells->GetNumberOfCells() == 0) {
-    notes_.push_back(name + ": no streams: its vectors are nearly zero");
+    notes_.push_back(name + ": no streams: no strong " + (core ? "curl" : "vector") + " was found");
     return;
   }
   auto data = vtkSmartPointer<vtkPolyData>::New();

@@ -79,7 +79,7 @@ void ViewWindow::key(const std::string& name) {
   } else if (name == "s") {
     slice();
   } else if (name == "space") {
-    message_ = "no recording here: run palpate feel --record";
+    message_ = "press space in the terminal to pause a sequence";
     message_until_ = Clock::now() + std::chrono::seconds(3);
   } else if (name.size() == 1 && name[0] >= '1' && name[0] <= '9') {
     choose(static_cast<std::size_t>(name[0] - '1'));

@@ -212,8 +212,7 @@ std::vector<std::string> ViewWindow::notes() const {
   if (detail_ >= Shapes::kCoarsest) {
     notes.emplace_back("reduced detail, to draw the picture in time");
   } else if (detail_ > 1) {
-    notes.push_back(fmt::format(
-        "reduced detail, to draw the picture in time: one ray for {0} x {0} pixels", detail_));
+    notes.push_back(fmt::format("reduced detail: one ray for {0} x {0} pixels", detail_));
   }
   return notes;
 }

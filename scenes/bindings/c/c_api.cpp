@@ -71,9 +71,13 @@ void load(palpate_hand& hand, const std::filesystem::path& path) {
 
 /// Checks only the limits of the coupling; the servo checks those of the force.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
-  if (!(arm.max_stiffness > 0.0) || !(arm.max_damping >= 0.0)) {
-    throw palpate::DeviceError("arm", "its largest stiffness or damping is not a valid number",
-                               "give N/m and N s/m, or begin with palpate_weakest_arm()");
+  if (!(arm.max_stiffness > 0.0)) {
+    throw palpate::DeviceError("arm", "its largest stiffness is not above 0",
+                               "give N/m, or begin with palpate_weakest_arm()");
+  }
+  if (!(arm.max_damping >= 0.0)) {
+    throw palpate::DeviceError("arm", "its largest damping is negative or not a number",
+                               "give N s/m, or begin with palpate_weakest_arm()");
   }
   palpate::DeviceInfo info;
   info.name = "arm";

@@ -48,10 +48,14 @@ py::dict solve(double stiffness, const Doubles& probe, const std::vector<Primiti
   const SolveResult result =
       solveProxy(from, stiffness, primitives, start ? vectorOf(*start, "start") : from);
   if (result.status == SolveStatus::kBadInput) {
-    throw Error("solve",
-                "a number is not finite or overflows, the stiffness is not above 0, or there are "
-                "more than " +
-                    std::to_string(kMaxPrimitives) + " primitives",
+    if (!(stiffness > 0.0)) {
+      throw Error("solve", "the stiffness is not above 0", "give N/m, such as 500");
+    }
+    if (primitives.size() > kMaxPrimitives) {
+      const std::string most = std::to_string(kMaxPrimitives);
+      throw Error("solve", "there are more than " + most + " primitives", "give at most " + most);
+    }
+    throw Error("solve", "a number is not finite or overflows",
                 "give finite values in metres, newtons and N/m");
   }
   py::dict dict;

@@ -54,7 +54,7 @@ void translate(std::exception_ptr thrown) {
     raise("Error", e);
   } catch (const std::bad_alloc&) {
     raise("Error", {"memory", "the call needs more memory than is available",
-                    "split the work into smaller calls"});
+                    "split the work into smaller calls, or use smaller volumes"});
   }
 }
 

@@ -101,7 +101,9 @@ py::object toVtk(const NamedField& field, std::optional<double> spacing) {
     support = py::module_::import("vtkmodules.util.numpy_support");
   } catch (const py::error_already_set& e) {
     if (!e.matches(PyExc_ImportError)) throw;
-    throw Error("to_vtk", "VTK's Python modules are missing", "install python3-vtk9");
+    const auto why = py::str(e.value()).cast<std::string>();
+    throw Error("to_vtk", "VTK's Python modules cannot be imported (" + why + ")",
+                "install python3-vtk9");
   }
   py::object image = model.attr("vtkImageData")();
   image.attr("SetDimensions")(nx, ny, nz);

@@ -70,7 +70,7 @@ void Rows::take(const Telemetry& tick, const ProxyState& /*state*/) noexcept {
 std::vector<PathPoint> pathOf(const Doubles& given, double rate) {
   const py::ssize_t width = given.ndim() == 2 ? given.shape(1) : 0;
   if ((width != 3 && width != 4) || given.shape(0) == 0) {
-    throw DeviceError("path", "its shape is neither (n, 3) nor (n, 4)",
+    throw DeviceError("path", "its shape is neither (n, 3) nor (n, 4), or it has no rows",
                       "give one position x, y, z per tick, or rows of t, x, y, z");
   }
   std::vector<PathPoint> path;

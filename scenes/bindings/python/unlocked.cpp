@@ -72,7 +72,9 @@ void registerEnd() {
   py::module_::import("atexit").attr("register")(py::cpp_function(&awaitAbandoned));
   begun_in = getpid();
   if (Py_AtExit(&awaitThreads) != 0) {
-    throw std::runtime_error("palpate: Python cannot register another exit function");
+    throw std::runtime_error(
+        "palpate: Python cannot register another exit function: import palpate before other "
+        "modules");
   }
 }
 

@@ -36,7 +36,7 @@ SmoothWidth widthOf(const Width& smooth) {
   const auto& text = std::get<std::string>(smooth);
   const std::optional<SmoothText> read = readSmoothText(text);
   if (!read || read->metres > 0.0) {
-    throw Error("smooth", "\"" + text + "\" is not a width",
+    throw Error("smooth", "\"" + text + "\" is not a width in the volume's own unit",
                 "give voxels, such as 1.5, or a length in the volume's own unit, such as \"1.5 "
                 "file\"");
   }
@@ -58,7 +58,8 @@ void warnOfRounding(const py::array& values, const std::string& name) {
   const bool held =
       values.attr("max")().attr("item")() <= exact && values.attr("min")().attr("item")() >= -exact;
   if (held) return;
-  const std::string warning = name + ": integers above 9,007,199,254,740,992 are rounded";
+  const std::string warning =
+      name + ": integers with a magnitude above 9,007,199,254,740,992 are rounded";
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
@@ -68,7 +69,10 @@ py::array numbersOf(const py::object& given, const std::string& name) {
     throw VolumeError(name, "it is a masked array", "give array.filled(background)");
   }
   py::array values = py::array::ensure(given);
-  if (!values) throw VolumeError(name, "it is not an array", "give a numpy array or nested lists");
+  if (!values) {
+    throw VolumeError(name, "it cannot be read as an array",
+                      "give a numpy array, or nested lists of equal lengths");
+  }
   const char kind = values.dtype().kind();
   const py::ssize_t size = values.itemsize();
   const bool is_float = kind == 'f' && (size == 4 || size == 8);
@@ -156,9 +160,9 @@ void bindVolume(py::module_& m) {
           },
           "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = Width(0.0),
           "Reads a grid of a .vdb file. If the file has one grid, its name may be left out. With "
-          "`fill`, values that are not numbers become the background. `smooth` is the standard "
-          "deviation of a Gaussian: 0 to 32 voxels, or a text such as \"1.5 file\" in the file's "
-          "unit.")
+          "`fill`, values that are NaN, infinite or above 1e100 become the background. `smooth` is "
+          "the standard deviation of a Gaussian: 0 to 32 voxels, or a text such as \"1.5 file\" in "
+          "the file's unit.")
       .def(
           "field",
           [](const std::shared_ptr<Volume>& volume, const std::string& interpolation, bool axial) {

@@ -115,8 +115,10 @@ SharedKey keyFrom(const Json& json) {
   SharedKey key;
   for (const Json& word : json) key.push_back(word.is_string() ? word.get<std::string>() : "\n");
   if (!std::all_of(key.begin(), key.end(), isName)) {
-    refuse(fmt::format("the key of a part has a word that is not a text of at most {} bytes",
-                       kLongestName));
+    refuse(fmt::format(
+        "the key of a part has a word that is not a text of at most {} bytes without control "
+        "characters",
+        kLongestName));
   }
   if (!isTold(key)) refuse("the key of a part names no volume, field, mode or play");
   return key;
@@ -135,7 +137,7 @@ void checkValue(const SharedKey& key, const Json& value) {
   if (key[0] != "modes") return;
   const SharedKey own = keyOfMode(value);
   if (own.size() + 1 != key.size() || !std::equal(own.begin(), own.end(), key.begin())) {
-    refuse(wordsForOne(key) + " has another name or kind than its key");
+    refuse(wordsForOne(key) + " has another name, kind or \"of\" than its key");
   }
 }
 
@@ -304,8 +306,11 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
       }
     }
     if (merge(all, other.edits)) {
-      if (textOf({all, {}}).size() > kMostSceneText)
-        refuse(fmt::format("all edits together have more than {} bytes", kMostSceneText));
+      if (textOf({all, {}}).size() > kMostSceneText) {
+        throw Error(kSubject,
+                    fmt::format("all edits together have more than {} bytes", kMostSceneText),
+                    "start all sites again from one scene file with these edits");
+      }
       edits_ = std::move(all);
       news_ = untold_ = true;
     }
@@ -347,7 +352,7 @@ void SharedScene::edit(const std::string& text) {
     (void)sharedTextFrom(textOf({all, {}}));
   } catch (const Error& error) {
     throw Error("the edit", "other sites would reject it (" + error.reason() + ")",
-                "make a smaller edit, or start with --own-scene");
+                "shorten or correct the edit, or start with --own-scene");
   }
   text_ = text;
   file_ = std::move(file);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
@@ -65,10 +66,12 @@ std::string addressTowards(const std::string& address) {
                      getsockname(s, reinterpret_cast<sockaddr*>(&own), &size) == 0 &&
                      getnameinfo(reinterpret_cast<sockaddr*>(&own), size, text.data(), text.size(),
                                  nullptr, 0, NI_NUMERICHOST) == 0;
+  const int error = errno;
   if (s >= 0) close(s);
   if (!known) {
-    throw Error("--with", fmt::format("this machine has no route to {}", address),
-                "check the network");
+    throw Error("--with",
+                fmt::format("this machine cannot send to {} ({})", address, std::strerror(error)),
+                "check the address and the network");
   }
   return text.data();
 }
@@ -179,7 +182,9 @@ class DdsSite final : public Site {
   std::vector<std::string> takeNews() override {
     const std::lock_guard lock(mutex_);
     if (std::exchange(failed_, false)) {
-      news_.emplace_back("site: the connection to other sites ended for lack of memory");
+      news_.emplace_back(
+          "site: the connection to other sites ended for lack of memory: free memory, and start "
+          "again");
     }
     if (const std::string line = Complaints::take(); !line.empty()) {
       news_.push_back(fmt::format("site: DDS: {}; further messages of DDS are not shown", line));
@@ -223,8 +228,11 @@ class DdsSite final : public Site {
     if (participant >= 0) return participant;
     std::string why = Complaints::take();
     if (why.empty()) why = dds_strretcode(-participant);
-    throw Error("--site-keys", fmt::format("DDS rejects the keys in {} ({})", keys, why),
-                "make new keys with site_keys.sh (docs/sites.md)");
+    throw Error(
+        "--site-keys",
+        fmt::format("DDS rejects the keys in {}, or cannot join its domain ({})", keys, why),
+        "make new keys with site_keys.sh (docs/sites.md), or check the network and the number of "
+        "sites on this machine");
   }
 
   void open(const SiteParams& params) {
@@ -320,7 +328,7 @@ class DdsSite final : public Site {
       if (others_.empty()) {
         news_.emplace_back(
             "site: no other site is heard yet: if one is running, check --with, domain and "
-            "--site-keys of both, and that the network passes UDP");
+            "--site-keys of both sites, and that the network passes UDP");
       }
     }
     const dds_return_t count =

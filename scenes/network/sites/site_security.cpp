@@ -57,9 +57,15 @@ void secure(dds_qos_t* participant, const fs::path& keys) {
   }};
   for (const auto& [property, file] : kFiles) {
     const fs::path path = fs::absolute(keys / file);
-    std::error_code ignored;
-    if (!fs::is_regular_file(path, ignored)) {
-      throw Error("--site-keys", fmt::format("{} is missing", path.string()),
+    std::error_code error;
+    const fs::file_status status = fs::status(path, error);
+    if (error && status.type() != fs::file_type::not_found) {
+      throw Error("--site-keys",
+                  fmt::format("{} cannot be read ({})", path.string(), error.message()),
+                  "check the permissions of its folder");
+    }
+    if (!fs::is_regular_file(status)) {
+      throw Error("--site-keys", fmt::format("{} is missing or not a file", path.string()),
                   "make keys with site_keys.sh (docs/sites.md)");
     }
     dds_qset_prop(participant, fmt::format("dds.sec.{}", property).c_str(),

@@ -307,7 +307,8 @@ ByteView igtlContent(const IgtlHead& head, ByteView body) {
   if (head.version < 2) return body;
   constexpr std::size_t kLeast = 12;
   if (body.size() < kLeast) {
-    refuse(head.type, fmt::format("its extended header has {} bytes", body.size()),
+    refuse(head.type,
+           fmt::format("its body has {} bytes, too few for an extended header", body.size()),
            "send at least 12 bytes");
   }
   In in(body);

@@ -88,9 +88,11 @@ void IgtlServer::beginBody(Client& client) {
   if (head.version < 1 || head.version > kNewest || head.type.empty()) {
     throw Error("a message", "its header is not one of OpenIGTLink", "send version 1, 2 or 3");
   }
-  if (head.size > (kept && !image ? kMostSmall : kIgtlMostImage + kPiece)) {
-    throw Error(head.type, fmt::format("its body has {} bytes", head.size),
-                image ? "send at most 512 MB" : "send a shorter message");
+  const std::uint64_t most = kept && !image ? kMostSmall : kIgtlMostImage + kPiece;
+  if (head.size > most) {
+    throw Error(
+        head.type, fmt::format("its body has {} bytes", head.size),
+        image ? std::string("send at most 512 MB") : fmt::format("send at most {} bytes", most));
   }
   client.left = head.size;
   client.crc = 0;
@@ -108,10 +110,12 @@ void IgtlServer::beginBody(Client& client) {
   if (!images_) {
     refuse(IgtlCode::kDisabled, "the run is recorded, and a recording cannot hold images");
   } else if (stage_.current().volumes.count(head.name) == 0) {
-    refuse(IgtlCode::kNotFound, "the scene has no volume of that name in memory");
+    refuse(IgtlCode::kNotFound,
+           "the scene has no volume of that name in memory: name the image like a volume that is "
+           "neither in bricks nor a sequence");
   } else if (busy) {
     // Rejects the image before its body, because a cut may follow the body.
-    refuse(IgtlCode::kBusy, "another image is still loading: send it again");
+    refuse(IgtlCode::kBusy, "another image is still loading: send this image again");
   }
 }
 

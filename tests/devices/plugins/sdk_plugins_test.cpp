@@ -186,7 +186,7 @@ TEST_CASE("an SDK's plug-in has the current version, full structs and one factor
   CHECK(bench.host.arm->extension(bench.host.arm, "palpate.other/1") == nullptr);
 }
 
-TEST_CASE("an SDK's plug-in lists an arm without opening or closing it", "[plugin]") {
+TEST_CASE("after an SDK's plug-in has listed an arm, it is open or closed as before", "[plugin]") {
   Bench bench(anySdk());
   bench.host.begin();
   palpate_plugin_found found{};

@@ -145,7 +145,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   check(contains(refusal([] { (void)openArm("hid:polhem", {}); }), "this arm is not plugged in"),
         "an arm of other numbers is refused");
   check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", {}); }),
-                 "use hid:virtual@ARM0001"),
+                 "use hid:" + file + "@ARM0001"),
         "another serial number is refused, and told which is there");
   {
     std::ifstream in(file);
@@ -588,7 +588,7 @@ bool run(const std::string& what, const std::string& volume, const std::string& 
   check(contains(refusal([&] { (void)openArm("hid:" + profile_file, {}); }), "other hands use"),
         "an arm that a hand has is no other hand's");
   check(arm->info().limits.peak == kUntestedForce && !said.empty() &&
-            contains(said.back(), "palpate devices --test hid:virtual@ARM0001"),
+            contains(said.back(), "palpate devices --test hid:" + profile_file + "@ARM0001"),
         "an untested arm is limited to 1 N, and the message names the test");
   const StayAwake awake(false);
   (void)becomeRealtime({}, awake);
