@@ -694,12 +694,10 @@ TEST_CASE("writing bricks leaves a folder with other contents unchanged", "[bric
                           const BrickOptions& options = {}) {
     return errorOf([&] { (void)writeBricks(where, input, options); });
   };
-  CHECK_THAT(trying(folder / "b", fogOf(1, "other")),
-             Contains("another input, of other options"));
+  CHECK_THAT(trying(folder / "b", fogOf(1, "other")), Contains("another input, of other options"));
   BrickOptions options;
   options.compression = 4;
-  CHECK_THAT(trying(folder / "b", fogOf(1), options),
-             Contains("another input, of other options"));
+  CHECK_THAT(trying(folder / "b", fogOf(1), options), Contains("another input, of other options"));
   fs::remove(folder / "b" / "palpate.bricks");
   CHECK_THAT(trying(folder / "b", fogOf(1, "other")),
              Contains("unfinished bricks of another input"));
