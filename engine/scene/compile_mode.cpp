@@ -359,9 +359,9 @@ Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads) {
   for (std::size_t i = 0; i < spec.factors.size(); ++i) {
     const TransferSpec::Factor& factor = spec.factors[i];
     if (factor.by.empty() && !factor.curve.isConstant()) {
-      const std::string which = spec.factors.size() > 1 ? "/product/" + std::to_string(i) : "";
-      throw SceneError(path + "/stiffness" + which, "the curve has no input",
-                       "add \"by\" with the name of a scalar");
+      std::string at = path + "/stiffness";
+      if (spec.factors.size() > 1) at += "/product/" + std::to_string(i);
+      throw SceneError(at, "the curve has no input", "add \"by\" with the name of a scalar");
     }
   }
   Transfer stiffness =
