@@ -15,6 +15,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/brick_codec.h"
+#include "palpate/samplers/grid/data_ends.h"
 #include "palpate/samplers/grid/make_volume.h"
 
 namespace palpate {
@@ -38,7 +39,7 @@ constexpr std::int32_t kBand = 3;
 
 static_assert(sizeof(BrickEntry) == 36 && std::is_trivially_copyable_v<BrickEntry>,
               "the manifest stores an entry in 36 bytes, as in memory");
-static_assert(std::endian::native == std::endian::little, "manifests are little-endian");
+static_assert(std::endian::native == std::endian::little, "bricks need a little-endian machine");
 
 std::int32_t floorShift(std::int32_t v, int bits) noexcept {
   return v >> bits;
@@ -200,23 +201,24 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
     throw VolumeError("\"" + input.name + "\"", why, remedy);
   };
   if (input.grid_class == GridClass::kStaggered) {
-    refuse("it is staggered",
-           "give each component as a grid of its own, or give the vectors at the voxels' centres");
+    refuse("it is staggered, and bricks store vectors only at the voxels' centres",
+           "resample the vectors to the voxels' centres, or make bricks of each component");
   }
   if (!isMap(input.linear, input.origin)) {
-    refuse("its transform is singular or not finite", "give its voxels a volume above 0");
+    refuse("its transform is singular or not finite",
+           "give finite voxel edges that are not in one plane");
   }
   if (!isExtent(input.lower, input.upper)) {
-    refuse("its extent is empty, more than 2^30 voxels from the origin or more than 2^32 bricks",
-           "move it, or remove distant voxels");
+    refuse("its extent is empty, more than 2^30 voxels from the origin, or above 2^32 bricks",
+           "move the grid to the origin, or remove distant voxels");
   }
   for (std::size_t c = 0; c < 3; ++c) {
     float& v = manifest_.background_[c];
     v = c < input.format.components() ? input.background[c] : 0.0F;
     if (input.format.half) v = floatOfHalf(halfOfFloat(v));
     if (!std::isfinite(v)) {
-      refuse("its background is not a finite number, or is too large to be stored",
-             "give the value that stands for no data");
+      refuse("its background is not a finite number, or is too large for 16 bits (65504)",
+             "give a finite background, or store 32 bits");
     }
   }
   if (options.compression < 1 || options.compression > 19) {
@@ -336,7 +338,7 @@ template <class... Text>
 Json parseText(Text... text) {
   constexpr int kDeepest = 64;
   return Json::parse(text..., [](int depth, Json::parse_event_t /*event*/, Json& /*parsed*/) {
-    if (depth > kDeepest) throw std::range_error("its JSON is nested too deeply");
+    if (depth > kDeepest) throw std::range_error("its JSON has more than 64 levels");
     return true;
   });
 }
@@ -407,7 +409,7 @@ BrickFormat readFormat(const FactsReader& facts) {
 
 std::array<float, 3> readBackground(const Json& json, std::size_t components) {
   if (json.size() != components)
-    throw std::range_error("its background has a wrong number of components");
+    throw std::range_error("its background does not have one number for each component");
   std::array<float, 3> background{};
   for (std::size_t c = 0; c < components; ++c) {
     background[c] = static_cast<float>(FactsReader::number(json.at(c)));
@@ -432,7 +434,7 @@ void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& 
                     std::array<VoxelAt, 2>& active_box) {
   const double active = FactsReader::number(statistics.at("active_voxels"));
   if (!(active >= 0.0 && active <= 1e19))
-    throw std::range_error("its active_voxels is not in 0 to 1e19");
+    throw std::range_error("its active_voxels is not a number from 0 to 1e19");
   info.active_voxels = static_cast<std::uint64_t>(active);
   if (info.active_voxels == 0) {
     info.refusal = "it has no active voxel: write it with its values active";
@@ -492,7 +494,7 @@ std::uint64_t BrickFacts::identityIn(const std::string& attributes) noexcept {
 void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   const FactsReader facts(json);
   if (FactsReader::whole(facts.at("bricks")) != kVersion) {
-    throw std::range_error("its JSON is of another version than its first bytes");
+    throw std::range_error("the version in its JSON differs from that in its first 8 bytes");
   }
   GridInfo& info = manifest.info_;
   info.name = facts.text("name");
@@ -505,14 +507,15 @@ void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   const Vec3 origin = FactsReader::vec(facts.at("origin"));
   if (!isMap(linear, origin)) throw std::range_error("its transform is singular or not finite");
   if (!isExtent(manifest.extent_[0], manifest.extent_[1])) {
-    throw std::range_error("its extent is empty or too large");
+    throw std::range_error("its extent is empty, beyond 2^30 voxels, or above 2^32 bricks");
   }
   const Json& metadata = facts.at("metadata");
   manifest.metadata_ = metadata.dump();
   const Json missing = {{"bool", true}};
   const Json mesh = {{"string", "mesh"}};
-  manifest.has_holes_ = metadata.value(kMetaInactiveIsMissing, Json()) == missing;
-  manifest.data_active_ = manifest.has_holes_ || metadata.value("imported_from", Json()) == mesh;
+  manifest.inactive_ =
+      inactiveVoxels(metadata.value(kMetaImportedFrom, Json()) == mesh ? "mesh" : "",
+                     metadata.value(kMetaInactiveIsMissing, Json()) == missing);
   manifest.identity_ = FactsReader::hexadecimal(facts.text("identity"));
   const bool level_set = info.grid_class == GridClass::kLevelSet && !manifest.format_.vector;
   manifest.levels_ = levelsOf(linear, origin, manifest.extent_, level_set);

@@ -74,8 +74,7 @@ class BrickLevelSource {
       ends_.lower[a] = lower[a] >> level;
       ends_.upper[a] = upper[a] >> level;
     }
-    ends_.active_only = window.manifest().isDataActive();
-    ends_.whole_cells = window.manifest().hasHoles();
+    ends_.inactive = window.manifest().inactive();
   }
 
   [[nodiscard]] static Cache cache() noexcept { return {}; }
@@ -137,7 +136,7 @@ class BrickField : public Base {
     }
   };
   struct Cache {
-    Cache(typename Level::Cache a, typename Level::Cache b)
+    Cache(typename Level::Cache&& a, typename Level::Cache&& b)
         : fine(std::move(a)), coarse(std::move(b)) {}
     Read fine;    ///< Finest level of the last reading.
     Read coarse;  ///< Next coarser level that contributed to the last reading.

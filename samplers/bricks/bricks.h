@@ -180,10 +180,8 @@ class BrickManifest {
   [[nodiscard]] const std::array<VoxelAt, 2>& extent() const noexcept { return extent_; }
   /// Returns the first and the last voxel of the box of the active voxels of level 0.
   [[nodiscard]] const std::array<VoxelAt, 2>& activeBox() const noexcept { return active_box_; }
-  /// Returns true if inactive voxels have no data: in volumes from meshes, and with hasHoles().
-  [[nodiscard]] bool isDataActive() const noexcept { return data_active_; }
-  /// Returns true if the volume is from an image with missing voxels (kMetaInactiveIsMissing).
-  [[nodiscard]] bool hasHoles() const noexcept { return has_holes_; }
+  /// Returns the meaning of inactive voxels in activeBox().
+  [[nodiscard]] Inactive inactive() const noexcept { return inactive_; }
   /// Returns the metadata of the volume's file, such as units, as a JSON object.
   [[nodiscard]] const std::string& metadata() const noexcept { return metadata_; }
   /// Returns the sum of the sizes of all objects [bytes].
@@ -201,8 +199,7 @@ class BrickManifest {
   std::uint64_t identity_ = 0;
   std::array<VoxelAt, 2> extent_{};
   std::array<VoxelAt, 2> active_box_{};
-  bool data_active_ = false;
-  bool has_holes_ = false;
+  Inactive inactive_ = Inactive::kBackground;
   std::string metadata_;
 };
 

@@ -4,22 +4,31 @@
 #include <array>
 #include <cstddef>
 #include <limits>
+#include <string_view>
+
+#include "palpate/samplers/grid/volume.h"
 
 namespace palpate {
 
+/// Returns the meaning of inactive voxels by a grid's metadata (kMetaImportedFrom and
+/// kMetaInactiveIsMissing).
+[[nodiscard]] constexpr Inactive inactiveVoxels(std::string_view imported_from,
+                                                bool missing) noexcept {
+  if (missing) return Inactive::kMissing;
+  return imported_from == "mesh" ? Inactive::kOutside : Inactive::kBackground;
+}
+
 /// The voxels that have data. A difference to other voxels is not a derivative of the data. Voxels
-/// outside of the box of active voxels have no data. In a grid that was resampled from a mesh, or
-/// that has the metadata kMetaInactiveIsMissing, inactive voxels in the box lack data too. In other
-/// grids, an inactive voxel in the box has the value of the background: the centre of a vortex is
-/// at rest.
+/// outside of the box of active voxels have no data.
 struct DataEnds {
   std::array<int, 3> lower{kLeast, kLeast, kLeast};  ///< First voxel of the box.
   std::array<int, 3> upper{kMost, kMost, kMost};     ///< Last voxel of the box.
-  bool active_only = false;  ///< True if inactive voxels in the box have no data.
-  /// True if a place has no data if its value would read an inactive voxel in the box. In a grid
-  /// from a mesh, one active voxel suffices: the mesh ends between the voxels.
-  bool whole_cells = false;
+  /// The inactive voxels in the box. If they are kMissing, a place has no data if its value would
+  /// read one of them; if they are kOutside, one active voxel suffices.
+  Inactive inactive = Inactive::kBackground;
 
+  /// Returns true if inactive voxels in the box have no data.
+  [[nodiscard]] bool activeOnly() const noexcept { return inactive != Inactive::kBackground; }
   /// Returns true if the box contains the voxel and, along each axis, `margin` voxels around it.
   [[nodiscard]] bool contains(const std::array<int, 3>& voxel, int margin = 0) const noexcept {
     for (std::size_t a = 0; a < 3; ++a) {

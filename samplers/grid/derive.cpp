@@ -17,8 +17,7 @@ void place(const Volume::Grid::Part& part, Prepared& prepared) {
   prepared.info.voxel = part.linear.colwise().norm().transpose();
   prepared.grid->parts.front().linear = part.linear;
   prepared.grid->parts.front().origin = part.origin;
-  prepared.grid->parts.front().ends.active_only = part.ends.active_only;
-  prepared.grid->parts.front().ends.whole_cells = part.ends.whole_cells;
+  prepared.grid->parts.front().ends.inactive = part.ends.inactive;
 }
 
 }  // namespace
@@ -44,7 +43,7 @@ std::shared_ptr<const Volume> deriveVolume(const std::shared_ptr<const Volume>& 
     throw VolumeError(where,
                       std::string("its ") + wordFor(what) + " is outside the range of " +
                           out.info.type + " at " + std::to_string(out.info.non_finite) + " voxels",
-                      "scale its values");
+                      "scale its values down");
   }
   if (!out.info.refusal.empty()) {
     throw VolumeError(where,

@@ -118,8 +118,8 @@ class Neighbourhood {
     const int n_below = at > 0 ? n - step : n + 7 * step;
     const int n_above = at < 7 ? n + step : n - 7 * step;
     const int here = origin_[axis] + at;
-    const bool low = here > ends_.lower[a] && (!ends_.active_only || below.active(n_below));
-    const bool high = here < ends_.upper[a] && (!ends_.active_only || above.active(n_above));
+    const bool low = here > ends_.lower[a] && (!ends_.activeOnly() || below.active(n_below));
+    const bool high = here < ends_.upper[a] && (!ends_.activeOnly() || above.active(n_above));
     using Number = decltype(toEngine(Value()));
     const Number from = toEngine(low ? below.value(n_below) : own_.value(n));
     const Number to = toEngine(high ? above.value(n_above) : own_.value(n));

@@ -149,7 +149,7 @@ class LatticeReader {
   /// @param all_corners  True for level sets, whose values are distances only within the band: a
   ///                     cell has data if all corners are active, or if one is active and the
   ///                     cell holds the surface (band_cell.h). Else one active corner suffices,
-  ///                     unless DataEnds::whole_cells is set.
+  ///                     unless inactive voxels are missing (Inactive).
   /// @param reach  See Sampling::slope_reach.
   LatticeReader(Source source, const IndexMap& map, std::shared_ptr<const FreeMap> free,
                 bool all_corners, bool axial, double reach)
@@ -438,7 +438,7 @@ class LatticeReader {
         turn(corners);
       };
       if constexpr (kEnds) {
-        const bool within = !ends_.active_only && ends_.contains({i, j, k}, 2);
+        const bool within = !ends_.activeOnly() && ends_.contains({i, j, k}, 2);
         const std::uint64_t known = within ? kAll : knownAbout({i, j, k}, block);
         if (known != kAll) return cache.kernel.loadKnown(rows, known, turned);
       }
@@ -466,7 +466,7 @@ class LatticeReader {
   template <class Block>
   [[nodiscard, gnu::noinline]] std::uint64_t knownAbout(const std::array<int, 3>& cell,
                                                         const Block& block) const noexcept {
-    std::uint64_t bits = ends_.active_only ? block.allActive() : kAll;
+    std::uint64_t bits = ends_.activeOnly() ? block.allActive() : kAll;
     for (int n = 0; n < 64; ++n) {
       const std::array<int, 3> at{n / 16, n / 4 % 4, n % 4};
       const auto rim = std::count_if(at.begin(), at.end(), [](int i) { return i % 3 == 0; });
@@ -503,7 +503,7 @@ class LatticeReader {
       } else {
         cell <<= bitOf<kWidth>(1, 1, 1);
       }
-      if (all_corners_ || !ends_.whole_cells) {
+      if (all_corners_ || ends_.inactive != Inactive::kMissing) {
         return all_corners_ ? (active & cell) == cell : (active & cell) != 0;
       }
       return (active & cell) == cell || ((active & cell) != 0 && isWhole(t, cache));

@@ -14,6 +14,10 @@ namespace palpate {
 /// voxel in the box has no data.
 inline constexpr const char* kMetaInactiveIsMissing = "inactive_is_missing";
 
+/// Name of the text metadata that tells from what the importer made a grid: "image" or "mesh".
+/// Inactive voxels of a grid from a mesh have no data.
+inline constexpr const char* kMetaImportedFrom = "imported_from";
+
 /// Copies and prepares a grid for VolumeSpec::volume, as loadVolume does. The grid's world space
 /// takes the place of the file's. During the call other threads may read the grid but must not
 /// write to it. Throws VolumeError, with the grid's name, if it is unusable. Slow: reads every

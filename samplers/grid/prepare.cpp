@@ -108,8 +108,7 @@ DataEnds endsOf(const openvdb::GridBase& grid, const openvdb::CoordBBox& active)
     ends.lower[static_cast<std::size_t>(a)] = active.min()[a];
     ends.upper[static_cast<std::size_t>(a)] = active.max()[a];
   }
-  ends.active_only = detail::isDataActive(grid);
-  ends.whole_cells = detail::hasHoles(grid);
+  ends.inactive = detail::inactiveOf(grid);
   return ends;
 }
 
@@ -128,8 +127,9 @@ Vec3 growthOf(const detail::ActiveBoxes& active) {
 std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool affine,
                       const std::vector<Volume::Grid::Part>& parts) {
   if (parts.empty()) {
-    return "it is of type " + info.type +
-           ": convert it to a float, half, double or vec3 grid (points: rasterise them)";
+    return "its type " + info.type +
+           " is not supported: convert it to a float, half, double or vec3 grid (points: rasterise "
+           "them)";
   }
   if (!grid.transform().isLinear()) {
     return "it has a frustum transform: resample it to an affine grid";

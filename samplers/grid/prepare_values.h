@@ -19,6 +19,7 @@
 #include <tbb/parallel_reduce.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/grid/data_ends.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/no_data_error.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
@@ -103,7 +104,8 @@ template <class Leaf>
 void readLeaf(Leaf& leaf) {
   using Buffer = typename Leaf::Buffer;
   using Value = typename Leaf::ValueType;
-  static_assert(OPENVDB_LIBRARY_MAJOR_VERSION_NUMBER == 10, "see whether this is still so");
+  static_assert(OPENVDB_LIBRARY_MAJOR_VERSION_NUMBER == 10,
+                "check how this OpenVDB frees a leaf that it failed to read");
   try {
     (void)leaf.buffer().data();
   } catch (...) {
@@ -205,16 +207,11 @@ void turnVectors(GridT& grid) {
                                    /*updateChildNodes=*/false);
 }
 
-/// Returns true if the importer made the grid from an image with missing voxels.
-[[nodiscard]] inline bool hasHoles(const openvdb::GridBase& grid) {
+[[nodiscard]] inline Inactive inactiveOf(const openvdb::GridBase& grid) {
   const auto missing = grid.getMetadata<openvdb::BoolMetadata>(kMetaInactiveIsMissing);
-  return missing != nullptr && missing->value();
-}
-
-/// Returns true if inactive voxels have no data: in grids from meshes and from images with holes.
-[[nodiscard]] inline bool isDataActive(const openvdb::GridBase& grid) {
-  const auto from = grid.getMetadata<openvdb::StringMetadata>("imported_from");
-  return hasHoles(grid) || (from != nullptr && from->value() == "mesh");
+  const auto from = grid.getMetadata<openvdb::StringMetadata>(kMetaImportedFrom);
+  return inactiveVoxels(from != nullptr ? from->value() : "",
+                        missing != nullptr && missing->value());
 }
 
 /// Boxes of the active voxels of a grid.
@@ -244,7 +241,7 @@ template <class GridT>
 void smoothValues(GridT& grid, const SmoothWidth& width, GridInfo& info) {
   const Vec3 deviations = deviationsOf(grid, width, info.name);
   try {
-    info.smoothing = smooth(grid, deviations, isDataActive(grid));
+    info.smoothing = smooth(grid, deviations, inactiveOf(grid) != Inactive::kBackground);
   } catch (const openvdb::Exception& e) {
     throw VolumeError("grid \"" + info.name + "\"",
                       "it cannot be smoothed (" + std::string(e.what()) + ")", "remove \"smooth\"");

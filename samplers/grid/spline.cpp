@@ -120,9 +120,10 @@ void completeSurface(const GridT& values, typename GridT::TreeType& coefficients
   }
 }
 
-/// Continues the values of active voxels into the inactive voxels around them, so that a spline
-/// does not meet the background at the edge of the data. Each of a few layers continues the last
-/// two values along each axis, or the last one where there is only one. The voxels stay inactive.
+/// Extrapolates the values of active voxels into the inactive voxels around them, so that a spline
+/// does not meet the background at the edge of the data. Works outwards in kLayers layers. A voxel
+/// gets the mean over its neighbours: along each axis two values are extrapolated linearly, and a
+/// single value is repeated. The voxels stay inactive.
 template <class TreeT>
 void continueOutward(TreeT& tree) {
   using Sum = detail::SumOf<TreeT>;
@@ -184,7 +185,7 @@ const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree
       parts.push_back(std::visit(
           [&](const auto& data) -> GridData {
             using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
-            return typename GridT::ConstPtr(coefficientsOf(*data, degree, part.ends.active_only));
+            return typename GridT::ConstPtr(coefficientsOf(*data, degree, part.ends.activeOnly()));
           },
           part.data));
     }

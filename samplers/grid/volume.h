@@ -26,6 +26,13 @@ struct SmoothWidth {
 /// Largest standard deviation of a smoothing [voxels].
 inline constexpr double kMostSmooth = 32.0;
 
+/// Meaning of inactive voxels in the box of active voxels, as the metadata of the grid state.
+enum class Inactive : std::uint8_t {
+  kBackground,  ///< They have the value of the background: the centre of a vortex is at rest.
+  kOutside,     ///< They have no data: the grid is from a mesh, which ends between voxels.
+  kMissing,     ///< They have no data: the grid is from an image with holes.
+};
+
 /// Meaning of a grid's values, as the metadata of the grid state.
 enum class GridClass : std::uint8_t { kUnknown, kLevelSet, kFog, kStaggered };
 
@@ -145,7 +152,7 @@ struct VolumeRequest {
   std::filesystem::path file;  ///< A .vdb file.
   std::string grid;            ///< Name of the grid; empty for the only grid of the file.
   NonFinite non_finite = NonFinite::kRefuse;  ///< Value for LoadOptions::non_finite.
-  SmoothWidth smooth;                         ///< Value for LoadOptions::smooth.
+  SmoothWidth smooth{};                       ///< Value for LoadOptions::smooth.
 
   /// Returns true if the requests are equal.
   [[nodiscard]] bool operator==(const VolumeRequest&) const = default;

@@ -1,5 +1,6 @@
 #include "palpate/scenes/guess/metadata.h"
 
+#include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/volume_grid.h"
 #include "palpate/scenes/guess/suggest.h"
 
@@ -16,7 +17,7 @@ Metadata metadataOf(const Volume& volume) {
         found.value_unit = text(kMetaValueUnit);
         found.length_unit = text(kMetaLengthUnit);
         found.ras = text(kMetaSpace) == "RAS";
-        found.mesh = text(guess::kMetaFrom) == "mesh";
+        found.mesh = text(kMetaImportedFrom) == "mesh";
         const auto axial = grid->template getMetadata<openvdb::BoolMetadata>(guess::kMetaAxial);
         found.axial = axial && axial->value();
         return found;

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "palpate/samplers/grid/data_ends.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/volume_grid.h"
 #include "palpate/scenes/guess/choose_grids.h"
@@ -73,8 +74,8 @@ SuggestInput inputFrom(const GuessVolume& given) {
     input.axial = axial->value();
   }
   const auto missing = input.grid->getMetadata<openvdb::BoolMetadata>(kMetaInactiveIsMissing);
-  const bool has_holes = missing && missing->value();
-  input.inactive_is_data = text(kMetaFrom) != "mesh" && !has_holes;
+  input.inactive_is_data =
+      inactiveVoxels(text(kMetaImportedFrom), missing && missing->value()) == Inactive::kBackground;
   const openvdb::CoordBBox box = input.grid->evalActiveVoxelBoundingBox();
   if (const auto size = input.grid->getMetadata<openvdb::Vec3IMetadata>(kMetaImageSize)) {
     const openvdb::Vec3i voxels = size->value();

@@ -38,8 +38,7 @@ struct SuggestInput {
 /// Keys of metadata by which a guess for the .vdb gives the same scene as the guess at import.
 inline constexpr const char* kMetaImageSize =
     "image_size";  ///< Vec3i: number of voxels along each axis, from voxel 0, 0, 0 on.
-inline constexpr const char* kMetaFrom = "imported_from";  ///< "image" or "mesh".
-inline constexpr const char* kMetaModality = "modality";   ///< "CT" or "MR".
+inline constexpr const char* kMetaModality = "modality";  ///< "CT" or "MR".
 /// bool: vectors v and -v mean the same.
 inline constexpr const char* kMetaAxial = "axial";
 

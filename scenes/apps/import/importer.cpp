@@ -58,7 +58,7 @@ std::vector<Imported> fromMesh(const Options& options, Piece& piece, const std::
                                const Shared& shared, EarlierSteps& earlier) {
   if (options.smooth.sigma > 0.0) {
     throw Error("--smooth", "this option works on images, but " + in + " is a mesh",
-                "smooth the values in the scene, with \"smooth\": 1.5");
+                "smooth the values in the scene, with \"smooth\": 1.5 (voxels)");
   }
   if (options.tolerance) {
     throw Error("--tolerance", "this option works on images, but " + in + " is a mesh",
@@ -72,9 +72,8 @@ std::vector<Imported> fromMesh(const Options& options, Piece& piece, const std::
     voxel = suggested.edge;
     if (suggested.edge > suggested.by_cell) {
       notes.push_back(fmt::format(
-          "the voxels have an edge of {:g}, which limits them to {:g} per point (in a small mesh "
-          "to 33 x 33 x 33): without this limit the edge would be {:g}, which makes {:.2g} million "
-          "voxels; the resampling error shows the loss; {}",
+          "the voxel edge is {:g}, which limits the voxels to {:g} per point (33 x 33 x 33 in a "
+          "small mesh); without this limit, the edge would be {:g}, for {:.2g} million voxels; {}",
           voxel, kVoxelsPerPoint, suggested.by_cell, 1e-6 * suggested.voxels_by_cell,
           options.iso ? "smaller voxels are not possible with --iso on a mesh"
                       : fmt::format("--voxel {:g} selects the smaller voxels", suggested.by_cell)));
@@ -290,7 +289,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
   // By these entries, `palpate scene` guesses the same scene as this import.
-  text(guess::kMetaFrom, imported.image ? "image" : "mesh");
+  text(kMetaImportedFrom, imported.image ? "image" : "mesh");
   if (imported.image && !imported.image->empty() && !imported.level_set) {
     const openvdb::Coord size = imported.image->dim();
     grid.insertMeta(guess::kMetaImageSize, openvdb::Vec3IMetadata({size.x(), size.y(), size.z()}));
@@ -383,8 +382,9 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
     setMetadata(options, content, out, imported);
     if (imported.value_offset == 0.0) continue;
     out.notes.push_back(
-        fmt::format("{}: a float cannot hold these whole numbers exactly: the grid stores value - "
-                    "{:.0f} (its metadata value_offset), so give values in a scene in the same way",
+        fmt::format("{}: a float cannot hold these whole numbers exactly: the grid stores each "
+                    "value minus {:.0f} (metadata value_offset); subtract the same number from the "
+                    "values in a scene",
                     imported.made.grid->getName(), imported.value_offset));
   }
   return out;
@@ -486,10 +486,10 @@ void addBodies(Step& step) {
     region.made.active = body->region->activeVoxelCount();
     region.made.lowest = region.made.highest = 1.0;
     region.image = image.image;
-    body->region->insertMeta(guess::kMetaFrom, openvdb::StringMetadata("image"));
+    body->region->insertMeta(kMetaImportedFrom, openvdb::StringMetadata("image"));
     step.notes.push_back(
-        fmt::format("{}: the region of the largest body, which the scene uses; the hand does not "
-                    "feel {} other {}",
+        fmt::format("{}: this grid marks the region of the largest body for the scene; the hand "
+                    "does not feel {} other {}",
                     body->region->getName(), body->left, body->left == 1 ? "body" : "bodies"));
     step.grids.push_back(std::move(region));
   }
