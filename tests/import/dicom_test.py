@@ -659,7 +659,8 @@ class Trouble(Case):
         folder.mkdir()
         (folder / "a").write_bytes(b"\0\x08\0\x16UI\0\x1a1.2.840.10008.5.1.4.1.1.2\0" +
                                    b"\0\x08\0\x60CS\0\x02CT")
-        self.refused(folder, says="the file has big-endian values and does not say so")
+        self.refused(folder, says="the file has big-endian values, but states no transfer syntax: "
+                                  "convert it to little endian")
 
     def test_refuses_an_image_of_another_shape_and_names_its_file(self):
         folder = Volume().write(self.dir / "ct")

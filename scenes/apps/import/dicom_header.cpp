@@ -222,6 +222,7 @@ File headerOf(const fs::path& path) {
     File file;
     file.path = path;
     file.damage = e.reason();
+    file.remedy = e.remedy();
     return file;
   }
   vtkNew<vtkDICOMMetaData> meta;
@@ -262,7 +263,9 @@ File headerOf(const fs::path& path) {
   file.is_packed = parser->GetPixelDataVL() == kPacked && !is_rle;
   if (parser->GetPixelDataVL() == kPacked && meta->Get(0, DC::BitsAllocated).AsInt() == 1) {
     if (!is_rle) {
-      file.damage = "the pixels have one bit each under an unsupported compression";
+      file.damage =
+          "the pixels have 1 bit each and a compression other than RLE, which is unsupported";
+      file.remedy = "export it without compression";
       return file;
     }
     file.bits_at = static_cast<std::int64_t>(parser->GetFileOffset());

@@ -72,9 +72,13 @@ struct Slice {
 
 using Slices = std::vector<Slice>;
 
+inline constexpr const char* kCopyDicomAgain = "copy or export the file again";
+
+/// The header of a DICOM file.
 struct File {
   std::filesystem::path path;
-  std::string damage;
+  std::string damage;                    ///< Reason why the file cannot be read; empty if it can.
+  std::string remedy = kCopyDicomAgain;  ///< Remedy for `damage`.
   bool is_image = false;
   bool is_colour = false;
   bool is_packed = false;  ///< True if the pixels are compressed and GDCM must decode them.

@@ -31,8 +31,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kAgain = "copy or export the file again";
-
 /// Returns a folder's DICOM files by name. Adds its subfolders to `folders`.
 std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
   std::vector<fs::path> files;
@@ -274,7 +272,7 @@ class DicomReader final : public Reader {
           (!out.none() && values.type() != out.type())) {
         throw VolumeError(paths_[file].string(),
                           "the pixels do not match the header or the other files in number or type",
-                          kAgain);
+                          kCopyDicomAgain);
       }
       if (of_file.size() == 1) return values;
       if (out.none()) out = Values(values.type(), 1, plane * slices.size());
@@ -299,14 +297,14 @@ class DicomReader final : public Reader {
     reader->AutoRescaleOff();
     if (is_packed_[file]) {
       const Overheard overheard;
-      run(reader, paths_[file].string(), nullptr, kAgain);
+      run(reader, paths_[file].string(), nullptr, kCopyDicomAgain);
       const std::string damage = overheard.damage();
       if (!damage.empty()) {
         throw VolumeError(paths_[file].string(), fmt::format("the pixels are damaged ({})", damage),
-                          kAgain);
+                          kCopyDicomAgain);
       }
     } else {
-      run(reader, paths_[file].string(), nullptr, kAgain);
+      run(reader, paths_[file].string(), nullptr, kCopyDicomAgain);
     }
     vtkDataArray* values = reader->GetOutput()->GetPointData()->GetScalars();
     return values == nullptr ? Values() : valuesOf(values);
@@ -334,7 +332,7 @@ class DicomReader final : public Reader {
           !decodeBits(items[item], plane, values.as<unsigned char>() + i * plane)) {
         throw VolumeError(paths_[file].string(),
                           fmt::format("the pixels of frame {} are damaged (RLE)", frames[i] + 1),
-                          kAgain);
+                          kCopyDicomAgain);
       }
     }
     return values;
@@ -394,7 +392,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   if (!is_folder && wanted.series.empty()) {
     const File file = headerOf(request.file);
     if (!file.damage.empty()) {
-      throw VolumeError(request.file.string(), file.damage, kAgain);
+      throw VolumeError(request.file.string(), file.damage, file.remedy);
     }
     if (!file.is_image) {
       throw VolumeError(request.file.string(), "the file has no image",
@@ -420,7 +418,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   // A damaged file without a series UID may belong to the requested series, so throws its error.
   for (const File& file : files) {
     if (file.damage.empty() || (!file.series.empty() && file.is_image)) continue;
-    throw VolumeError(file.path.string(), file.damage, kAgain);
+    throw VolumeError(file.path.string(), file.damage, file.remedy);
   }
   const std::vector<Series> all = seriesOf(files);
   if (all.empty()) {
@@ -431,7 +429,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   const Series series = withoutStrays(chosen(all, wanted, notes), notes);
   for (const File* file : series.files) {
     if (file->damage.empty()) continue;
-    throw VolumeError(file->path.string(), file->damage, kAgain);
+    throw VolumeError(file->path.string(), file->damage, file->remedy);
   }
   return std::make_unique<DicomReader>(request, series, notes);
 }

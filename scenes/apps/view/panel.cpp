@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <vtkCellData.h>
@@ -29,6 +30,23 @@ std::string brief(double value) {
   return size < 1e-3 || size >= 100.0 ? fmt::format("{:.0f}", value) : fmt::format("{:.3g}", value);
 }
 
+/// Breaks a text at its spaces into lines of at most `width` letters. A longer word is one line.
+std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
+  std::vector<std::string> lines(1);
+  std::istringstream words(text);
+  for (std::string word; words >> word;) {
+    std::string& line = lines.back();
+    if (line.empty()) {
+      line = word;
+    } else if (line.size() + 1 + word.size() <= width) {
+      line.append(" ").append(word);
+    } else {
+      lines.push_back(word);
+    }
+  }
+  return lines;
+}
+
 const char* adviceFor(StepStatus status) {
   switch (status) {
     case StepStatus::kConverged:
@@ -37,7 +55,7 @@ const char* adviceFor(StepStatus status) {
     case StepStatus::kHairpin:
       return "the stream turns back here: reduce the strength, or move the hand nearer";
     case StepStatus::kSubstepLimit:
-      return "the proxy has not arrived: move the hand slower, or raise max_substeps";
+      return "the proxy has not reached the balance: move the hand slower, or raise max_substeps";
     case StepStatus::kIterationLimit:
       return "the balance is not exact: its error bound is in the line above";
     case StepStatus::kDropped:
@@ -101,10 +119,10 @@ std::vector<std::string> statusOf(const LiveTick& tick, double reengage) {
     lines.push_back(fmt::format("FORCE OFF: {}", wordsFor(tick.fault)));
     lines.emplace_back(remedyFor(tick.fault));
     if (tick.fault == Fault::kLate && reengage > 0.0) {
-      lines.push_back(
-          fmt::format("without another fault or a pause over {} s the force returns {} s after the "
-                      "last late tick, at most {} times a minute",
-                      Reengagement::kPause, reengage, Reengagement::kMost));
+      lines.push_back(fmt::format(
+          "unless another fault or a pause over {} s occurs, the force returns {} s after "
+          "the last late tick, at most {} times a minute",
+          Reengagement::kPause, reengage, Reengagement::kMost));
     }
     lines.emplace_back("press Enter to restore the force");
     return lines;
@@ -277,9 +295,11 @@ void Panel::show(const Content& content, double height) {
   }
   double low = 12.0;
   for (auto note = content.notes.rbegin(); note != content.notes.rend(); ++note) {
-    if (low > y) break;
-    text(kMargin, low, note->substr(0, 48), 11, kFaint);
-    low += 15.0;
+    const std::vector<std::string> lines = wrapped(*note, 48);
+    for (auto line = lines.rbegin(); line != lines.rend() && low <= y; ++line) {
+      text(kMargin, low, *line, 11, kFaint);
+      low += 15.0;
+    }
   }
   for (std::size_t i = used_; i < texts_.size(); ++i) texts_[i]->VisibilityOff();
 
