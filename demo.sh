@@ -18,7 +18,7 @@ case "${1:-}" in
         exit 2 ;;
 esac
 log=build/demo.log
-echo "demo: imports an MRI of a head and has a simulated hand feel it, into out/: half a minute."
+echo "demo: imports an MRI of a head and lets a simulated hand feel it. This takes half a minute. Output: out/"
 echo "      The first run installs missing packages and builds the program."
 echo "      Log: $log"
 .ci/install "${groups[@]}"

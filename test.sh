@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # Installs missing packages, builds, and runs every test. The release build runs all tests. AddressSanitizer and
 # UndefinedBehaviorSanitizer run the Catch2 tests, the hostile files and a few runs of each program. ThreadSanitizer
-# runs the tests of the loop. Random tests run a tenth of their cases; in a room that has changed since the last pass
+# runs the tests of the loop. Random tests run a tenth of their cases; in a folder that has changed since the last pass
 # they run all cases. Prints the minutes of each step and "N passed, N failed". Also fails if it exceeds its budget.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
-#   --long       random tests over ten times their cases; clang-tidy with all its checks; the packages on
+#   --long       random tests with ten times their cases; clang-tidy with all its checks; the packages on
 #                an empty Debian
 #   --install    only install the packages
 set -euo pipefail
@@ -29,8 +29,8 @@ while [ $# -gt 0 ]; do
 done
 
 if [ -z "$install_only" ]; then
-    echo "test.sh: builds three presets and runs every test: some 45 minutes on two cores where the compiler cache"
-    echo "         knows the sources, else some 110. Logs: build/PRESET/build.log, build/PRESET/runs/*/console.log"
+    echo "test.sh: builds three presets and runs every test: about 45 minutes on two cores if ccache has the"
+    echo "         sources, otherwise about 110. Logs: build/PRESET/build.log, build/PRESET/runs/*/console.log"
 fi
 .ci/install core network vtk python test
 [ -z "$install_only" ] || exit 0
@@ -55,7 +55,7 @@ for preset in "${presets[@]}"; do
     watched "$preset: building" $log cmake --build --preset $preset || { tail -60 $log; exit 1; }
     asked=$(grep -cxE 'direct_cache_hit|preprocessed_cache_hit|cache_miss' "$CCACHE_STATSLOG" 2>/dev/null) || true
     found=$(grep -cxE 'direct_cache_hit|preprocessed_cache_hit' "$CCACHE_STATSLOG" 2>/dev/null) || true
-    taken "$preset: build" "${found:-0} of ${asked:-0} sources out of ccache"
+    taken "$preset: build" "${found:-0} of ${asked:-0} sources from ccache"
 done
 if [ -n "$long" ]; then
     export PALPATE_CASES=${own_cases:-1000%} PALPATE_LONG=1

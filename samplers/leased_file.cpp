@@ -98,12 +98,12 @@ int copyOf(int file, const std::filesystem::path& path) {
   Descriptor copy(memfd_create("palpate", MFD_CLOEXEC));
   const int trouble = copyAll(file, copy.get());
   if (trouble == 0) return copy.release();
-  throw VolumeError(path.string(),
-                    std::string("another program may change it, and it cannot be copied (") +
-                        std::strerror(trouble) + ")",
-                    trouble == EIO
-                        ? "check the disk"
-                        : "free disk space for temporary files, or set TMPDIR to another folder");
+  throw VolumeError(
+      path.string(),
+      std::string("another program may change it during the load, and it cannot be copied (") +
+          std::strerror(trouble) + ")",
+      trouble == EIO ? "check the disk"
+                     : "free disk space for temporary files, or set TMPDIR to another folder");
 }
 
 }  // namespace

@@ -180,7 +180,7 @@ Guardian::Guardian() : maker_(getpid()) {
       if (end >= 0) close(end);
     }
     munmap(shared_, sizeof(Shared));
-    throw DeviceError("guardian", why, "close some files");
+    throw DeviceError("guardian", why, "close files, or raise the limit of open files (ulimit -n)");
   }
   child_ = fork();
   if (child_ == 0) {
@@ -193,7 +193,7 @@ Guardian::Guardian() : maker_(getpid()) {
     const std::string why = reason();
     close(socket_);
     munmap(shared_, sizeof(Shared));
-    throw DeviceError("guardian", why, "end other programs");
+    throw DeviceError("guardian", "its process cannot start (" + why + ")", "end other programs");
   }
 }
 
@@ -245,7 +245,7 @@ std::size_t Guardian::slotOf(const LoopWatch& loop) const {
   for (std::size_t slot = 0; slot < kMostLoops; ++slot) {
     if (used_[slot] && loop.heart == &shared_->loops[slot].heart) return slot;
   }
-  throw DeviceError("guardian", "it does not watch this loop", "call watch() before");
+  throw DeviceError("guardian", "it does not watch this loop", "call watch() first");
 }
 
 void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
@@ -259,7 +259,8 @@ void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
   order.size = zero.bytes.size();
   std::copy(zero.bytes.begin(), zero.bytes.end(), order.bytes.begin());
   if (!Message(order).send(socket_, zero.descriptor)) {
-    throw DeviceError("guardian", reason(), "start the program again");
+    throw DeviceError("guardian", "its process cannot get the device (" + reason() + ")",
+                      "start the program again");
   }
 }
 

@@ -72,9 +72,9 @@ void compareMasses(SelfTestResult& result, const ArmAxes& axes) {
     return inWords(axis->mass) + " kg along " +
            axes.name(static_cast<int>(axis - result.axes.data()));
   };
-  result.problems.push_back("it moves like " + along(light) + " and like " + along(heavy) +
-                            ", more than " + inWords(kAlike) +
-                            " times as much: correct the scale of a motor");
+  result.problems.push_back("the measured mass is " + along(light) + " and " + along(heavy) +
+                            ", a ratio above " + inWords(kAlike) +
+                            ": correct the scale of a motor");
 }
 
 }  // namespace
@@ -420,7 +420,7 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
   // If the push did not stop the falling arm, only its weight minus Coulomb friction is known.
   result.held = caught_ && !far_;
   result.weight = result.held ? fell.bias : fell.bias - fell.coulomb;
-  std::string words = "released, it moves in direction " + inWords(result.falls) + " by itself";
+  std::string words = "the released arm moves in direction " + inWords(result.falls) + " by itself";
   if (!fell.fitted || !(result.weight > 0.0)) {
     result.weight = 0.0;
     return words + ": hold the tip still until you let go of it, and run the test again";
@@ -428,18 +428,18 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
   const double mass = result.weight / kGravity;
   words += result.held ? ", with " + inWords(result.weight) + " N"
                        : ", with " + inWords(result.weight) + " N more than its friction holds";
-  if (params_.down.isZero()) return words + ": counterweight it, or find what pulls it";
+  if (params_.down.isZero()) return words + ": counterweight the arm, or find what pulls it";
   const double down = params_.down.dot(result.falls);
   if (down > kStraight) {
     return words +
-           ": counterweight it; if its profile has \"kinematics\", its motors can carry it: add a "
-           "mass of " +
+           ": counterweight the arm; if its profile has \"kinematics\", its motors can carry it: "
+           "add a mass of " +
            inWords(mass) + " kg to gravity/masses of its profile, as {\"mass\": " + inWords(mass) +
            "} for a mass at the tip, or the masses and centres of its links";
   }
   if (down < -kStraight) {
-    return words + ": that is upwards: reduce gravity/masses of its profile by " + inWords(mass) +
-           " kg at the tip, or its counterweight";
+    return words + ": this direction is upwards: reduce gravity/masses of its profile by " +
+           inWords(mass) + " kg at the tip, or its counterweight";
   }
   return words +
          ": this direction is not gravity/down of its profile (-z by default): check whether a "
@@ -465,7 +465,7 @@ SelfTestResult SelfTest::result() const {
     return result;
   }
   if (far_) {
-    result.problems.push_back("it moved farther than " + inWords(params_.travel) +
+    result.problems.push_back("the arm moved farther than " + inWords(params_.travel) +
                               " m from its start: do not push it, check whether it falls or moves "
                               "by itself, and correct the scale of its motors");
   }
@@ -481,7 +481,8 @@ void SelfTest::checkReadings(SelfTestResult& result) const {
       std::min(params_.input_rate, static_cast<double>(ticks_) / std::max(result.seconds, 1e-9));
   if (rate < 0.5 * asked) {
     result.problems.push_back(
-        "it sends " + inWords(rate) + " positions per second, less than half of the expected " +
+        "the arm sends " + inWords(rate) +
+        " positions per second, less than half of the expected " +
         std::to_string(std::lround(asked)) +
         ": correct rate/input of its profile or the rate of its plug-in, or check its firmware");
   }
@@ -489,7 +490,7 @@ void SelfTest::checkReadings(SelfTestResult& result) const {
     result.problems.push_back("a pause of " + inWords(1e3 * result.slowest) +
                               " ms between two positions is longer than the limit of " +
                               inWords(1e3 * params_.stale) +
-                              " ms (stale): check its cable or firmware");
+                              " ms (stale): check the arm's cable or firmware");
   }
 }
 
@@ -505,8 +506,8 @@ void SelfTest::judgeAxis(int a, SelfTestResult& result) const {
   if (!axis.moved && !far_ && trusted_) {
     const std::string sign = went_[plus] == went_[plus + 1] ? "" : went_[plus] ? "-" : "+";
     result.problems.push_back(sign + name + ": " + inWords(params_.force) +
-                              " N did not move it: let go of it, switch its motors on, or, if its "
-                              "friction is larger, reduce it or increase --force");
+                              " N did not move the arm: let go of it, switch its motors on, or, if "
+                              "the friction is larger, reduce the friction or increase --force");
   }
   checkDirection(plus, "+" + name, result);
   checkDirection(plus + 1, "-" + name, result);
@@ -523,26 +524,27 @@ void SelfTest::checkDirection(std::size_t run, const std::string& where,
   result.problems.push_back(
       "pushed to " + where + "," +
       (along_[run] < -kStraight
-           ? " it moved the other way: change the sign of its motors' scale, or of its encoders' "
-             "scale (in a PID profile, of force or way)"
-           : " it moved in another direction (the cosine to the push is " + inWords(along_[run]) +
-                 ", not above " + inWords(kStraight) +
+           ? " the arm moved the other way: change the sign of its motors' scale, or of its "
+             "encoders' scale (in a PID profile, of \"force\" or \"way\")"
+           : " the arm moved in another direction (the cosine to the push is " +
+                 inWords(along_[run]) + ", not above " + inWords(kStraight) +
                  "): check whether motors are exchanged, or correct the geometry"));
 }
 
 std::string SelfTest::fitTrouble(const AxisResult& axis) const {
   // A clearly negative friction shows a wrong scale of an encoder or a motor in the profile.
   if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
-    return "its friction cannot be measured: let go of the arm during the test; if that does not "
-           "help, the encoder steps are too coarse, or the scale of an encoder or a motor is wrong";
+    return "the friction cannot be measured: let go of the arm during the test; if that does not "
+           "help, correct the scale of its encoders and motors, or use finer encoders";
   }
   if (axis.delay > (kLatest - 1) * period()) {
-    return "its force is " + inWords(1e3 * axis.delay) +
-           " ms late or more: check its firmware and its cable, and end other programs that use it";
+    return "the force comes " + inWords(1e3 * axis.delay) +
+           " ms late or later: check the arm's firmware and cable, and end other programs that use "
+           "the arm";
   }
   if (axis.mass < kLightest || axis.mass > kHeaviest) {
-    return "it moves like " + inWords(axis.mass) + " kg, outside of " + inWords(kLightest) +
-           " to " + inWords(kHeaviest) + " kg: correct the scale of its encoders or motors";
+    return "the measured mass is " + inWords(axis.mass) + " kg, outside of " + inWords(kLightest) +
+           " to " + inWords(kHeaviest) + " kg: correct the scale of the encoders or motors";
   }
   return {};
 }

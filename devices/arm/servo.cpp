@@ -17,7 +17,7 @@ constexpr double kStands = 0.01;  // share of a period; a shorter time step coun
 
 double checkedRate(const DeviceInfo& arm, double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;
-  throw DeviceError(arm.name, std::to_string(rate) + " Hz is not in 10 to 100000 Hz",
+  throw DeviceError(arm.name, std::to_string(rate) + " Hz is outside of 10 to 100000 Hz",
                     "give a rate in this range");
 }
 

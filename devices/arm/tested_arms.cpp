@@ -66,7 +66,7 @@ void write(const Json& json) {
     out.flush();
     if (!out) {
       std::filesystem::remove(partial, error);
-      throw DeviceError(file.string(), "it cannot be written",
+      throw DeviceError(file.string(), "the file cannot be written",
                         "make its folder writable, or free disk space");
     }
   }
@@ -74,7 +74,7 @@ void write(const Json& json) {
   if (error) {
     const std::string why = error.message();
     std::filesystem::remove(partial, error);
-    throw DeviceError(file.string(), why, "remove it, or make it your own");
+    throw DeviceError(file.string(), why, "remove this file, or change its owner to you (chown)");
   }
 }
 

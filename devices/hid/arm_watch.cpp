@@ -210,7 +210,8 @@ std::string ArmWatch::picture(std::int64_t now) {
   if (passed_by_ > 0) out += fmt::format("{} more reports of unknown kinds\n", passed_by_);
   out += arm(now);
   if (!any && profile_.output) {
-    out += "no report received: some firmware only answers, and this command sends no reports\n";
+    out +=
+        "no report received: the firmware may only reply to reports, and this command sends none\n";
   }
   for (Kind& kind : kinds_) kind.count = 0;
   span_ = now;

@@ -59,10 +59,10 @@ void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileF
         .element(i)
         .child("from")
         .fail(fmt::format(
-                  "{} wraps every {:.3g} m of the tip, and the workspace is {:.3g} m wide: a flag "
-                  "that means homed does not determine how often the counter has wrapped",
+                  "{} wraps every {:.3g} m of the tip, and the workspace is {:.3g} m wide, so the "
+                  "number of wraps is unknown even if a flag means homed",
                   field.name, way, 2.0 * profile.limits.workspace_radius),
-              "add \"home\" steps, home_at_open or bits, or correct workspace_radius");
+              "add \"home\" steps or home_at_open, or correct bits or workspace_radius");
   }
 }
 
@@ -96,17 +96,17 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
       root.child("kinematics")
           .child("joints")
           .element(motor.joint)
-          .fail(fmt::format("a force of {} N at the tip needs {:.3g} from {}, more than {} times "
-                            "its limit of {:.3g}",
+          .fail(fmt::format("a force of {} N at the tip needs an output of {:.3g} from {}, more "
+                            "than {} times its limit of {:.3g}",
                             profile.limits.force, motor.asked, motor.field, kMostAsked, motor.room),
                 remedy);
     }
     if (motor.carries > kMostCarried * motor.continuous) {
       root.child("gravity").fail(
-          fmt::format(
-              "{} needs {:.3g} to carry the arm's masses, more than half of its {}limit of {:.3g}",
-              motor.field, motor.carries, motor.continuous < motor.room ? "continuous " : "",
-              motor.continuous),
+          fmt::format("{} needs an output of {:.3g} to carry the arm's masses, more than half of "
+                      "its {}limit of {:.3g}",
+                      motor.field, motor.carries,
+                      motor.continuous < motor.room ? "continuous " : "", motor.continuous),
           "correct masses and centres, or counterweight the arm");
     }
     if (strongest == nullptr || motor.asked / motor.room > strongest->asked / strongest->room) {
@@ -153,8 +153,8 @@ void checkSequences(const JsonNode& input, const HidProfile& profile) {
     if (!joint && !flag) continue;
     input.element(r)
         .child("sequence")
-        .fail(fmt::format("{} shares bits with a {}, which does not change with every report (its "
-                          "field is {})",
+        .fail(fmt::format("{} shares bits with the {}'s field {}, which does not change with every "
+                          "report",
                           counter.name, joint ? "joint" : "flag", shared),
               "name a field that counts reports, or remove \"sequence\"");
   }
@@ -168,7 +168,8 @@ void checkRates(const JsonNode& root, const HidProfile& profile, bool drives) {
   }
   if (drives && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
     root.child("rate").child("output").fail(
-        fmt::format("{:g} reports per second", profile.output_rate), "give 1 to 100,000");
+        fmt::format("{:g} reports per second is out of range", profile.output_rate),
+        "give 1 to 100,000");
   }
 }
 
@@ -176,7 +177,7 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
   double closing = 0.0;
   for (const HidStep& step : profile.close) closing += step.seconds;
   if (closing > kLongestClose) {
-    root.child("close").fail(fmt::format("its steps may take {} s", closing),
+    root.child("close").fail(fmt::format("the steps may take {} s", closing),
                              fmt::format("use at most {} s in total", kLongestClose));
   }
 
@@ -203,7 +204,7 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
     if (own && profile.limits.continuous > 0.0) {
       limits.child("continuous")
           .fail("joints have continuous limits of their own",
-                "remove it and \"heating\", or the limits of the joints");
+                "remove \"continuous\" and \"heating\" here or in all joints");
     }
   }
   // A counter that wraps starts at zero in any pose of the arm, so it needs homing.
@@ -218,11 +219,12 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
         .child("joints")
         .element(i)
         .child("from")
-        .fail("its counter wraps, and the pose at the counter's zero is unknown",
+        .fail("the counter wraps, and the pose at the counter's zero is unknown",
               "add \"home\" steps, home_at_open, a flag that means homed, or remove \"wraps\"");
   }
   if (profile.output && motors == 0) {
-    root.child("kinematics").fail("no joint has a motor", "name motors, or remove \"output\"");
+    root.child("kinematics")
+        .fail("no joint has a motor", "add \"motor\" to joints, or remove \"output\"");
   }
   if (!profile.masses.empty() && motors == 0) {
     root.child("gravity").fail("no joint has a motor to carry the arm's weight",

@@ -37,11 +37,12 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
               "remove \"big_endian\", or correct bit and bits");
   }
   if (field.end() > size) {
-    node.fail(fmt::format("it ends beyond the report's {} bytes", size),
+    node.fail(fmt::format("the field ends beyond the report's {} bytes", size),
               "correct bit, bits or size");
   }
   if (field.wraps && field.type == Type::kFloat) {
-    node.child("wraps").fail("a field of type float cannot be a counter that wraps", "remove it");
+    node.child("wraps").fail("a field of type float cannot be a counter that wraps",
+                             "remove \"wraps\"");
   }
   const bool with_sign = field.type == Type::kSigned;
   field.least = with_sign ? -std::ldexp(1.0, file.bits - 1) : 0.0;
@@ -55,9 +56,9 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
   const auto fits = [&](const char* key, const std::optional<double>& value, double& to) {
     if (!value) return;
     if (*value < lowest || *value > highest) {
-      node.child(key).fail(
-          fmt::format("{} does not fit: its bits hold {} to {}", *value, lowest, highest),
-          "correct it, or the field's type and bits");
+      node.child(key).fail(fmt::format("{} does not fit into the field, which holds {} to {}",
+                                       *value, lowest, highest),
+                           "correct the value, or the field's type and bits");
     }
     to = *value;
   };
@@ -65,7 +66,8 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
   fits("most", file.most, field.most);
   if (!(field.least <= field.most)) node.fail("least is above most", "exchange them");
   field.bounded = file.least && file.most;
-  if (file.rest && !output) node.child("rest").fail("only output fields have a rest", "remove it");
+  if (file.rest && !output)
+    node.child("rest").fail("only output fields have a rest", "remove \"rest\"");
   fits("rest", file.rest, field.rest);
   return field;
 }
@@ -96,7 +98,8 @@ HidReportSpec outputOf(const FileReport& file, const Node& node) {
   HidReportSpec report = reportOf(file, node, true);
   constexpr std::size_t kMostOut = ZeroForce::kMostBytes - 1;
   if (report.size > kMostOut) {
-    node.child("size").fail(fmt::format("more than {} bytes", kMostOut), "use a shorter report");
+    node.child("size").fail(fmt::format("the report has more than {} bytes", kMostOut),
+                            "use a shorter report");
   }
   std::vector<const ReportField*> used(8 * report.size, nullptr);
   for (const ReportField& field : report.fields) {
@@ -104,7 +107,8 @@ HidReportSpec outputOf(const FileReport& file, const Node& node) {
       if (used[bit] != nullptr) {
         node.child("fields")
             .child(field.name)
-            .fail("it shares bits with another field, " + used[bit]->name, "correct bit or bits");
+            .fail("the field shares bits with another field, " + used[bit]->name,
+                  "correct bit or bits");
       }
       used[bit] = &field;
     }
@@ -128,7 +132,8 @@ class Fields {
   /// @param motors  The field may drive a motor.
   [[nodiscard]] std::size_t output(const Node& node, const std::string& name, bool motors) const {
     std::vector<std::string> names;
-    if (!profile_.output) node.fail("this arm has no output", "remove it, or add \"output\"");
+    if (!profile_.output)
+      node.fail("the profile has no \"output\"", "remove this key, or add \"output\"");
     for (std::size_t f = 0; f < profile_.output->fields.size(); ++f) {
       const std::string& here = profile_.output->fields[f].name;
       if (here == name) return f;
@@ -152,7 +157,7 @@ FieldRef fieldThatMayBe(double equals, const std::string& name, const Node& node
   const FieldRef field = fields.input(node.child("field"), name);
   const ReportField& of = profile.input[field.report].fields[field.field];
   if (equals < of.least || equals > of.most) {
-    node.fail(fmt::format("{} cannot be {}", of.name, equals),
+    node.fail(fmt::format("the field {} cannot hold {}", of.name, equals),
               "correct equals, or the field's type, bits, least and most");
   }
   return field;
@@ -210,8 +215,9 @@ void checkHeat(const Node& at, const HidProfile& profile, const HidJoint& joint)
       std::min(field.most - field.offset, field.offset - field.least) / std::abs(field.scale);
   if (joint.continuous > room) {
     at.child("continuous")
-        .fail(fmt::format("{} is more than its field's limit of {:.4g}", joint.continuous, room),
-              "remove it and \"heating\", or correct it or the field");
+        .fail(fmt::format("{} is more than the limit of the motor's field, {:.4g}",
+                          joint.continuous, room),
+              "reduce the value, correct the field, or remove \"continuous\" and \"heating\"");
   }
 }
 
@@ -220,21 +226,21 @@ std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& field
   const std::size_t to = fields.output(node, file.motor, true);
   const ReportField& motor = profile.output->fields[to];
   if (!motor.bounded) {
-    node.fail("its field does not have both limits",
-              "give its field \"least\" and \"most\", small at first");
+    node.fail("the motor's field does not have both limits",
+              "give the field \"least\" and \"most\", small at first");
   }
   const double none = std::round(motor.offset);
   if (none < motor.least || none > motor.most) {
-    node.fail("its field cannot hold a force of zero", "correct offset, least and most");
+    node.fail("the motor's field cannot hold a force of zero", "correct offset, least and most");
   }
   if (none == motor.least || none == motor.most) {
-    node.fail("its field cannot hold both positive and negative forces",
+    node.fail("the motor's field cannot hold both positive and negative forces",
               "correct offset, type, least and most");
   }
   const auto other = std::find_if(profile.joints.begin(), profile.joints.end(),
                                   [&](const HidJoint& joint) { return joint.to == to; });
   if (other != profile.joints.end()) {
-    node.fail(fmt::format("it drives another joint already, /kinematics/joints/{}",
+    node.fail(fmt::format("this motor already drives another joint, /kinematics/joints/{}",
                           other - profile.joints.begin()),
               "name this joint's own motor");
   }
@@ -251,15 +257,16 @@ HidJoint jointOf(const FileJoint& file, const Node& at, const Fields& fields,
     const bool apart = joint.from.report != other.from.report || one.bit >= two.bit + two.bits ||
                        two.bit >= one.bit + one.bits;
     if (!apart) {
-      at.child("from").fail(fmt::format("it shares bits with another joint, /kinematics/joints/{}",
-                                        &other - profile.joints.data()),
-                            "correct from, or bit and bits");
+      at.child("from").fail(
+          fmt::format("the field shares bits with that of another joint, /kinematics/joints/{}",
+                      &other - profile.joints.data()),
+          "correct from, or bit and bits");
     }
   }
   if (file.motor.empty()) return joint;
   const Node motor = at.child("motor");
   if (profile.joints.size() >= kMotors) {
-    motor.fail("only the first three joints have motors", "remove it");
+    motor.fail("only the first three joints have motors", "remove \"motor\"");
   }
   joint.to = motorOf(file, motor, fields, profile);
   checkHeat(at, profile, joint);
@@ -278,7 +285,7 @@ HidStep stepOf(const FileStep& file, const Node& at, const Fields& fields,
     const ReportField& of = profile.output->fields[to];
     if (raw < of.least || raw > of.most) {
       field.fail(fmt::format("{} is outside of {} to {}", raw, of.least, of.most),
-                 "correct it, or the field's type, bits, least and most");
+                 "correct the value, or the field's type, bits, least and most");
     }
     step.values.emplace_back(to, raw);
   }
@@ -370,7 +377,7 @@ void takePid(const Node& root, HidProfile& profile) {
       at.child("way").fail(
           fmt::format("the workspace is {:.4g} m wide, but the grip travels only {:.4g} m",
                       2.0 * profile.limits.workspace_radius, std::abs(all[i].way)),
-          "correct it, or reduce limits/workspace_radius");
+          "correct \"way\", or reduce limits/workspace_radius");
     }
     const double share = profile.limits.force / std::abs(all[i].force);
     if (share > 1.0 || share < kLeastAsked) {

@@ -190,11 +190,12 @@ std::optional<DescriptorComplaint> compare(const Wanted& wanted, const HidDescri
   const std::string has = "the device has " + kind + (same.size() == 1 ? " " : "s ") + said;
   const bool feature = wanted.way == Way::kFeature;
   const std::string number =
-      same.size() > 1 ? std::string("write the number of the intended report")
-                      : (feature ? "begin with " : "write \"id\": ") + std::to_string(same[0].id);
+      same.size() > 1
+          ? std::string("write the number of the intended report")
+          : (feature ? "write the first byte as " : "write \"id\": ") + std::to_string(same[0].id);
   if (!device.numbered && wanted.id) {
     return DescriptorComplaint{wanted.path, "the device does not number its reports",
-                               feature ? "begin with 0" : "remove every \"id\""};
+                               feature ? "write the first byte as 0" : "remove every \"id\""};
   }
   if (device.numbered && !wanted.id) {
     return DescriptorComplaint{wanted.path, has + ", and this report has no number", number};

@@ -238,21 +238,22 @@ std::string HidDevice::whyNotReady() const {
   for (const HidFlag& flag : profile_.flags) {
     if (!silent() && flags_at_[flag.field.report] == kNever) continue;  // not known: see below
     if (input_.raw(flag.field) == flag.equals) continue;
-    if (flag.means == HidFlag::Means::kHomed) return "it is not homed: home it";
+    if (flag.means == HidFlag::Means::kHomed) return "the arm is not homed: home it";
     if (flag.means == HidFlag::Means::kEnabled) {
-      return "its dead-man switch is open: hold it closed";
+      return "the dead-man switch is open: hold it closed";
     }
   }
   if (!heard_ && !silent()) {
-    return "its positions do not arrive: check its cable, and end other programs that use it";
+    return "no position arrives: check the arm's cable, and end other programs that use the arm";
   }
   for (std::size_t r = 0; r < flags_in_.size(); ++r) {
     if (!flags_in_[r] || flags_at_[r] != kNever) continue;
     return "the report with " + profile_.input[r].fields.front().name +
-           " does not arrive: check its firmware, which must send it repeatedly";
+           " does not arrive: check the firmware, which must send this report repeatedly";
   }
   if (!pose_.reachable) {
-    return "its joints are outside of its geometry: home it, or correct the profile's kinematics";
+    return "the joint values do not fit the arm's geometry: home the arm, or correct the profile's "
+           "kinematics";
   }
   return {};
 }

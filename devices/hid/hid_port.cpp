@@ -281,7 +281,7 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     }
     std::string who = pid.empty() ? "another program" : processOf(pid);
     if (orphaned) who.assign("the guardian of a program that has ended (").append(pid).append(")");
-    throw DeviceError(path, who + " uses it",
+    throw DeviceError(path, who + " uses this arm",
                       orphaned
                           ? "plug the arm in again, or end its process palpate-guard"
                           : "end that program: two programs on one arm would both send forces");

@@ -21,7 +21,7 @@ void requireLengths(const char* model, std::initializer_list<double> lengths) {
   for (const double length : lengths) {
     if (length > 0.0 && std::isfinite(length)) continue;
     throw DeviceError(std::string("kinematics ") + model,
-                      "a length is " + std::to_string(length) + " m", "give lengths > 0");
+                      "a length is " + std::to_string(length) + " m", "give finite lengths > 0");
   }
 }
 
@@ -289,7 +289,8 @@ std::shared_ptr<const Kinematics> makeSlides(std::span<const int> axes) {
 
 std::shared_ptr<const Kinematics> makeChain(std::span<const ChainLink> links, const Vec3& tip) {
   if (links.size() < 3 || links.size() > kMostJoints) {
-    throw DeviceError("kinematics chain", std::to_string(links.size()) + " links", "give 3 to 6");
+    throw DeviceError("kinematics chain", "it has " + std::to_string(links.size()) + " links",
+                      "give 3 to 6");
   }
   bool finite = tip.allFinite();
   for (const ChainLink& link : links) {
@@ -313,7 +314,7 @@ std::shared_ptr<const Kinematics> makeCapstanArm(double a, double b, double c) {
 std::shared_ptr<const Kinematics> makePantograph(const std::array<double, 4>& length, double base) {
   requireLengths("pantograph", {length[0], length[1], length[2], length[3]});
   if (!(base >= 0.0 && std::isfinite(base))) {
-    throw DeviceError("kinematics pantograph", "its base is " + std::to_string(base) + " m",
+    throw DeviceError("kinematics pantograph", "the base is " + std::to_string(base) + " m",
                       "give metres >= 0");
   }
   return std::make_shared<const Pantograph>(length, base);

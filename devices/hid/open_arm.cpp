@@ -59,15 +59,16 @@ const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile
     return note.find("/" + name + ".json: ") != std::string::npos;
   });
   if (refused) {
-    throw DeviceError("hid:" + name, "its file is invalid", "correct the error reported above");
+    throw DeviceError("hid:" + name, "the profile's file is invalid",
+                      "correct the error reported above");
   }
   std::string editions;
   for (const std::string& one : names) {
     if (one.rfind(name + "-", 0) == 0) editions += (editions.empty() ? "" : " or ") + one;
   }
   if (!editions.empty()) {
-    throw DeviceError("hid:" + name, "the name fits " + editions + ", whose numbers differ",
-                      "use the name of your edition; palpate devices NAME describes one");
+    throw DeviceError("hid:" + name, "this name is incomplete, and fits " + editions,
+                      "use the whole name of your edition; palpate devices NAME describes one");
   }
   const std::string near = nearestName(name, names);
   throw DeviceError("hid:" + name, "no profile has the name \"" + name + "\"",
@@ -214,8 +215,9 @@ ChosenArm findArm(const std::string& name, const std::function<void(const std::s
     for (const FoundArm& arm : arms)
       there += (there.empty() ? "" : ", ") + nameLike(*parsed, arm, arm.profiles[0]);
     throw DeviceError(
-        name, "this arm is not plugged in",
-        std::string("plug it in") + (wanted.empty() ? "" : " or correct \"match\" of its profile") +
+        name, "no plugged-in arm fits this name",
+        std::string("plug the arm in") +
+            (wanted.empty() ? "" : " or correct \"match\" of its profile") +
             (there.empty() ? "; run palpate devices for a list of arms" : ", or use " + there));
   }
   if (choices.size() > 1) {

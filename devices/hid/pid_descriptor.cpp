@@ -203,7 +203,7 @@ HidProfile describedBy(const PidMap& map, HidProfile profile) {
     const std::string name = kAxisNames[static_cast<std::size_t>(axis.axis)];
     if (!input) {
       throw DeviceError(profile.source + ": /pid/axes/" + std::to_string(i),
-                        "the device does not report its " + name, "remove this axis");
+                        "the device does not report a position along " + name, "remove this axis");
     }
     const std::optional<std::uint8_t> id =
         map.numbered ? std::optional(input->report) : std::nullopt;

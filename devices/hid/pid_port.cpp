@@ -156,8 +156,8 @@ void PidPort::open() {
     const bool makes = map_.create && map_.load;
     if (!makes && !goodIndex(next)) {
       throw DeviceError(params_.name,
-                        "its reports cannot hold the number " + std::to_string(next) +
-                            " of the effect of axis " + kAxisNames[static_cast<std::size_t>(axis)],
+                        "its reports cannot hold effect number " + std::to_string(next) +
+                            ", for axis " + kAxisNames[static_cast<std::size_t>(axis)],
                         next == 1 ? "check its firmware" : "remove axes from its profile");
     }
     effect.index = makes ? makeEffect() : next;
@@ -170,7 +170,7 @@ void PidPort::open() {
     throw DeviceError(
         params_.name,
         "its effects have no duration, and no single report stops them if the program dies",
-        "use a device that has durations, or a control that stops its effects");
+        "use a device whose effects have durations, or that has a report to stop all effects");
   }
   started_ = params_.now();
   measure();

@@ -159,8 +159,8 @@ JsonType<FileJoint> jointType() {
            to(&HidJoint::ratio))
       .may("home",
            jsonUpTo(kMostAngle, "radians")
-               .says("Position of the joint where the field is zero or the arm is at home [rad; "
-                     "for a sliding joint m]."),
+               .says("Position of the joint where the value of the field is 0; with home_at_open, "
+                     "its position in the home pose [rad; for a sliding joint m]."),
            to(&HidJoint::home))
       .may("motor", jsonName(), &FileJoint::motor)
       .may("torque_constant", jsonPositive().says("Torque per unit of the output [N m]."),
@@ -293,7 +293,7 @@ Rows gravityRows() {
            jsonNumbers<3>()
                .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
                .where([](const Vec3& down) { return isLength(down.norm()); },
-                      "it is not a direction", "write [0, 0, -1]")
+                      "it is not a direction", "write a vector, such as [0, 0, -1]")
                .says("Direction of gravity in the arm's frame. The default is [0, 0, -1]."),
            [](ProfileFile& file, const Vec3& down) { file.profile.down_D = down.normalized(); })
       .need("masses",
@@ -334,7 +334,7 @@ JsonObject<FileTurn> axisRows(JsonObject<FileTurn> rows) {
                    jsonNumbers<3>()
                        .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
                        .where([](const Vec3& axis) { return isLength(axis.norm()); },
-                              "it is not a direction", "write [0, 0, 1]")
+                              "it is not a direction", "write a vector, such as [0, 0, 1]")
                        .says("Axis of the rotation, in the frame after the rotations before it. "
                              "The first axis is in the arm's frame."),
                    [](FileTurn& turn, const Vec3& axis) { turn.turn.axis = axis.normalized(); });
@@ -386,7 +386,7 @@ JsonType<FileStep> stepType() {
   using Kind = HidStep::Kind;
   const auto kind = [](Kind value) { return [value](FileStep& step) { step.step.kind = value; }; };
   const JsonType<double> seconds =
-      jsonPositiveUpTo(kMostSeconds, "it is longer than 600 s", "use less");
+      jsonPositiveUpTo(kMostSeconds, "it is longer than 600 s", "use at most 600 s");
   const auto put_seconds = [](FileStep& step, double value) { step.step.seconds = value; };
   const JsonObject<FileStep> wait =
       JsonObject<FileStep>()
@@ -411,7 +411,8 @@ JsonType<FileStep> stepType() {
            JsonObject<FileStep>()
                .always(kind(Kind::kWait))
                .mustHold("wait", wait,
-                         "Waits until an input field has this value, for at most this time [s]."),
+                         "Waits until the input field has the value \"equals\", for at most "
+                         "\"seconds\" [s]."),
            JsonObject<FileStep>().always(kind(Kind::kPause)).need("pause", seconds, put_seconds),
            JsonObject<FileStep>()
                .always(kind(Kind::kFeature))
@@ -473,14 +474,14 @@ JsonType<PidAxisSpec> pidAxisType() {
           &PidAxisSpec::axis)
       .need("way",
             jsonUpTo(kMostLength, "metres")
-                .where(not_zero, "it is 0", "measure the travel of the grip")
+                .where(not_zero, "it is 0", "measure the travel of the grip in metres")
                 .also(no_zero)
                 .says("Travel of the grip from the least position to the most [m]. A negative "
                       "travel means the opposite direction."),
             &PidAxisSpec::way)
       .need("force",
             jsonUpTo(kMostForce, "newtons")
-                .where(not_zero, "it is 0", "measure its force at the grip")
+                .where(not_zero, "it is 0", "measure the force at the grip in newtons")
                 .also(no_zero)
                 .says("Force at the grip at full magnitude and gain [N]. A negative force means "
                       "the opposite direction."),
@@ -521,8 +522,9 @@ const Table& table() {
             .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
                       "Model that computes the tip's position from the joints' positions.")
             .mayHold("gravity", gravityRows(), "Masses that the motors carry.")
-            .mayHold("handle", handleRows(),
-                     "Handle inputs that the application receives beside the tip's position.")
+            .mayHold(
+                "handle", handleRows(),
+                "Handle inputs that the application receives in addition to the tip's position.")
             .may("open", steps(), &ProfileFile::open)
             .may("home", steps(), &ProfileFile::home)
             .may("close", steps(), &ProfileFile::close)

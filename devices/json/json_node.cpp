@@ -145,19 +145,19 @@ double JsonNode::sized(double most, const char* unit) const {
   if (std::abs(value) > most) {
     fail(value > 0.0 ? fmt::format("{} is more than {} {}", json_->dump(), most, unit)
                      : fmt::format("{} is less than -{} {}", json_->dump(), most, unit),
-         std::string("write it in ") + unit);
+         std::string("write the number in ") + unit);
   }
   return value;
 }
 
 std::string JsonNode::text() const {
-  if (!json_->is_string()) fail(json_->dump() + " is not a text", "write it in quotes");
+  if (!json_->is_string()) fail(json_->dump() + " is not a text", "write a text in quotes");
   return json_->get<std::string>();
 }
 
 std::string JsonNode::name() const {
   std::string value = text();
-  if (value.empty()) fail("it is empty", "write a name");
+  if (value.empty()) fail("the text is empty", "write a name");
   return value;
 }
 

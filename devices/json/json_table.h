@@ -375,7 +375,7 @@ class JsonObject {
       found = &choice;
       ++count;
     }
-    if (count != 1) node.fail("it has none or several of these keys", "give one of " + listed);
+    if (count != 1) node.fail("it has none or several of the keys " + listed, "give one of them");
     return found;
   }
   [[nodiscard]] std::string named(const Choice& choice) const {

@@ -178,7 +178,9 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
     constexpr int kWait = 100;  // [ms] between two checks
     while (dhdWaitForReset(kWait, arm.id) < 0) {
       if (host.ends() != 0) {
-        tell(error, room, "dhd: the arm has not been calibrated; try again");
+        tell(error, room,
+             "dhd: the program was ended before the arm was calibrated; start it again and "
+             "calibrate the arm");
         return PALPATE_PLUGIN_FAILED;
       }
       if (dhdErrorGetLast() != DHD_ERROR_TIMEOUT) {
@@ -270,7 +272,8 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
     char* end = nullptr;
     const long number = std::strtol(serial, &end, 10);
     if (*end != '\0' || number < 0 || number > 0x7fffffff) {
-      tell(error, room, "dhd: \"%s\" is not a serial number; use the number below the arm", serial);
+      tell(error, room, "dhd: \"%s\" is not a serial number; use the number on the arm's label",
+           serial);
       return nullptr;
     }
     id = dhdOpenSerial(static_cast<int>(number));
@@ -286,7 +289,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   const auto* model = std::find_if(std::begin(kModels), std::end(kModels),
                                    [type](const Model& m) { return m.type == type; });
   if (model == std::end(kModels)) {
-    tell(error, room, "dhd: the limits of a %s are unknown; add it to kModels in dhd.cpp",
+    tell(error, room, "dhd: the limits of a %s are unknown; add them to kModels in dhd.cpp",
          dhdGetSystemName(own));
     dhdClose(own);
     return nullptr;

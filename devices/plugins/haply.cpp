@@ -110,8 +110,8 @@ Inventory ask(std::string& why) {
   }
   if (inventory.generation == Generation::k30) {
     why = address.words +
-          " speaks version 3.0, which does not report forces: use ws://localhost:10001 of service "
-          "3.1 or newer";
+          " uses the messages of version 3.0, which do not report forces: install Haply's Inverse "
+          "Service 3.1 or newer, and set PALPATE_HAPLY_URL to its address";
   }
   return inventory;
 }
@@ -346,7 +346,7 @@ palpate_plugin_device* openArm(const char* serial, char* error, std::size_t room
   device->buttons = inventory.button_count;
   if (arm->config.origin == Origin::kBase) device->middle_D = kMiddle;
   if (!service->serve(device->line)) {
-    tell(error, room, "the largest number of arms is open: close one");
+    tell(error, room, std::to_string(kMaxArms) + " arms are open, the largest number: close one");
     return nullptr;
   }
   device->face = {sizeof(palpate_plugin_device),

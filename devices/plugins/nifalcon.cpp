@@ -187,7 +187,9 @@ int home(Arm& arm, char* error, std::size_t room) {
       said = true;
     }
     if (host.ends() != 0) {
-      tell(error, room, "nifalcon: the arm has not been homed; try again");
+      tell(error, room,
+           "nifalcon: the program was ended before the arm was homed; start it again and home "
+           "the arm");
       return PALPATE_PLUGIN_FAILED;
     }
     if (host.now() - heard > 10 * kLost) {
@@ -279,7 +281,8 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
     return nullptr;
   }
   if (*end != '\0' || index >= count) {
-    tell(error, room, "nifalcon: no arm %s, %u are plugged in; count them from 0", serial, count);
+    tell(error, room, "nifalcon: there is no arm %s: %u are plugged in; count them from 0", serial,
+         count);
     return nullptr;
   }
   open_arm = safely("nifalcon", error, room, static_cast<Arm*>(nullptr), [&]() -> Arm* {

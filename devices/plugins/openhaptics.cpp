@@ -225,7 +225,9 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
       return PALPATE_PLUGIN_FAILED;
     }
     if (host.ends() != 0) {
-      tell(error, room, "openhaptics: the arm has not been calibrated; try again");
+      tell(error, room,
+           "openhaptics: the program was ended before the arm was calibrated; start it again "
+           "and calibrate the arm");
       return PALPATE_PLUGIN_FAILED;
     }
     const bool by_hand = (arm.style & HD_CALIBRATION_ENCODER_RESET) != 0;
@@ -333,7 +335,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
     opened = begin(*arm, serial, why);
   }
   if (!opened) {
-    tell(error, room, "openhaptics: no arm%s%s (%s); set it up with its maker's own program",
+    tell(error, room, "openhaptics: no arm%s%s opens (%s); set it up with its maker's own program",
          *serial == '\0' ? "" : " ", serial, hdGetErrorString(why));
     delete arm;
     return nullptr;

@@ -40,7 +40,7 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
                           double otherwise) {
     if (value == 0.0 && otherwise >= 0.0) return otherwise;
     if (value >= least && value <= most) return value;
-    throw DeviceError(name, fmt::format("its plug-in reports {} = {}", what, value),
+    throw DeviceError(name, fmt::format("its plug-in reports {} = {}, out of range", what, value),
                       fmt::format("correct the plug-in: report {} to {}", least, most));
   };
   constexpr double kNone = -1.0;
@@ -71,7 +71,7 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
     throw DeviceError(
         name,
         fmt::format("its plug-in reports {} joints and {} buttons", facts.joints, facts.buttons),
-        "correct the plug-in: report at most 6 and 32");
+        "correct the plug-in: report at most 6 joints and 32 buttons");
   }
   if (!drives) info.output_rate = 0.0;
   info.source = facts.source[0] != '\0' ? facts.source : "its plug-in, which states no source";
@@ -241,12 +241,13 @@ void PluginArm::carry(bool may) noexcept {
 }
 
 std::string PluginArm::whyNotReady() const {
-  if (heard_at_ == kNever) return "its positions do not arrive: check its cable and its plug-in";
+  if (heard_at_ == kNever) return "no position arrives: check the arm's cable and plug-in";
   if ((news_.reading.state & PALPATE_PLUGIN_READY) == 0) {
-    return "it is not ready: home it, and check its power and its maker's program";
+    return "the plug-in reports that the arm is not ready: home the arm, and check its power and "
+           "its maker's program";
   }
   const bool held = (news_.reading.state & PALPATE_PLUGIN_HELD) != 0;
-  if (has(PALPATE_PLUGIN_DEADMAN) && !held) return "its handle is free: hold it";
+  if (has(PALPATE_PLUGIN_DEADMAN) && !held) return "the handle is free: hold it";
   return {};
 }
 

@@ -78,7 +78,7 @@ PluginChild::PluginChild(const std::filesystem::path& program,
   posix_spawn_file_actions_destroy(&files);
   if (failed != 0) {
     process_ = -1;
-    throw DeviceError(program.string(), std::strerror(failed), "check the installation");
+    throw DeviceError(program.string(), std::strerror(failed), "install this program again");
   }
 }
 

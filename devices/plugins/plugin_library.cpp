@@ -190,7 +190,7 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
                         "set this function in the plug-in");
     }
     if (entry_->init(&kHost) != 0) {
-      throw DeviceError(name_, "it does not start", "read its messages");
+      throw DeviceError(name_, "its function init failed", "read the messages of the plug-in");
     }
     const void* factory =
         entry_->factory != nullptr ? entry_->factory(PALPATE_PLUGIN_ARMS) : nullptr;
@@ -229,7 +229,8 @@ std::vector<palpate_plugin_found> PluginLibrary::find() const {
   std::vector<palpate_plugin_found> found(kMostFound);
   for (palpate_plugin_found& one : found) one = {sizeof(palpate_plugin_found), {}, {}};
   const int count = factory_->find(found.data(), static_cast<int>(kMostFound));
-  if (count < 0) throw DeviceError(name_, "it cannot search for arms", "read its messages");
+  if (count < 0)
+    throw DeviceError(name_, "its search for arms failed", "read the messages of the plug-in");
   found.resize(std::min(static_cast<std::size_t>(count), kMostFound));
   for (palpate_plugin_found& one : found) {
     one.serial[sizeof(one.serial) - 1] = one.model[sizeof(one.model) - 1] = '\0';
@@ -246,7 +247,8 @@ std::string PluginLibrary::only(const std::string& serial) const {
   }
   // A name that find() does not list may still be known to the plug-in's open().
   if (!serial.empty()) return {};
-  if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
+  if (found.empty())
+    throw DeviceError(name_, "it finds no arm", "plug the arm in, and switch it on");
   if (found.size() > 1) throw DeviceError(name_, "several arms match", "name one of " + which);
   return found[0].serial;
 }

@@ -85,7 +85,8 @@ std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& co
       const char* first = field.data() + (field.size() > 1 && field[0] == '+' ? 1 : 0);
       const auto [end, error] = std::from_chars(first, field.data() + field.size(), value);
       if (error != std::errc() || end != field.data() + field.size() || !std::isfinite(value)) {
-        throw DeviceError(where, "\"" + field + "\" is not a finite number", "correct the row");
+        throw DeviceError(where, "\"" + field + "\" is not a finite number",
+                          "correct this field of the row");
       }
       row.push_back(value);
     }

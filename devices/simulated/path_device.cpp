@@ -41,7 +41,7 @@ PathDevice::PathDevice(std::vector<PathPoint> path, double rate)
   // A path has no real hand, so a late tick cannot hurt.
   info_.watch.late = 60.0;
   info_.source =
-      "no hardware: force as of a delta.3 (20 N, CHAI3D 3.3.0); the probe "
+      "no hardware: the largest force is that of a delta.3 (20 N, CHAI3D 3.3.0); the probe "
       "does not yield, so any stiffness is stable";
 }
 

@@ -73,7 +73,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   require(not_negative(arm.lag) && arm.lag <= 0.1, "the amplifiers' lag is not 0 to 0.1 s",
           "give seconds, such as 0.0002");
   require(positive(rate), "the rate is not a finite number above 0", "give Hz, such as 1000");
-  require(target_.at != nullptr, "the hand has no target", "give a path");
+  require(target_.at != nullptr, "the hand has no target", "set HandTarget::at");
   require(not_negative(target_.seconds),
           "the duration of the hand's target is negative or not finite", "give seconds, such as 5");
 

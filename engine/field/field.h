@@ -139,9 +139,9 @@ class ScalarField : public AnyField {
   /// Finds the first point on the path from a_W to b_W [m], within the data, where h = sign (V -
   /// level) falls below zero. A proxy that comes from h > 0 touches the surface there. If h <= 0 at
   /// a_W, the crossing is at a_W if h falls there, otherwise where h falls below zero after h was
-  /// above zero. The default reads a value every half voxel; a grid searches exactly. The search
-  /// covers at most 128 voxels (in a grid 256 cells). If an end is not finite, `found` is false.
-  /// RT: no allocation. Cost: a sample every half voxel; in a grid, some 50 ns for each cell.
+  /// above zero. The default reads a value every half voxel, over at most 128 voxels. A trilinear
+  /// grid searches exactly, over at most 256 cells. If an end is not finite, `found` is false. RT:
+  /// no allocation. Cost: a sample every half voxel; in a trilinear grid, some 50 ns for each cell.
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;

@@ -42,20 +42,22 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
     const Keyframe& key = keyframes[i];
     const std::string here = path + "/" + std::to_string(i);
     if (!(std::abs(key.time) <= 1e9)) {
-      throw SceneError(here + "/time", "it is not a time within 30 years",
-                       "give the time in seconds");
+      throw SceneError(here + "/time", "the time is not within +-1e9 s (about 32 years)",
+                       "give seconds from -1e9 to 1e9");
     }
     if (i > 0 && !(key.time > keyframes[i - 1].time)) {
-      throw SceneError(here + "/time", "the times do not ascend", "sort the keyframes by time");
+      throw SceneError(here + "/time", "the time is not later than that of the keyframe before",
+                       "sort the keyframes by time, and drop equal times");
     }
     const auto& q = key.rotation_wxyz;
     const Eigen::Quaterniond turn(q[0], q[1], q[2], q[3]);
     if (!(turn.norm() > 1e-6) || !std::isfinite(turn.norm())) {
-      throw SceneError(here + "/rotation_wxyz", "it is not a rotation",
+      throw SceneError(here + "/rotation_wxyz", "the quaternion is zero or not finite",
                        "give w, x, y, z, such as [1, 0, 0, 0]");
     }
     if (!(key.translate.norm() < 1e6)) {
-      throw SceneError(here + "/translate", "it is not a position within 1,000 km", "give metres");
+      throw SceneError(here + "/translate", "the position is not within 1,000 km of the origin",
+                       "give metres");
     }
     turns.push_back(turn.normalized());
     knots_.push_back({key.time, Pose::rigid(turns.back().toRotationMatrix(), key.translate)});
@@ -63,7 +65,7 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
     Eigen::Quaterniond way = turns[i - 1].conjugate() * turns[i];
     if (std::abs(way.w()) < 1e-6) {
       throw SceneError(here + "/rotation_wxyz",
-                       "it is half a turn from the keyframe before, so its direction is ambiguous",
+                       "a half turn from the keyframe before has an ambiguous direction",
                        "put a keyframe between them");
     }
     if (way.w() < 0.0) way.coeffs() = -way.coeffs();
@@ -76,7 +78,8 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
   }
   if (!repeat_) return;
   if (knots_.size() < 2) {
-    throw SceneError(path, "a motion of one keyframe cannot repeat", "give two or more");
+    throw SceneError(path, "a motion of one keyframe cannot repeat",
+                     "give two or more keyframes, or remove \"repeat\"");
   }
   constexpr double kSame = 1e-6;
   const double turned = turns.front().angularDistance(turns.back());
@@ -84,7 +87,7 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
   if (turned > kSame || shifted > kSame) {
     throw SceneError(path + "/" + std::to_string(knots_.size() - 1),
                      "a repeated motion must end where it began",
-                     "give the last keyframe the pose of the first, or do not repeat");
+                     "give the last keyframe the pose of the first, or remove \"repeat\"");
   }
 }
 

@@ -65,8 +65,8 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
   require(positive(info.watch.stale), "the age of a stale position [s]", info.watch.stale);
   require(positive(info.watch.max_speed), "the highest speed [m/s]", info.watch.max_speed);
   require(positive(info.watch.late), "the delay of a late tick [s]", info.watch.late);
-  require(noLess(info.output_rate), "the rate of its forces [Hz]", info.output_rate,
-          "give Hz, or 0 for any");
+  require(noLess(info.output_rate), "the rate at which the device takes forces [Hz]",
+          info.output_rate, "give a rate > 0, or 0 if the device takes any");
   const ForceLimits limits = limitsAt(info, rate);
   require(positive(limits.peak), "the peak force [N]", limits.peak);
   require(positive(limits.slew), "the slew [N/s]", limits.slew);
@@ -96,7 +96,7 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
     if (rate >= most) {
       throw DeviceError(info.name,
                         "at " + std::to_string(std::lround(rate)) +
-                            " Hz more forces are delayed at the same time than the tank can store",
+                            " Hz the energy tank cannot store all forces that are still delayed",
                         "use less than " + std::to_string(std::lround(most)) + " Hz");
     }
     require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks [s]",

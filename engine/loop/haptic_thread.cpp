@@ -39,7 +39,8 @@ HapticThread::HapticThread(Device& device, const LoopParams& params, TickSink* s
   try {
     thread_ = std::thread([this] { run(); });
   } catch (const std::system_error& e) {
-    throw DeviceError("thread", e.what(), "end other programs");
+    throw DeviceError("loop", std::string("its thread cannot start (") + e.what() + ")",
+                      "end other programs");
   }
   ready_.wait(false, std::memory_order_acquire);
 }

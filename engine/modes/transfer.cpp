@@ -9,7 +9,7 @@
 namespace palpate {
 namespace {
 
-[[noreturn]] void refuse(const std::string& why, const char* remedy = "correct the curve") {
+[[noreturn]] void refuse(const std::string& why, const char* remedy) {
   throw SceneError("transfer function", why, remedy);
 }
 
@@ -28,17 +28,18 @@ TransferFunction::TransferFunction(double constant) : knots_{{0.0, constant}} {
 
 TransferFunction TransferFunction::window(double level, double width, double max) {
   if (!std::isfinite(level) || !std::isfinite(width) || !std::isfinite(max)) {
-    refuse("a window's level, width and max must be finite");
+    refuse("a window's level, width or max is not finite", "give finite numbers");
   }
-  if (width <= 0.0) refuse("a window's width is " + std::to_string(width) + ", not above 0");
+  if (width <= 0.0)
+    refuse("a window's width is " + std::to_string(width) + ", not above 0", "give a width > 0");
   return piecewise({{level - 0.5 * width, 0.0}, {level + 0.5 * width, max}});
 }
 
 TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
-  if (knots.empty()) refuse("a piecewise curve needs at least one point");
+  if (knots.empty()) refuse("a piecewise curve has no point", "give at least one [input, output]");
   for (const Knot& knot : knots) {
     if (!std::isfinite(knot.first) || !std::isfinite(knot.second)) {
-      refuse("a curve's points must be finite");
+      refuse("a point of a curve is not finite", "give finite inputs and outputs");
     }
     if (knot.second < 0.0) {
       refuse("a curve has the output " + std::to_string(knot.second) + ", which is negative",
@@ -47,7 +48,7 @@ TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
   }
   const auto ascending = [](const Knot& a, const Knot& b) { return a.first < b.first; };
   if (!std::is_sorted(knots.begin(), knots.end(), ascending)) {
-    refuse("a curve's inputs must ascend");
+    refuse("the inputs of a curve's points do not ascend", "sort the points by input");
   }
   return TransferFunction(std::move(knots));
 }

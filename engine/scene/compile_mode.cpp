@@ -31,7 +31,8 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
                   const std::string& key, double most, GraphReads& reads, OwnInput own) {
   const std::vector<TransferSpec::Factor>& factors = spec.factors;
   const std::string at = path + "/" + key;
-  if (factors.empty()) throw SceneError(at, "the product has no factors", "give at least one");
+  if (factors.empty())
+    throw SceneError(at, "the product has no factors", "give at least one factor");
   Transfer out;
   const bool zero = spec.highest() == 0.0;
   // With `by` and a single constant strength, a mode acts only where `by` has data.
@@ -54,9 +55,9 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
   if (!(spec.highest() <= most)) {
     const char* const unit = key == "stiffness" ? " N/m" : key == "friction" ? "" : " N";
     throw SceneError(at,
-                     "its highest value, " + shortNumber(spec.highest()) + unit + ", exceeds " +
+                     "the highest value, " + shortNumber(spec.highest()) + unit + ", exceeds " +
                          shortNumber(most) + unit,
-                     "reduce it or its factors");
+                     "reduce the value or its factors");
   }
   return out;
 }
@@ -67,7 +68,7 @@ void checkKeys(const ModeSpec& mode, const std::string& path, const GraphNames& 
   if (!surface && (mode.friction.highest() > 0.0 || mode.viscosity.highest() > 0.0)) {
     throw SceneError(
         path, std::string("mode ") + wordFor(mode.kind) + " has no friction and no viscosity",
-        "use mode surface or isosurface");
+        "remove these keys, or use mode surface or isosurface");
   }
   if (mode.by.empty()) return;
   names.checkScalar(path + "/by", mode.by);
@@ -78,7 +79,7 @@ void checkKeys(const ModeSpec& mode, const std::string& path, const GraphNames& 
   };
   const bool mask = mode.strength.factors.size() == 1 && mode.strength.factors[0].by.empty();
   if (!mask && !reads(mode.strength) && !reads(mode.friction) && !reads(mode.viscosity)) {
-    throw SceneError(path + "/by", "no curve of the mode reads it", "remove it");
+    throw SceneError(path + "/by", "no curve of the mode reads this scalar", "remove \"by\"");
   }
 }
 
@@ -120,7 +121,7 @@ class ModeCompiler {
       (void)reads_.names().isVector(path_ + "/of", mode_.of);  // throws if the name is unknown
       throw SceneError(path_ + "/of",
                        "mode " + std::string(wordFor(mode_.kind)) + " needs a volume and \"" +
-                           mode_.of + "\" is derived",
+                           mode_.of + "\" is a derived field",
                        "give a scalar volume");
     }
     if (field->index() != 0) {
@@ -226,11 +227,12 @@ class ModeCompiler {
     IsosurfaceMode iso;
     iso.skin = skinOf();
     if (!(mode_.depth_voxels > 0.0) || !std::isfinite(mode_.depth_voxels)) {
-      throw SceneError(path_ + "/depth", "it must be > 0", "give a depth in voxels, such as 3");
+      throw SceneError(path_ + "/depth", "the depth must be > 0",
+                       "give a depth in voxels, such as 3");
     }
     if (!std::isfinite(mode_.value)) {
-      throw SceneError(path_ + "/value", "it is not a finite number",
-                       "give the value of the surface");
+      throw SceneError(path_ + "/value", "the value is not a finite number",
+                       "give the volume's value on the surface");
     }
     iso.level = mode_.value;
     iso.depth = mode_.depth_voxels * iso.skin.voxel;
@@ -245,7 +247,7 @@ class ModeCompiler {
 
   Mode frontShape() {
     if (!(mode_.snap_voxels >= 0.0) || !std::isfinite(mode_.snap_voxels)) {
-      throw SceneError(path_ + "/snap_drag", "it must be >= 0",
+      throw SceneError(path_ + "/snap_drag", "the distance must be >= 0",
                        "give a distance in voxels, such as 4");
     }
     FrontShapeMode front;
@@ -282,14 +284,16 @@ class ModeCompiler {
                        "choose one of them");
     }
     if (!spec.position.allFinite() || !(spec.position.norm() < 1e6)) {
-      throw SceneError(path_ + "/at", "it is not a position within 1,000 km", "give metres");
+      throw SceneError(path_ + "/at", "the position is not within 1,000 km of the origin",
+                       "give metres");
     }
     const bool directed = spec.shape != PrimitiveKind::kPoint;
     if (directed && (!(length > 1e-100) || !std::isfinite(length))) {
-      throw SceneError(path_ + "/along", "it is not a direction", "give a vector that is not zero");
+      throw SceneError(path_ + "/along", "the vector is zero or not finite",
+                       "give a direction, such as [0, 0, 1]");
     }
     if (!(spec.snap > 0.0)) {
-      throw SceneError(path_ + "/snap", "it must be > 0", "give metres, such as 0.005");
+      throw SceneError(path_ + "/snap", "the distance must be > 0", "give metres, such as 0.005");
     }
     if (!mode_.in.empty() && reads_.names().volume(mode_.in) == nullptr) {
       reads_.names().throwUnknown(path_ + "/in", mode_.in);

@@ -25,7 +25,8 @@ void checkMotions(const GraphSpec& spec, const GraphNames& names) {
   for (const auto& [name, motion] : spec.motions) {
     const std::string path = "/volumes/" + name + "/place/keyframes";
     if (names.volume(name) == nullptr) names.throwUnknown(path, name);
-    if (motion == nullptr) throw SceneError(path, "the motion is null", "remove it");
+    if (motion == nullptr)
+      throw SceneError(path, "the motion is null", "remove this entry of GraphSpec::motions");
   }
 }
 

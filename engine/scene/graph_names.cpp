@@ -30,8 +30,8 @@ void GraphNames::throwUnknown(const std::string& path, const std::string& name) 
   for (const auto& [field, derived] : spec_.fields) names.push_back(field);
   const std::string near = nearestName(name, names);
   std::string remedy = !near.empty()   ? "did you mean \"" + near + "\"?"
-                       : names.empty() ? "add it"
-                                       : "there are:";
+                       : names.empty() ? "add a volume of this name"
+                                       : "use one of:";
   if (near.empty()) {
     for (const std::string& n : names) remedy += " " + n;
   }
@@ -59,7 +59,7 @@ bool GraphNames::checkDerived(const std::string& name, const DerivedSpec& derive
                               std::set<std::string>& open) const {
   const std::string path = "/fields/" + name;
   if (!open.insert(name).second) {
-    throw SceneError(path, "it is derived from itself", "remove the cycle");
+    throw SceneError(path, "the field is derived from itself", "remove the cycle");
   }
   const bool of_vector = isVector(path + "/" + wordFor(derived.derivation), derived.of, open);
   open.erase(name);
@@ -69,19 +69,19 @@ bool GraphNames::checkDerived(const std::string& name, const DerivedSpec& derive
   const DerivationKind kind = kindOf(derived.derivation);
   if (!kind.of_volume) {
     if (!of_vector) {
-      throw SceneError(path, std::string(word) + " of " + operand + ", which is a scalar",
+      throw SceneError(path, std::string(word) + " needs a vector, but " + operand + " is a scalar",
                        kind.vector ? "give a vector" : "give a vector, or use the scalar itself");
     }
     return kind.vector;
   }
   if (!of_volume) {
-    throw SceneError(path, std::string(word) + " of " + operand + ", which is derived",
+    throw SceneError(path, std::string(word) + " needs a volume, but " + operand + " is derived",
                      "give a volume; a derived field has no stored derivatives");
   }
   if (of_vector != kind.of_vector) {
     throw SceneError(path,
-                     std::string(word) + " of " + operand + ", which is a " +
-                         (of_vector ? "vector" : "scalar") + " volume",
+                     std::string(word) + " needs a " + (of_vector ? "scalar" : "vector") +
+                         " volume, but " + operand + " is a " + (of_vector ? "vector" : "scalar"),
                      std::string("give a ") + (kind.of_vector ? "vector" : "scalar") + " volume");
   }
   return kind.vector;

@@ -13,7 +13,7 @@ int newProperty(const std::string& name, std::vector<std::string>& names, const 
   if (names.size() == static_cast<std::size_t>(kMaxProperties)) {
     throw SceneError("/modes",
                      "the modes and the stiffness read more than " +
-                         std::to_string(kMaxProperties) + " properties that are " + type,
+                         std::to_string(kMaxProperties) + " " + type + " properties",
                      "use fewer modes");
   }
   names.push_back(name);
@@ -31,10 +31,10 @@ void checkRoom(const Graph& graph) {
 }  // namespace
 
 int GraphReads::newScalar(const std::string& name) {
-  return newProperty(name, graph.scalar_properties, "scalars");
+  return newProperty(name, graph.scalar_properties, "scalar");
 }
 int GraphReads::newVector(const std::string& name) {
-  return newProperty(name, graph.vector_properties, "vectors");
+  return newProperty(name, graph.vector_properties, "vector");
 }
 
 ScalarRead& GraphReads::scalarRead(const std::string& name) {
@@ -80,7 +80,7 @@ int GraphReads::motionOf(const std::string& name) {
   if (motions.size() == kMaxMotions) {
     throw SceneError("/volumes",
                      "the modes need more than " + std::to_string(kMaxMotions) + " motions",
-                     "use fewer, or let volumes share a motion");
+                     "use fewer motions, or let volumes share one");
   }
   motions.push_back(motion->second);
   return static_cast<int>(motions.size()) - 1;

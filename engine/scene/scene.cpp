@@ -41,22 +41,24 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                                        std::vector<Part> parts) {
   static std::atomic<std::uint64_t> next_id{1};
   if (!std::isfinite(coupling.stiffness) || coupling.stiffness <= 0.0) {
-    throw SceneError("/coupling/stiffness", "it must be a finite number > 0",
+    throw SceneError("/coupling/stiffness", "the stiffness must be a finite number > 0",
                      "give N/m, such as 500");
   }
   if (!std::isfinite(coupling.damping) || coupling.damping < 0.0) {
-    throw SceneError("/coupling/damping", "it must be a finite number >= 0",
+    throw SceneError("/coupling/damping", "the damping must be a finite number >= 0",
                      "give N s/m, such as 0.5");
   }
   if (!(step.tolerance_voxels > 0.0) || !(step.tolerance_voxels <= kMostTolerance)) {
-    throw SceneError("/accuracy/tolerance_voxels", "it must be > 0 and at most 1",
+    throw SceneError("/accuracy/tolerance_voxels", "the tolerance must be > 0 and at most 1",
                      "give a fraction of a voxel, such as 0.01");
   }
   if (step.max_substeps < 1 || step.max_substeps > 64) {
-    throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 16");
+    throw SceneError("/accuracy/max_substeps", "the limit must be 1 to 64",
+                     "give a whole number, such as 16");
   }
   if (step.max_iterations < 1) {
-    throw SceneError("/accuracy/max_iterations", "it must be at least 1", "give 130");
+    throw SceneError("/accuracy/max_iterations", "the limit must be at least 1",
+                     "give a whole number, such as 130");
   }
   auto scene = std::make_unique<Scene>();
   if (parts.empty() || !spec.modes.empty()) scene->graph = compileGraph(spec, fields);
@@ -84,7 +86,8 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
 
 Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields) {
   if (!spec.motions.empty()) {
-    throw SceneError("/volumes", "a part moves", "put volumes that move into the scene itself");
+    throw SceneError("/volumes", "a part has a volume that moves",
+                     "put this volume into the scene itself");
   }
   if (spec.stiffness) {
     throw SceneError("/coupling", "the stiffness varies within a part",
@@ -121,7 +124,8 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
     if (mode.kind == ModeKind::kUser || mode.kind == ModeKind::kGuide) {
       const std::size_t number = spec.mode_numbers.empty() ? i : spec.mode_numbers.at(i);
       throw SceneError("/modes/" + std::to_string(number),
-                       "a part has a guide or a user-defined mode", "move it to the scene itself");
+                       "a part has a guide or a user-defined mode",
+                       "move this mode to the scene itself");
     }
     part.most +=
         mode.strength.highest() * (1.0 + mode.friction.highest()) + mode.viscosity.highest();

@@ -11,7 +11,7 @@
 namespace palpate {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "objects are little-endian");
+static_assert(std::endian::native == std::endian::little, "bricks need a little-endian machine");
 static_assert(kBrickVoxels % 8 == 0);
 
 /// Identity of a brick, which is stored in its last bytes.
@@ -139,7 +139,7 @@ BrickVerdict BrickCodec::decode(const BrickId& id, std::size_t bytes, const Bric
                                    std::to_string(entry->bytes) + " in the manifest"};
   }
   if (wrong) return {BrickStatus::kDamaged, "its checksum is wrong"};
-  if (!whole) return {BrickStatus::kDamaged, "it is not a brick"};
+  if (!whole) return {BrickStatus::kDamaged, "it cannot be decompressed to a brick"};
   if (!isFinite(slot)) return {BrickStatus::kDamaged, "some of its values are not finite"};
   return {};
 }

@@ -97,7 +97,7 @@ void BrickFolder::fail(const std::string& name, int error) const {
               std::string("it cannot be written (") + std::strerror(error) + ")",
               error == ENOSPC || error == EDQUOT || error == EFBIG
                   ? "free disk space and run the same command again: it continues where it stopped"
-                  : "check the disk and its permissions, and run the same command again");
+                  : "check the disk and the folder's permissions, and run the same command again");
 }
 
 void BrickFolder::lock() {

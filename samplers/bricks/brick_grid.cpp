@@ -422,7 +422,7 @@ BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& 
                    ProcessGroup& group, const std::optional<Share>& share) {
   if (parts.size() != 1) {
     throw VolumeError(
-        "\"" + info.name + "\"", "its components are separate grids, or are at different places",
+        "\"" + info.name + "\"", "its components are separate grids or staggered",
         "make bricks of each component, or of one grid of vectors at the voxels' centres");
   }
   BrickInput input;
@@ -474,7 +474,7 @@ std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level
   const auto levels = static_cast<std::int32_t>(manifest.levels().size());
   if (level < 0 || level >= levels) {
     throw VolumeError(called, "it does not have level " + std::to_string(level),
-                      "give 0 to " + std::to_string(levels - 1));
+                      "give a level from 0 to " + std::to_string(levels - 1));
   }
   const openvdb::GridBase::Ptr grid = manifest.format().vector
                                           ? gridOf<openvdb::Vec3SGrid>(source, level)

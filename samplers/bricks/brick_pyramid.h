@@ -36,7 +36,7 @@ class HalvedBricks {
 
   /// Returns the manifest of the volume.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_.manifest(); }
-  /// Returns the level of the halved bricks.
+  /// Returns the level of the source's bricks, before they are halved.
   [[nodiscard]] std::int32_t level() const noexcept { return level_; }
 
  private:

@@ -43,8 +43,8 @@ BrickManifest BrickManifest::read(const std::filesystem::path& folder) {
   }
   if (!std::filesystem::exists(file, error)) {
     throw VolumeError(folder.string(), "it is unfinished: it has no manifest",
-                      "run the command that writes it again: it continues where it stopped; or "
-                      "finish the copy");
+                      "repeat the command that wrote the folder (it continues where it stopped), "
+                      "or finish the copy");
   }
   std::vector<std::byte> bytes;
   std::ifstream stream;

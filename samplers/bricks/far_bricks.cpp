@@ -127,7 +127,7 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   const BrickVerdict verdict = verdictOf(*file.request);
   if (verdict.status == BrickStatus::kMissing) {
     throw VolumeError(address, "it is not a volume in bricks",
-                      "check the address, or finish the copy, whose last file must be " +
+                      "check the address, or finish the copy with its last file, " +
                           std::string(kBrickManifestFile));
   }
   if (verdict.status == BrickStatus::kCut) {
@@ -198,7 +198,7 @@ BrickArrival FarBricks::State::arrivalOf(const BrickId& id, BrickVerdict verdict
   if (verdict.status == BrickStatus::kUnreadable) remedy = "check the server and the network";
   const auto says = [&](const char* words) { return verdict.why.find(words) != std::string::npos; };
   if (says(kNoMemory)) remedy = "end other programs to free memory";
-  if (says("PALPATE_HTTP_KEYS")) remedy = "correct the key, and start the program again";
+  if (says("PALPATE_HTTP_KEYS")) remedy = "give the server's key, and start the program again";
   arrival.why = url(brickObject(id, manifest->format())) + ": " + verdict.why + ": " + remedy;
   return arrival;
 }

@@ -31,18 +31,19 @@ std::string readSecret(const std::string& file) {
   const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) {
     refuse(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
-           std::string("correct the variable ") + kVariable +
-               ", or own the file and run chmod 600 on it");
+           std::string("correct the path in ") + kVariable +
+               ", or become the file's owner (chown) and run chmod 600 on it");
   }
   const auto shut = [](const int* of) { close(*of); };
   const std::unique_ptr<const int, decltype(shut)> closed(&descriptor, shut);
   struct stat about {};
   if (fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode)) {
-    refuse(file, "it is not a file", std::string("correct the variable ") + kVariable);
+    refuse(file, "it is not a file", std::string("correct the path in ") + kVariable);
   }
   constexpr unsigned kOthers = S_IRWXG | S_IRWXO;
   if (about.st_uid != geteuid() || (about.st_mode & kOthers) != 0) {
-    refuse(file, "other users can read it or change it", "own it, and run chmod 600 on it");
+    refuse(file, "another user owns it, or other users have permissions for it",
+           "become its owner (chown), and run chmod 600 on it");
   }
   std::string text(kLongest + 1, '\0');
   std::size_t size = 0;
@@ -128,7 +129,7 @@ std::optional<HttpKey> findHttpKey(const HttpOrigin& origin) {
     const std::optional<HttpKey> key = keyOf(std::move(line));
     const std::string which = "line " + std::to_string(number);
     if (!to || !key) {
-      refuse(file, which + " is not a server with its key",
+      refuse(file, which + " is not a server's address followed by a key",
              "write https://HOST basic NAME PASSWORD, or https://HOST bearer TOKEN, with single "
              "spaces and Unix line ends");
     }

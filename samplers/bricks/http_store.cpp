@@ -123,7 +123,7 @@ std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void
 void beginCurl() {
   static const CURLcode begun = curl_global_init(CURL_GLOBAL_DEFAULT);
   if (begun != CURLE_OK)
-    throw VolumeError("libcurl", "it cannot be initialized", "check its installation");
+    throw VolumeError("libcurl", "it cannot be initialized", "reinstall libcurl");
 }
 
 void conclude(HttpRequest& request, CURLcode how) noexcept {
@@ -324,7 +324,7 @@ std::unique_ptr<ObjectStore> openHttp(const std::string& address, const StorePar
   const std::optional<HttpOrigin> origin = httpOriginOf(address);
   if (!isAddress(address) || !origin) {
     throw VolumeError(address, "it is not an address of a folder",
-                      "give http://host/folder, without a user, ? or #");
+                      "give http://host/folder or https://host/folder, without @, ? or #");
   }
   beginCurl();
   std::string folder = address;

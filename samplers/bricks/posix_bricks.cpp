@@ -145,7 +145,7 @@ BrickArrival PosixBricks::read(const BrickId& id, std::span<std::byte> slot) {
   if (verdict.status == BrickStatus::kArrived) return arrival;
   const char* remedy = "copy or write the volume again";
   if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the volume has";
-  if (verdict.status == BrickStatus::kUnreadable) remedy = "check the disk and its permissions";
+  if (verdict.status == BrickStatus::kUnreadable) remedy = "check the disk and file permissions";
   arrival.why = (state_->held()->path() / brickObject(id, state_->manifest.format())).string() +
                 ": " + verdict.why + ": " + remedy;
   return arrival;

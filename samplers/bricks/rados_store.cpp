@@ -45,7 +45,7 @@ Call call(const char* name) {
   void* const found = dlsym(library, name);
   if (found != nullptr) return {found};
   throw VolumeError(kLibrary, std::string("it does not have the function ") + name,
-                    "install another librados2");
+                    "install a newer librados2");
 }
 
 struct Librados {
@@ -188,14 +188,14 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
     throw VolumeError(name, what + " (" + nameOf(how) + ")", remedy);
   };
   int how = call_.create(&cluster_, address_.user.c_str());
-  if (how < 0) fail(how, "Ceph's client cannot be initialized", "check its installation");
+  if (how < 0) fail(how, "Ceph's client cannot be initialized", "reinstall librados2");
   how = call_.conf_read_file(cluster_, nullptr);
   if (how < 0) {
     fail(how, "the configuration of Ceph cannot be read",
          "set CEPH_CONF to a ceph.conf, or write /etc/ceph/ceph.conf");
   }
   how = call_.conf_parse_env(cluster_, nullptr);
-  if (how < 0) fail(how, "the options in CEPH_ARGS are wrong", "unset CEPH_ARGS");
+  if (how < 0) fail(how, "Ceph rejects the options in CEPH_ARGS", "correct or unset CEPH_ARGS");
   const std::pair<const char*, std::string> options[] = {
       {"client_mount_timeout", seconds(params.connect)},
       {"rados_mon_op_timeout", seconds(params.connect)},
@@ -205,16 +205,16 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
   for (const auto& [option, value] : options) {
     how = call_.conf_set(cluster_, option, value.c_str());
     if (how < 0) {
-      fail(how, std::string("Ceph does not have the option ") + option,
-           "install another librados2");
+      fail(how, std::string("Ceph rejects the option ") + option,
+           "install another version of librados2");
     }
   }
   how = call_.connect(cluster_);
   if (how == -ETIMEDOUT) fail(how, "no monitor of Ceph answers", "check mon_host and the network");
   if (how < 0) {
     fail(how,
-         "Ceph rejects the user \"" + address_.user + "\", or its keyring or mon_host is missing",
-         "check mon_host, the user (rados://user@pool/folder) and its keyring");
+         "Ceph rejects the user \"" + address_.user + "\", or mon_host or the keyring is missing",
+         "check mon_host, the user (rados://user@pool/folder) and the user's keyring");
   }
   how = call_.ioctx_create(cluster_, address_.pool.c_str(), &pool_);
   if (how == -ENOENT) {

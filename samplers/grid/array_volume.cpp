@@ -148,13 +148,13 @@ void check(const VoxelArray& array) {
   for (std::size_t a = 0; a < 3; ++a) {
     if (array.size[a] >= 1 && array.size[a] <= kMostAlong) continue;
     throw VolumeError(array.name,
-                      "its size along an axis is " + std::to_string(array.size[a]) + " (axis " +
-                          std::to_string(a + 1) + " of 3)",
+                      "it has " + std::to_string(array.size[a]) + " values along axis " +
+                          std::to_string(a + 1) + " of 3",
                       "give an array with 1 to 2147483647 values along each of three axes");
   }
   if (array.background && !std::isfinite(*array.background)) {
     throw VolumeError(array.name, "its background is not a finite number",
-                      "give the value that stands for no data");
+                      "give the finite number that stands for no data");
   }
   if (array.vector && array.background.value_or(0.0) != 0.0) {
     throw VolumeError(array.name, "its background is a number, and its values are vectors",
@@ -163,8 +163,8 @@ void check(const VoxelArray& array) {
   const double volume = std::abs(array.axes.determinant());
   const double edges = array.axes.colwise().norm().prod();
   if (array.axes.allFinite() && array.origin.allFinite() && volume > 1e-9 * edges) return;
-  throw VolumeError(array.name, "its voxels have no volume, or its position is not finite",
-                    "give a spacing above 0, steps that are not in one plane, and finite numbers");
+  throw VolumeError(array.name, "its voxels have no volume, or its spacing or origin is not finite",
+                    "give a finite origin, and a finite spacing above 0 or steps not in one plane");
 }
 
 }  // namespace

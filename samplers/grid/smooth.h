@@ -27,7 +27,8 @@ auto sizeOf(const T& value) noexcept {
   }
 }
 
-/// Largest number of leaves that smoothing adds, besides ten for each leaf (0.5 GB of floats).
+/// Largest number of leaves that smoothing along one axis adds beside tiles (0.5 GB of floats), in
+/// addition to ten for each leaf. Leaves beside other leaves are not limited.
 inline constexpr std::size_t kMostAdded = 250'000;
 
 /// Adds leaves along one axis, wherever a filter changes values that are not in leaves: `count` in

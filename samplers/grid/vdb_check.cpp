@@ -77,7 +77,7 @@ class VdbCheck::Walk {
     if (static_cast<std::uint64_t>(count) > left() / 36) tooLarge();
     for (std::int32_t i = 0; i < count; ++i) {
       const GridEntry d = descriptor();
-      if (find(d.name) != nullptr) damaged("two of its grids have the same name");
+      if (find(d.name) != nullptr) damaged("two of its grids are named " + nameOf(d.name));
       grids_.emplace(nameOf(d.name), d);
       grid(d, !has_offsets_);
     }
@@ -121,8 +121,8 @@ class VdbCheck::Walk {
     const GridEntry* parent = find(d.parent);
     if (parent == nullptr || !parent->parent.empty() || parent->type != d.type) {
       damaged(
-          "a grid shares the tree of a grid that does not exist, has another type or shares a tree "
-          "itself");
+          "grid \"" + nameOf(d.name) +
+          "\" shares the tree of a grid that does not exist, has another type or shares a tree");
     }
     return *parent;
   }
@@ -243,7 +243,8 @@ class VdbCheck::Walk {
           openvdb::Metadata::isRegisteredType(type)) {
         // OpenVDB reads as many bytes as the type has, so the stated size must be equal.
         if (openvdb::Metadata::createMetadata(type)->size() != bytes) {
-          damaged("metadata of a type with a fixed size have another size");
+          damaged("metadata of type " + type + " have the wrong size of " + std::to_string(bytes) +
+                  " bytes");
         }
         if (type == openvdb::BoolMetadata::staticTypeName()) {
           const bool value = boolean();
@@ -251,7 +252,7 @@ class VdbCheck::Walk {
         }
       }
       if (saved_as_half && type != openvdb::BoolMetadata::staticTypeName()) {
-        damaged("the metadata of a grid that mark 16-bit values are not a boolean");
+        damaged("the metadata " + name + " of a grid are not a boolean");
       }
       skip(end - position());
     }
@@ -287,20 +288,20 @@ class VdbCheck::Walk {
       if (d.grid > size || d.block > size || d.end > size) truncated();
       const std::int64_t block = instance ? d.grid : d.block;
       if (d.grid < static_cast<std::int64_t>(position()) || block < d.grid || d.end < block) {
-        damaged("the parts of a grid are not in order");
+        damaged("the parts of grid \"" + nameOf(d.name) + "\" are not in order");
       }
       skip(static_cast<std::uint64_t>(d.grid) - position());
       limit_ = static_cast<std::uint64_t>(d.end);
       bounded_ = true;
     } else if (kind == nullptr && !instance) {
       throw VolumeError(path_,
-                        "its grid \"" + nameOf(d.name) + "\" is of type " + d.type +
-                            ", and the file has no table of contents",
+                        "its grid \"" + nameOf(d.name) + "\" has the unsupported type " + d.type +
+                            ", and cannot be skipped without a table of contents",
                         "write the file with OpenVDB's io::File, or omit that grid");
     }
 
     const auto compression = take<std::uint32_t>();
-    if (compression > 7) damaged("a grid is compressed in an unknown way");
+    if (compression > 7) damaged("the compression of grid \"" + nameOf(d.name) + "\" is unknown");
     const bool half = metadata();
     transform();
     walk = walk && kind != nullptr;
@@ -309,7 +310,7 @@ class VdbCheck::Walk {
     if (has_offsets_) {
       // Trees that are not requested or not supported are never read: their errors do no harm.
       if (!walk) skip(left());
-      if (left() > 0) damaged("a grid does not end at the position that its descriptor states");
+      if (left() > 0) damaged("grid \"" + nameOf(d.name) + "\" does not end where the file states");
       limit_ = size_;
       bounded_ = false;
     }
@@ -348,7 +349,7 @@ class VdbCheck::Walk {
       values[i] = take<double>();
       const double size = std::abs(values[i]);
       if (std::isfinite(size) && size > 1e30) {
-        damaged("a transform holds a number of impossible size");
+        damaged("a transform holds a number above 1e30 in size");
       }
     }
     return values;
@@ -416,7 +417,7 @@ class VdbCheck::Walk {
       origins.push_back(take<Origin>());
       for (const std::int32_t i : origins.back()) {
         if (i % 4096 != 0 || i < -1000001536 || i > 1000001536)
-          damaged("the origin of a node is invalid");
+          damaged("the origin of a node is not a multiple of 4096 within +-1000001536");
       }
       return origins.back();
     };
@@ -464,7 +465,7 @@ class VdbCheck::Walk {
     // Meaning of `kind`: 0 to 2: no selection mask; 3 to 5: a selection mask follows; 2, 4 and 5:
     // one, one and two inactive values follow; 6: all values are stored.
     const auto kind = take<std::uint8_t>();
-    if (kind > 6) damaged("a node's values are of unknown kind");
+    if (kind > 6) damaged("the storage type of a node is " + std::to_string(kind) + ", not 0 to 6");
     if (kind == 2 || kind == 4) skip(storage.value);
     if (kind == 5) skip(2 * storage.value);
     if (kind >= 3 && kind <= 5) skip(Words * 8);

@@ -86,7 +86,8 @@ std::shared_ptr<const FreeMap> freeMapOf(const Volume& volume, std::size_t part,
 Placement fitInto(const Box& bounds_F, double size) {
   const double longest = bounds_F.size().maxCoeff();
   if (!(longest > 0.0) || !std::isfinite(longest)) {
-    throw VolumeError("fit", "the volume is one voxel and has no extent", "give its scale instead");
+    throw VolumeError("fit", "the volume is one voxel and has no extent",
+                      "use \"scale\" instead of \"fit\"");
   }
   Placement placement;
   placement.scale = size / longest;
@@ -99,7 +100,8 @@ FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume, const Placeme
   const std::vector<Volume::Grid::Part>& parts = volume->grid().parts;
   const std::string what = "grid \"" + volume->info().name + "\"";
   if (!(sampling.slope_reach > 0.0 && sampling.slope_reach <= 1.0)) {
-    throw VolumeError(what, "slope_reach must be > 0 and at most 1 voxel", "give 0.5");
+    throw VolumeError(what, "slope_reach is " + std::to_string(sampling.slope_reach) + " voxels",
+                      "give a number above 0 and at most 1, such as 0.5");
   }
   if (sampling.axial) {
     if (!volume->info().vector || parts.size() > 1) {

@@ -168,7 +168,8 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
 
 /// Returns the command that converts another file to .vdb. Users can copy it from a message.
 std::string importOf(const std::filesystem::path& path) {
-  if (path.extension() == ".vdb") return "it may be damaged or of another format: write it again";
+  if (path.extension() == ".vdb")
+    return "write it again with OpenVDB: it may be damaged or of another format";
   std::filesystem::path stem = path.filename();
   if (stem.extension() == ".gz") stem.replace_extension();
   const std::string out = stem.replace_extension(".vdb").string();
@@ -194,8 +195,8 @@ class VdbFile {
     if (!std::filesystem::is_regular_file(status)) {
       throw VolumeError(path.string(), "it is not a file",
                         std::filesystem::is_directory(status)
-                            ? "give a .vdb file; DICOM and OpenFOAM are imported first: palpate "
-                              "import FOLDER OUT.vdb"
+                            ? "give a .vdb file, or first import DICOM or OpenFOAM: palpate import "
+                              "FOLDER OUT.vdb"
                             : "give a .vdb file");
     }
     steady_.emplace(path);
@@ -285,8 +286,8 @@ class VdbFile {
  private:
   [[noreturn]] void throwTaken() const {
     throw VolumeError(path_.string(),
-                      "another program had to wait too long to change it, so the load was ended",
-                      "load it when no program writes to it");
+                      "another program waited to change the file, so palpate ended the load",
+                      "load the file when no program writes to it");
   }
 
   /// Reads a grid; without its tree if the type is unsupported. The leaves of a large grid stay on
@@ -351,7 +352,7 @@ class VdbFile {
     }
     const std::string near = nearestName(wanted, names);
     throw NoDataError(path_.string(), "there is no grid \"" + wanted + "\"",
-                      near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
+                      near.empty() ? "name one of " + all : "did you mean \"" + near + "\"?");
   }
 
   /// Calls `body`, and converts OpenVDB's exceptions to VolumeError with a message of one line.
@@ -370,7 +371,7 @@ class VdbFile {
       std::string why = e.what();
       std::replace(why.begin(), why.end(), '\n', ' ');
       throw VolumeError(path_.string(), "it cannot be read (" + why + ")",
-                        "it may be damaged or of a newer format: write it again");
+                        "write it again: it may be damaged or of a newer format");
     }
   }
 
@@ -501,7 +502,8 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
   try {
     return preparedVolume(grid.getName(), grid.deepCopyGrid(), name, options);
   } catch (const openvdb::Exception& e) {
-    throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "rebuild it");
+    throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")",
+                      "correct the code that makes the grid");
   }
 }
 

@@ -62,7 +62,7 @@ DisplacementFrames displacementsOf(std::span<const std::shared_ptr<const Volume>
                              std::to_string(n + 1) + " of " + std::to_string(frames.size());
     if (!volume.info().vector || parts.size() != 1) {
       throw SceneError(path, name + " is not a vector in one grid, or is staggered",
-                       "give a displacement field at the voxels' centres");
+                       "give one grid of vectors at the voxels' centres");
     }
     if (!sameLattice(first, parts.front())) {
       throw SceneError(path, name + " has another position, orientation or voxel size than frame 1",

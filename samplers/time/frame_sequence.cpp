@@ -99,8 +99,8 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
                           ") than the first one with data (" + kind(like) + ")",
                       is.vector != like.vector
                           ? "give frames of one type"
-                          : std::string("set the class of its grid to \"") +
-                                wordFor(like.grid_class) + "\", or that of the first one");
+                          : std::string("set the grid class of all frames to \"") +
+                                wordFor(like.grid_class) + "\"");
   }
   if (out.volume->grid().parts.size() > 1) {
     throw VolumeError(nameOf(request),
@@ -119,15 +119,18 @@ std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t bu
   const std::uint64_t slots = std::min<std::uint64_t>(frames, budget / bytes);
   const std::uint64_t least = std::min<std::uint64_t>(frames, kLeastFrames);
   if (slots < least) {
+    constexpr double kHundredth = 1024.0 * 1024.0 / 100.0;
     const auto megabytes = [](double of) {
       const std::string text = std::to_string(of / (1024.0 * 1024.0));
       return text.substr(0, text.find('.') + 3) + " MB";
     };
-    throw VolumeError(name,
-                      "a budget of " + megabytes(static_cast<double>(budget)) + " holds " +
-                          std::to_string(slots) + " of its frames",
-                      "increase the budget (\"budget_mb\" of \"frames\") to " +
-                          megabytes(static_cast<double>(least * bytes + 10'000)) + " or more");
+    throw VolumeError(
+        name,
+        "a budget of " + megabytes(static_cast<double>(budget)) + " holds " +
+            std::to_string(slots) + " of its frames",
+        "increase the budget (\"budget_mb\" of \"frames\") to " +
+            megabytes(std::ceil(static_cast<double>(least * bytes) / kHundredth) * kHundredth) +
+            " or more");
   }
   return static_cast<std::size_t>(slots);
 }
@@ -151,8 +154,8 @@ void checkTimes(const FrameTimes& when, std::size_t count, const std::string& na
     const bool good = std::isfinite(when.times[i]) && (i == 0 || when.times[i] > when.times[i - 1]);
     if (good) continue;
     throw VolumeError(name,
-                      "time " + std::to_string(i) + " (counted from 0) of its frames, " +
-                          std::to_string(when.times[i]) + " s, is not " +
+                      "its frame time " + std::to_string(i) + " (counted from 0) is " +
+                          std::to_string(when.times[i]) + " s, not " +
                           (std::isfinite(when.times[i]) ? "after the time before" : "finite"),
                       "give ascending times in seconds");
   }
@@ -355,12 +358,11 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
                              const SequenceParams& params)
     : frames_(std::move(frames)), when_(when), params_(params) {
   if (frames_.empty())
-    throw VolumeError("sequence", "it does not have a frame", "give one or more");
+    throw VolumeError("sequence", "it does not have a frame", "give one or more frames");
   const std::string name = frames_.front().file.string();
   checkTimes(when_, frames_.size(), name);
   if (sampling.axial) {
-    throw VolumeError(name, "two frames of vectors without a sign cannot be blended",
-                      "remove \"axial\"");
+    throw VolumeError(name, "axial vectors of two frames cannot be blended", "remove \"axial\"");
   }
   std::vector<Loaded> kept;
   std::uint64_t held = 0;

@@ -343,7 +343,8 @@ class GridWarp final : public Warp {
       if (folds) {
         where << "folds space";
       } else {
-        where << "multiplies lengths by " << 1.0 / most << " to " << 1.0 / least;
+        where << "multiplies lengths by " << 1.0 / most << " to " << 1.0 / least
+              << " (limits: " << 1.0 / kMostStretch << " and " << kMostStretch << ")";
       }
       throw SceneError(path, where.str(),
                        "check its sign and its unit, smooth it, or scale it down");
@@ -380,10 +381,11 @@ void check(const DisplacementFrames& of, const WarpTimes& when, const std::strin
   for (std::size_t i = 0; i < when.times.size(); ++i) {
     const std::string here = path + "/times/" + std::to_string(i);
     if (!(std::abs(when.times[i]) <= 1e9)) {
-      throw SceneError(here, "it is not a time within 30 years", "give the time in seconds");
+      throw SceneError(here, "it is not a time within 1e9 s", "give seconds from -1e9 to 1e9");
     }
     if (i > 0 && !(when.times[i] > when.times[i - 1])) {
-      throw SceneError(here, "the times do not ascend", "sort the frames by time");
+      throw SceneError(here, "the times do not ascend",
+                       "sort the frames by time, and drop frames of equal times");
     }
   }
   checkWarpMemory(of.size, count, path);

@@ -57,7 +57,7 @@ void leaveWeights(const std::vector<Candidate>& candidates, Draft& draft) {
     if (!c.input->isScalar() || is_distance(c) || draft.isUsed(c) || c.scalar.low < 0.0) continue;
     const std::string name = lowerCase(c.input->name());
     if (name == "w" || hasWord(name, {"weight", "confidence", "observations"})) {
-      draft.leaveOut(c, "weights of the distances in " + distance->shownName());
+      draft.leaveOut(c, "the weights of the distances in grid " + distance->shownName());
     }
   }
 }
@@ -239,12 +239,13 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   for (const auto& [share, c] : materials) {
     if (draft.freeModes() == 0) {
-      draft.leaveOut(*c, "a smaller material");
+      draft.leaveOut(*c, "materials with larger volumes have priority");
       continue;
     }
     draft.use(*c);
-    c->seen = fmt::format("the fraction of a material: {} grids from 0 to 1 add up to {}1",
-                          fractions.size(), sum.is_one ? "" : "at most ");
+    c->seen =
+        fmt::format("the fraction of a material: {} grids with values from 0 to 1 add up to {}1",
+                    fractions.size(), sum.is_one ? "" : "at most ");
     draft.addVolume(*c);
     draft.addMode(materialSurface(*c, share));
   }
@@ -336,7 +337,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
     const auto found = std::find_if(chosen.begin(), chosen.end(), same);
     if (found != chosen.end()) like = *found;
     if (like != nullptr) {
-      draft.leaveOut(*c, "much like " + like->name);
+      draft.leaveOut(*c, "nearly a linear function of " + like->name);
     } else {
       chosen.push_back(c);
     }

@@ -50,8 +50,9 @@ bool hasOtherType(const Evidence& e) {
 }
 
 constexpr std::array kGridRules{
-    KindRule{isLevelSet, Kind::kLevelSet, "a level set, by its grid class"},
-    KindRule{isBodyRegion, Kind::kBody, "the region of the largest body, by its metadata"},
+    KindRule{isLevelSet, Kind::kLevelSet, "a level set, according to its grid class"},
+    KindRule{isBodyRegion, Kind::kBody,
+             "the region of the largest body, according to its metadata"},
     KindRule{hasOtherTransforms, Kind::kOther, "components with different transforms"},
     KindRule{hasOtherType, Kind::kOther, "values of type {type} are not supported"},
 };
@@ -69,8 +70,9 @@ bool hasLengthOne(const Evidence& e) {
 
 constexpr std::array kVectorRules{
     KindRule{isConstantVector, Kind::kConstant, "nearly all values are equal"},
-    KindRule{isStated<GuessFor::kFibres>, Kind::kDirections, "directions, by --for fibres"},
-    KindRule{isAxial, Kind::kDirections, "directions without a sign, by the file's metadata"},
+    KindRule{isStated<GuessFor::kFibres>, Kind::kDirections, "directions, set by --for fibres"},
+    KindRule{isAxial, Kind::kDirections,
+             "directions without a sign, according to the file's metadata"},
     KindRule{hasLengthOne, Kind::kDirections,
              "vectors of length 1: directions without a sign (if this is a flow, use --for cfd)"},
     KindRule{always, Kind::kFlow, "a flow: vectors with lengths from {slowest} to {fastest}{unit}"},
@@ -171,14 +173,15 @@ bool hasOneBoundary(const Evidence& e) {
 constexpr std::array kScalarRules{
     KindRule{isConstantScalar, Kind::kConstant, "nearly all values are equal"},
     // First, rules for the user's --for.
-    KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, by --for cfd"},
-    KindRule{isStated<GuessFor::kMri>, Kind::kMagnetic, "{values}: MR, by --for mri"},
-    KindRule{isLabelsStated, Kind::kLabels, "{values}: {labels} labels, by --for labels"},
-    KindRule{isHounsfieldStated, Kind::kHounsfield, "{values}: Hounsfield units, by --for ct"},
+    KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, set by --for cfd"},
+    KindRule{isStated<GuessFor::kMri>, Kind::kMagnetic, "{values}: an MR image, set by --for mri"},
+    KindRule{isLabelsStated, Kind::kLabels, "{values}: {labels} labels, set by --for labels"},
+    KindRule{isHounsfieldStated, Kind::kHounsfield, "{values}: Hounsfield units, set by --for ct"},
     // Then, rules for the file's metadata.
     KindRule{isHounsfieldByMetadata, Kind::kHounsfield,
-             "{values}: Hounsfield units, by the file's metadata"},
-    KindRule{isMrByMetadata, Kind::kMagnetic, "{values}: MR, by the file's metadata"},
+             "{values}: Hounsfield units, according to the file's metadata"},
+    KindRule{isMrByMetadata, Kind::kMagnetic,
+             "{values}: an MR image, according to the file's metadata"},
     // Last, rules for the values.
     KindRule{isHounsfieldByValues, Kind::kHounsfield,
              "{values}: air near -1000 and tissue at 0 to 100: Hounsfield units (if this is wrong, "
@@ -189,7 +192,7 @@ constexpr std::array kScalarRules{
     KindRule{isTruncatedByValues, Kind::kDistance,
              "{values}: they change evenly up to a limit: the distance to a surface, truncated"},
     KindRule{isLabelsByValues, Kind::kLabels,
-             "{values}: {labels} values in constant pieces that touch in any order: labels"},
+             "{values}: {labels} values in constant regions, any two of which can touch: labels"},
     KindRule{isRawCt, Kind::kScalar, "{values}: CT without air at -1000: raw values of a scanner"},
     KindRule{hasNoBoundary, Kind::kScalar, "{values}: no boundary was found"},
     KindRule{hasFront, Kind::kScalar, "{values}: a sharp front"},

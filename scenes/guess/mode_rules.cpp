@@ -111,8 +111,8 @@ void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
   if (!levels) return;
   modes.push_back(
       drag("tissue", c.name, {{levels->skin, 0}, {levels->middle, 0.15}, {levels->bright, 0.3}},
-           "A drag that grows with the signal, up to its median and its 95th percentile "
-           "inside the skin."));
+           "A drag that grows with the signal, from the skin to the 95th percentile of the "
+           "values inside the skin."));
 }
 
 // One isosurface can separate only the lowest or the highest label from all others.
@@ -158,7 +158,7 @@ void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
   const bool above = c.scalar.positive_inside;
   modes.push_back(isosurface(c.name, c.name, 0.0, above, kFirm,
                              above ? "The surface at distance 0, solid where the values are above "
-                                     "0: the faces of the volume are below 0."
+                                     "0, because the values on the volume's faces are below 0."
                                    : "The surface at distance 0, solid where the values are below "
                                      "0."));
 }
@@ -205,7 +205,7 @@ std::string reasonOf(const Boundary& b, const Candidate& c) {
         value(b.lower), value(b.upper), value(b.value));
   }
   return fmt::format(
-      "At {} the values leave those of a material, {}. From there they change fast and reach no "
+      "At {} the values leave a material, whose value is {}. They then change fast and reach no "
       "other material. A first guess.",
       value(b.value), value(b.lower_known ? b.lower : b.upper));
 }

@@ -128,7 +128,7 @@ std::vector<std::string> remarks(const GridInfo& info) {
   std::vector<std::string> out;
   if (info.filled > 0) {
     out.push_back(fmt::format(
-        "{} values were NaN, infinite or above 1e100 and now have no data (background {})",
+        "{} values were NaN, infinite or above 1e100: the background, {}, replaces them",
         info.filled, info.background));
   }
   if (info.was_local) {
@@ -209,7 +209,8 @@ class VolumeLoader {
     }
     if (volume.sampling.axial && volume.smooth.sigma != 0.0) {
       throw SceneError(pathIn(spec_, fmt::format("/volumes/{}/smooth", name)),
-                       "the filter would cancel axial vectors", "remove \"smooth\"");
+                       "smoothing cancels axial vectors, because they have no sign",
+                       "remove \"smooth\"");
     }
   }
 

@@ -285,9 +285,9 @@ std::vector<Making> makeFibres(double voxel) {
     to_anisotropy.setValue(at, static_cast<float>(fibre.anisotropy));
   });
   anisotropy->setGridClass(openvdb::GRID_FOG_VOLUME);
-  return {
-      {direction, {.name = "", .what = "along the fibres, with signs at random", .value_unit = ""}},
-      {anisotropy, {.name = "", .what = "fractional anisotropy, 0 to 1", .value_unit = ""}}};
+  return {{direction,
+           {.name = "", .what = "direction of the fibres, with random signs", .value_unit = ""}},
+          {anisotropy, {.name = "", .what = "fractional anisotropy, 0 to 1", .value_unit = ""}}};
 }
 
 std::vector<Making> makeTwoBodies(double voxel) {
@@ -413,7 +413,7 @@ std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> v
     throw Error("--voxel",
                 fmt::format("{} is not in the range {} to {} {}", edge, volume.least_voxel,
                             volume.most_voxel, volume.length_unit),
-                fmt::format("use {}", volume.voxel));
+                fmt::format("give an edge in this range, such as {}", volume.voxel));
   }
   openvdb::initialize();
   std::vector<Making> all = recipe.make(edge);

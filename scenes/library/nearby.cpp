@@ -79,8 +79,8 @@ class Copy {
     throw SceneError(
         fmt::format("{}/volumes/{}/instances/{}", spec_.source.empty() ? "" : spec_.source + ": ",
                     group_.leader, instance_),
-        fmt::format("instance names of this volume are generated, and \"{}\" is also a volume or "
-                    "field of the scene",
+        fmt::format("palpate names this instance \"{}\", but a volume or field of the scene has "
+                    "this name",
                     name),
         "rename that volume or field");
   }

@@ -61,8 +61,9 @@ Placement Placer::compute(const std::string& name, const PlaceSpec& place,
                        placed.scale * std::max(info.bounds.lower.norm(), info.bounds.upper.norm());
   if (!(voxel >= kSmallestVoxel)) {
     throw SceneError(
-        path, fmt::format("the voxels are {:g} m", voxel),
-        fmt::format("enlarge the place until they are {:g} m or more", kSmallestVoxel));
+        path,
+        fmt::format("the shortest edge of a voxel is {:g} m, below {:g} m", voxel, kSmallestVoxel),
+        "give the volume a larger size");
   }
   if (!(reach <= kFarthestPlace)) {
     throw SceneError(path,
@@ -106,7 +107,8 @@ Placement Placer::computeAny(const std::string& name, const PlaceSpec& place,
                          "give w, x, y, z, such as [1, 0, 0, 0]");
       }
       if (!place.translate.allFinite()) {
-        throw SceneError(path + "/translate", "the translation is not finite", "give metres");
+        throw SceneError(path + "/translate", "the translation is not finite",
+                         "give three finite numbers [m]");
       }
       return {positive(place.scale, "scale"), rotation.normalized().toRotationMatrix(),
               place.translate};

@@ -197,8 +197,8 @@ void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
                      "place \"" + volume + "\" by fit, unit or scale, or remove the instances");
   }
   throw SceneError(instances,
-                   "a guide, a user-defined mode or the coupling reads this volume or one in the "
-                   "same places, so it cannot have instances",
+                   "a guide, a user-defined mode or the coupling reads this volume or one placed "
+                   "like it, so this volume cannot have instances",
                    "remove the guide, the mode or the varying stiffness, or remove the instances");
 }
 

@@ -83,13 +83,15 @@ PlayParams playOf(const SceneSpec& spec, const BuiltScene& built) {
   };
   refuse(!std::isfinite(out.speed), "speed", "the number is not finite",
          "give seconds per second, such as 1");
-  refuse(play.from && !std::isfinite(out.from), "from", "the number is not finite", "give seconds");
+  refuse(play.from && !std::isfinite(out.from), "from", "the number is not finite",
+         "give a time in seconds");
   refuse(!play.to && out.to < out.from, "from", "all sequences have ended before this time",
          "give a time [s] before the last frame's");
   if (std::isnan(out.to) || out.to < out.from) {
-    throw SceneError(pathIn(spec, "/play/to"),
-                     fmt::format("the play ends before it begins, at {} s", out.from),
-                     "give a later time [s], or an earlier \"from\"");
+    throw SceneError(
+        pathIn(spec, "/play/to"),
+        fmt::format("the latest time, {} s, is before the earliest time, {} s", out.to, out.from),
+        "give a later time [s], or an earlier \"from\"");
   }
   refuse(out.repeat && !std::isfinite(out.to), "repeat",
          "the play has no end, because a sequence repeats", "add \"to\", or remove \"repeat\"");
@@ -109,18 +111,18 @@ void noteSequences(const SceneSpec& spec, BuiltScene& built) {
                       pathIn(spec, "/volumes/" + name + "/frames")));
     }
     if (state.empty > 0) {
-      built.notes.push_back(fmt::format("{}: {} of its {} frames have no data",
+      built.notes.push_back(fmt::format("{}: {} of the sequence's {} frames have no data",
                                         pathIn(spec, "/volumes/" + name + "/frames"), state.empty,
                                         state.frames));
     }
     const std::uint64_t needed =
         std::min(sequence->neededFor(std::abs(built.play.speed)), state.frames);
     if (state.slots >= needed) continue;
-    built.notes.push_back(fmt::format(
-        "{}: memory holds {} of its {} frames, but at this speed it needs {}: give a larger "
-        "budget_mb{}",
-        pathIn(spec, "/volumes/" + name + "/frames"), state.slots, state.frames, needed,
-        state.slots < sequence->neededFor(0.0) ? "" : ", or a lower speed"));
+    built.notes.push_back(
+        fmt::format("{}: memory holds {} of the sequence's {} frames, but this speed of play needs "
+                    "{}: give a larger budget_mb{}",
+                    pathIn(spec, "/volumes/" + name + "/frames"), state.slots, state.frames, needed,
+                    state.slots < sequence->neededFor(0.0) ? "" : ", or a lower speed"));
   }
 }
 

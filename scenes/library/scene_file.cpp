@@ -64,7 +64,7 @@ std::vector<GuessVolume> feltOf(const FileResult& loaded, std::vector<std::strin
                                 const std::vector<std::string>& notes) {
   std::string why = "none of its grids is usable";
   for (const std::string& note : notes) why += " (" + note + ")";
-  throw VolumeError(path.string(), why, "write a usable grid, or choose another file");
+  throw VolumeError(path.string(), why, "correct these grids, or choose another file");
 }
 
 }  // namespace
@@ -93,7 +93,7 @@ SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
   std::string read = readText<SceneError>(file, "check the path and its permissions");
   if (read.starts_with("{\"palpate_recording\":")) {
     throw SceneError(file.string(), "the file is a recording, not a scene",
-                     "give a scene file; feel, compare and convert read recordings");
+                     "give a scene file, or use palpate feel, compare or convert");
   }
   SceneSpec spec = parseScene(read, file.string(), file.parent_path());
   if (text != nullptr) *text = std::move(read);
@@ -172,7 +172,7 @@ Guess guessVdb(const std::filesystem::path& file, GuessFor what, const Progress&
   if (isBrickPlace(file)) {
     return guessScene({withoutSlash(file).string(), "", ""}, {coarselyOf(file)}, what);
   }
-  checkRegular<SceneError>(file, "give a .vdb");
+  checkRegular<SceneError>(file, "give a .vdb file or a folder of bricks");
   const std::vector<FileResult> loaded = loadFiles({file}, progress);
   if (loaded[0].error) std::rethrow_exception(loaded[0].error);
   std::vector<std::string> notes;
@@ -194,7 +194,8 @@ SceneSpec openScene(const std::filesystem::path& path, const Progress& progress,
   }
   if (isBricks(path)) return sceneFromBricks(path);
   if (std::filesystem::is_directory(status)) return sceneFromVdb(path, progress);
-  checkRegular<SceneError>(path, "give a scene file, a .vdb or a folder of them");
+  checkRegular<SceneError>(path,
+                           "give a scene file, a .vdb file, or a folder of .vdb files or bricks");
   if (path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path, progress);
   return readSceneFile(path, text);
 }

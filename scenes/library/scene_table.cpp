@@ -114,9 +114,9 @@ JsonObject<PlaceSpec> motionRows() {
       JsonObject<WarpSpec>()
           .need("field",
                 jsonName().says(
-                    "The volume whose vectors are the displacement u, in its file's unit of "
-                    "length. The matter now at x was at x + u before deformation. Its frames are "
-                    "the grids with its name, or the files with a number in the place of %04d."),
+                    "The volume whose vectors are the displacement u, in the unit of length of its "
+                    "file. The matter now at x was at x + u before deformation. The frames are the "
+                    "grids of one name in this file, or numbered files (%04d in \"file\")."),
                 &WarpSpec::field)
           .may("times",
                jsonList(jsonNumber(), "it is not a list of times, or is empty",
@@ -155,12 +155,14 @@ std::vector<JsonObject<PlaceSpec>> placesWith(const JsonObject<PlaceSpec>& motio
   };
   const auto centred = [&](JsonObject<PlaceSpec> rows) {
     return rows.with(motion).refuse({"rotation_wxyz", "translate"},
-                                    "rotation_wxyz and translate need scale",
-                                    "give scale, in metres per unit of the file, instead");
+                                    "this key applies only to a place by \"scale\"",
+                                    "remove this key, or replace \"fit\" or \"unit\" by \"scale\", "
+                                    "in metres per unit of the file");
   };
   return {centred(JsonObject<PlaceSpec>().need(
               "fit",
-              jsonPositive().says("Longest side of the active bounds [m]. The volume is centred."),
+              jsonPositive().says("Length of the longest side of the box around the active voxels "
+                                  "[m]. The volume is centred."),
               put(PlaceSpec::Kind::kFit))),
           centred(JsonObject<PlaceSpec>().need(
               "unit",
@@ -188,8 +190,9 @@ JsonType<PlaceSpec> placeType() {
           .refuse({"keyframes", "repeat", "warp"},
                   "a volume that is placed like another volume moves with it",
                   "remove this key, or place the volume by fit, unit or scale")
-          .refuse({"rotation_wxyz", "translate"}, "rotation_wxyz and translate need scale",
-                  "give scale, in metres per unit of the file, instead"));
+          .refuse(
+              {"rotation_wxyz", "translate"}, "this key applies only to a place by \"scale\"",
+              "remove this key, or replace \"like\" by \"scale\", in metres per unit of the file"));
   return JsonObject<PlaceSpec>()
       .chooseByKey(std::move(kinds))
       .type()
@@ -233,8 +236,8 @@ JsonType<FramesSpec> framesType() {
                .with(common)})
       .type()
       .says(
-          "Makes the volume a sequence. Its frames are the grids with its name, or the files with "
-          "a number in the place of %04d. Values between two frames are blended.");
+          "Makes the volume a sequence. The frames are the grids of one name in its file, or "
+          "numbered files (%04d in \"file\"). Values between two frames are blended.");
 }
 
 JsonObject<SceneSpec> playRows() {
@@ -254,7 +257,7 @@ JsonObject<SceneSpec> playRows() {
            [play](SceneSpec& spec, bool paused) { play(spec).paused = paused; })
       .may("from",
            jsonNumber().says(
-               "Earliest time of play [s], for both directions of play. The default is the begin "
+               "Earliest time of play [s], for both directions of play. The default is the start "
                "of the first sequence. If all sequences repeat, but the play does not, the default "
                "is no limit."),
            [play](SceneSpec& spec, double from) { play(spec).from = from; })
@@ -326,9 +329,8 @@ JsonType<ReadVolume> volumeType() {
       .may("smooth",
            smoothType().says(
                "Standard deviation of a Gaussian at load: a number of voxels, or a length such as "
-               "\"1.5 mm\" in m, cm, mm, um or the file's unit (\"file\"). The Gaussian counts all "
-               "voxels and the background. "
-               "The default is 0."),
+               "\"1.5 mm\" in m, cm, mm, um or the file's unit (\"file\"). The Gaussian includes "
+               "inactive voxels and the background. The default is 0."),
            [](ReadVolume& to, const ReadWidth& read) {
              to.smooth = read.width;
              to.smooth_unit = read.unit;
@@ -343,7 +345,7 @@ JsonType<ReadVolume> volumeType() {
                                          "key \"window\": 256."),
                      [](double& to, double budget) { to = budget; })
                .type()
-               .says("The bricks of a volume that are in memory."),
+               .says("The bricks near the hands, which are in memory."),
            [](VolumeSpec& to, double budget) { to.budget_mb = budget; })
       .may("place", placeType(), &VolumeSpec::place)
       .may("instances",
@@ -371,17 +373,17 @@ double metresPerUnit(const std::map<std::string, ReadVolume>& volumes, const std
     const auto leader = volumes.find(place.like);
     if (leader == volumes.end()) {
       throw SceneError(path,
-                       "a length in metres needs the place of \"" + place.like +
+                       "a width in m, cm, mm or um needs the place of \"" + place.like +
                            "\", but the scene has no such volume",
                        "correct \"like\", or give the width in voxels");
     }
     volume = &leader->second;
   }
   if (!volume->instances.empty()) {
-    throw SceneError(path, "a length in metres needs one \"place\", not \"instances\"",
+    throw SceneError(path, "a width in m, cm, mm or um needs one \"place\", not \"instances\"",
                      "give the width in voxels or in the file's unit, such as \"1.5 file\"");
   }
-  throw SceneError(path, "a length in metres needs a \"place\" by unit or scale",
+  throw SceneError(path, "a width in m, cm, mm or um needs a \"place\" by unit or scale",
                    "give such a place, or the width in voxels or in the file's unit, such as "
                    "\"1.5 file\"");
 }
@@ -398,12 +400,12 @@ void putVolumes(SceneSpec& spec, const std::map<std::string, ReadVolume>& volume
       sigma *= read.smooth_unit / metresPerUnit(volumes, name, path);
     }
     if (read.whole_smooth && sigma >= 1.0 && sigma <= kMostReach) {
-      spec.notes.push_back(
-          fmt::format("{}: {} is the standard deviation of a Gaussian in voxels; palpate 0.3 and "
-                      "older smoothed "
-                      "like {:.2f}: write {:.2f} for this, or {:.1f} to keep {} without this note",
-                      path, sigma, std::sqrt(4.0 * sigma * (sigma + 1.0) / 3.0),
-                      std::sqrt(4.0 * sigma * (sigma + 1.0) / 3.0), sigma, sigma));
+      spec.notes.push_back(fmt::format(
+          "{}: {} is now the standard deviation [voxels]; palpate 0.3 and older smoothed as "
+          "{:.2f} does now: write {:.2f} for the older result, or {:.1f} to keep {} without this "
+          "note",
+          path, sigma, std::sqrt(4.0 * sigma * (sigma + 1.0) / 3.0),
+          std::sqrt(4.0 * sigma * (sigma + 1.0) / 3.0), sigma, sigma));
     }
     spec.volumes[name] = std::move(volume);
   }
@@ -459,11 +461,11 @@ ModeRows guideRows() {
                             to(&GuideSpec::direction));
   };
   return ModeRows().choose(
-      "shape",
-      {{wordFor(PrimitiveKind::kPoint),
-        rows(PrimitiveKind::kPoint).refuse({"along"}, "a point has no direction", "remove it")},
-       {wordFor(PrimitiveKind::kLine), directed(PrimitiveKind::kLine)},
-       {wordFor(PrimitiveKind::kPlane), directed(PrimitiveKind::kPlane)}});
+      "shape", {{wordFor(PrimitiveKind::kPoint),
+                 rows(PrimitiveKind::kPoint)
+                     .refuse({"along"}, "a point has no direction", "remove \"along\"")},
+                {wordFor(PrimitiveKind::kLine), directed(PrimitiveKind::kLine)},
+                {wordFor(PrimitiveKind::kPlane), directed(PrimitiveKind::kPlane)}});
 }
 
 /// Returns the type of a mode: a row for each kind, and the common keys name, strength and by.

@@ -38,7 +38,7 @@ inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPt
   std::error_code no_link;
   const std::filesystem::path real = std::filesystem::read_symlink(file, no_link);
   throw Error((no_link ? file : real).string(), "it cannot be written" + why,
-              "choose another place, or make room");
+              "choose a writable folder, or free disk space");
 }
 
 }  // namespace palpate

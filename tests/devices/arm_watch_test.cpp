@@ -86,7 +86,8 @@ TEST_CASE("palpate's watch of an arm shows its report bytes, rates, fields, join
              Contains("report 1: none received\n") && Contains("report 2: none received\n"));
   CHECK_THAT(silent, Contains("joint 1 of a") && Contains("not known"));
   CHECK_THAT(silent, Contains("flag homed (switch is 1): not known"));
-  CHECK_THAT(silent, Contains("some firmware only answers, and this command sends no reports"));
+  CHECK_THAT(silent,
+             Contains("the firmware may only reply to reports, and this command sends none"));
 
   // 500 ms of positions at 1 kHz, the switch at 10 Hz, and one report that the profile does not
   // have.

@@ -1431,7 +1431,7 @@ TEST_CASE("a HID arm reports the reason why it is not ready", "[hid]") {
   CHECK(device->whyNotReady().empty());
   pass(0.06);
   (void)device->read();
-  CHECK_THAT(device->whyNotReady(), Contains("do not arrive"));
+  CHECK_THAT(device->whyNotReady(), Contains("no position arrives"));
 }
 
 TEST_CASE("a silent HID arm fails to open with a hint, an arm that sends only replies is polled",

@@ -124,18 +124,19 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
       {"/rate/input", 0, "/rate/input: 0 is not > 0", true},
       {"/input/0/size", 0, "not a whole number from 1 to 1024", true},
       {"/input/0/fields/a/bits", 33, "not a whole number from 1 to 32", true},
-      {"/input/0/fields/a/bit", 300, "it ends beyond the report's 40 bytes", false},
+      {"/input/0/fields/a/bit", 300, "the field ends beyond the report's 40 bytes", false},
       {"/input/0/fields/a/type", "int", "/input/0/fields/a/type: \"int\" is not known", true},
       {"/input/0/fields/a/scale", 0, "/input/0/fields/a/scale: it is 0", true},
       {"/input/0/sequence", "tick", "/input/0/sequence: this report has no field \"tick\"", false},
       {"/input/0/sequence", 3, "/input/0/sequence: ", true},
-      {"/input/0/sequence", "a", "/input/0/sequence: a shares bits with a joint, which", false},
-      {"/input/0/sequence", "state", "/input/0/sequence: state shares bits with a flag, which",
+      {"/input/0/sequence", "a", "/input/0/sequence: a shares bits with the joint's field a, which",
        false},
+      {"/input/0/sequence", "state",
+       "/input/0/sequence: state shares bits with the flag's field state, which", false},
       {"/input/0/stale", 0, "/input/0/stale: 0 is not > 0", true},
       {"/input/0/stale", 3, "/input/0/stale: ", true},
       {"/handle/buttons/0/field", "knob", "/handle/buttons/0/field: ", false},
-      {"/handle/buttons/0/equals", 8, "/handle/buttons/0: state cannot be 8", false},
+      {"/handle/buttons/0/equals", 8, "/handle/buttons/0: the field state cannot hold 8", false},
       {"/handle/buttons/0/name", 3, "/handle/buttons/0/name: ", true},
       {"/handle/orientation/0/joint", 3, "joint: the model does not have this joint", false},
       {"/handle/orientation/0/axis",
@@ -167,11 +168,12 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
       {"/name", std::string(200000, 'a') + " ", "/name: it is not 1 to 64 letters, digits", true},
       {"/home/0/send/fa", 100, "a step drives a motor", false},
       {"/home/0/send", {{"fa", 0}}, "a step drives a motor", false},
-      {"/output/fields/fb/bit", 56, "it shares bits with another field", false},
+      {"/output/fields/fb/bit", 56, "the field shares bits with another field", false},
       {"/output/fields/fa/offset", 6000, "cannot hold a force of zero", false},
       {"/output/fields/fa/most", -1, "cannot hold a force of zero", false},
       {"/output/fields/fa/most", 0, "cannot hold both positive and negative forces", false},
-      {"/output/fields/fa/most", 40000, "/most: 40000 does not fit: its bits hold -32768", false},
+      {"/output/fields/fa/most", 40000,
+       "/most: 40000 does not fit into the field, which holds -32768", false},
       {"/output/fields/fa/type", "unsigned", "/least: -5000 does not fit", false},
       {"/output/fields/fa/rest", 1, "the field drives a motor", false},
       {"/output/fields/command/offset", 1, "the field does not drive a motor", false},
@@ -180,11 +182,11 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
       {"/home/0/send/command", 300, "/home/0/send/command: 300 is outside of 0 to", false},
       {"/home/0/send", {{"comand", 1}}, "did you mean \"command\"?", false},
       {"/home/0/send", {{"f", 1}}, "name one of its fields", false},
-      {"/kinematics/joints/1/from", "a", "it shares bits with another joint", false},
-      {"/input/0/fields/b/bit", 100, "it shares bits with another joint", false},
+      {"/kinematics/joints/1/from", "a", "shares bits with that of another joint", false},
+      {"/input/0/fields/b/bit", 100, "shares bits with that of another joint", false},
       {"/kinematics/joints/1/home", 90, "90 is more than 6.2832 radians", true},
-      {"/kinematics/joints/1/torque_constant", 0.01, "a force of 5 N at the tip needs 500 from fb",
-       false},
+      {"/kinematics/joints/1/torque_constant", 0.01,
+       "a force of 5 N at the tip needs an output of 500 from fb", false},
       {"/kinematics/joints",
        {{{"from", "a"}}, {{"from", "b"}}, {{"from", "c"}}},
        "no joint has a motor",
@@ -217,18 +219,15 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
       {"/limits/workspace_radius", 100, "100 is more than 2 metres", true},
       {"/sources", {{"/nonsense", "x"}}, "\"/nonsense\" is not in this file", false},
       {"/output/size", 256, "more than 255 bytes", false},
-      {"/kinematics/joints/1/motor", "fa", "it drives another joint already", false},
-      {"/flags/0/equals", 9, "state cannot be 9", false},
+      {"/kinematics/joints/1/motor", "fa", "this motor already drives another joint", false},
+      {"/flags/0/equals", 9, "the field state cannot hold 9", false},
       {"/limits/stale", 10, "more than 0.1 s", false},
       {"/limits/speed", 50, "more than 5 m/s", false},
       {"/limits/continuous", 6, "is more than the", false},
-      {"/close", {{{"pause", 3}}, {{"pause", 3}}}, "/close: its steps may take 6 s", false},
+      {"/close", {{{"pause", 3}}, {{"pause", 3}}}, "/close: the steps may take 6 s", false},
       {"/home/1/wait/seconds", 0, "0 is not > 0", true},
       {"/open/0/feature", {256}, "not a whole number from 0 to 255", true},
-      {"/open/1",
-       {{"pause", 1}, {"feature", {1}}},
-       "none or several of these keys: give one of send, wait",
-       true},
+      {"/open/1", {{"pause", 1}, {"feature", {1}}}, "none or several of the keys send, wait", true},
       {"/limits/force", 0, "/limits/force: 0 is not > 0", true},
       {"/sources", 1, "/sources: it is not an object", true},
   };
@@ -253,7 +252,7 @@ TEST_CASE("an invalid HID profile is refused with the JSON path of its error", "
   Json homeless = full();
   homeless.erase("flags");
   homeless.erase("home");
-  CHECK_THAT(trouble(homeless), Contains("/kinematics/joints/0/from: its counter wraps, and the "
+  CHECK_THAT(trouble(homeless), Contains("/kinematics/joints/0/from: the counter wraps, and the "
                                          "pose at the counter's zero is unknown"));
   Json numbers = full();
   numbers["output"].erase("id");
@@ -349,7 +348,8 @@ TEST_CASE("only one program at a time can claim a device", "[profile]") {
   CHECK_NOTHROW(claim(ours, file));
   CHECK_NOTHROW(claim(ours, file));
   const int second = open(file.c_str(), O_RDWR | O_CLOEXEC);
-  CHECK_THROWS_WITH(claim(second, file), Contains("(" + std::to_string(getpid()) + ") uses it"));
+  CHECK_THROWS_WITH(claim(second, file),
+                    Contains("(" + std::to_string(getpid()) + ") uses this arm"));
   // After a program was killed, its guardian keeps the device claimed until it has written zero.
   const int guard = fcntl(ours, F_DUPFD_CLOEXEC, 3);
   close(ours);
@@ -409,7 +409,7 @@ TEST_CASE("a claim of a device waits for the guardian of a killed program and re
   const pid_t long_one = killed(static_cast<unsigned>(1000.0 * kLongestClaim) + 2000);
   CHECK(waitpid(long_one, nullptr, 0) == long_one);
   CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
-                                                     std::to_string(long_one) + ") uses it"));
+                                                     std::to_string(long_one) + ") uses this arm"));
   close(ours);
 }
 
@@ -434,7 +434,7 @@ TEST_CASE("a profile's continuous limit of a motor is read and checked", "[profi
     return trouble(other);
   };
   CHECK_THAT(with("continuous", 6),
-             Contains("/joints/1/continuous: 6 is more than its field's limit of 5: remove it"));
+             Contains("/joints/1/continuous: 6 is more than the limit of the motor's field, 5: "));
   CHECK_THAT(with("continuous", 0), Contains("0 is not > 0"));
   CHECK_THAT(with("heating", 0.01), Contains("/joints/1/heating: it is less than 0.1 s"));
   CHECK_THAT(with("heating", 1e6), Contains("more than 10000 seconds"));
@@ -523,14 +523,16 @@ TEST_CASE(
   CHECK(facts.motors[0].carries == 0.0);
   // The weight may take at most half of a motor's peak and of its continuous force.
   json["gravity"]["masses"][0]["mass"] = 1.0;
-  CHECK_THAT(trouble(json), Contains("/gravity: fc needs 4.9 to carry the arm's masses, more than "
-                                     "half of its limit of 5"));
+  CHECK_THAT(trouble(json),
+             Contains("/gravity: fc needs an output of 4.9 to carry the arm's masses, more than "
+                      "half of its limit of 5"));
   json["gravity"]["masses"][0]["mass"] = 0.1;
   Json& motor = json["kinematics"]["joints"][2];
   motor["heating"] = 10.0;
   motor["continuous"] = 0.9;
-  CHECK_THAT(trouble(json), Contains("fc needs 0.49 to carry the arm's masses, more than half of "
-                                     "its continuous limit of 0.9"));
+  CHECK_THAT(trouble(json),
+             Contains("fc needs an output of 0.49 to carry the arm's masses, more than half of "
+                      "its continuous limit of 0.9"));
   motor["continuous"] = 1.0;
   CHECK(trouble(json) == "none");
 }
@@ -724,8 +726,8 @@ TEST_CASE("a profile name that fits two profiles is refused with both their name
   // The motors of the two editions differ twelvefold: with the wrong profile, an arm would get
   // twelve times the wanted force.
   const std::string editions =
-      "hid:woodenhaptics: the name fits woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
-      "differ";
+      "hid:woodenhaptics: this name is incomplete, and fits woodenhaptics-v2015 or "
+      "woodenhaptics-v2019";
   CHECK_THROWS_WITH(namedProfile({"woodenhaptics", ""}, nullptr), Contains(editions));
   CHECK_THROWS_WITH(openArm("hid:woodenhaptics", {}), Contains(editions));
   CHECK_THROWS_WITH(namedProfile({"woodenhaptic", ""}, nullptr),
@@ -902,7 +904,8 @@ TEST_CASE("a profile of a PID device gives axis travel in metres and forces in n
            {"/pid/axes/0/force", 4, "limits/force is 5 N, and this axis gives 4", false},
            {"/pid/axes/0/force", 900, "900 is more than 100 newtons", true},
            {"/limits/force", 0.001, "limits/force is 0.001 N, and this axis gives 8", false},
-           {"/input", Json::array(), "none or several of these keys: give one of input, pid", true},
+           {"/input", Json::array(), "none or several of the keys input, pid: give one of them",
+            true},
            {"/output", Json::object(), "/output: \"pid\" does not have this key", true},
            {"/kinematics", Json::object(), "/kinematics: \"pid\" does not have this key", true},
            {"/rate/output", 0.5, "0.5 reports per second", false},
@@ -942,7 +945,7 @@ TEST_CASE("a PID profile is refused if it has an axis that the device lacks", "[
   found.device.descriptor = test::PidModel(shape).descriptor();
   REQUIRE(found.against(arm));
   CHECK(std::string(found.against(arm)->what()) ==
-        "arm.json: /pid/axes/1: the device does not report its z: remove this axis");
+        "arm.json: /pid/axes/1: the device does not report a position along z: remove this axis");
 }
 
 TEST_CASE("a PID device is refused while another program uses its force effects",

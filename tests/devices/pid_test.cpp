@@ -644,7 +644,7 @@ TEST_CASE("a PID descriptor without constant force is refused with the name of t
   CHECK_THAT(without(0x7B, 0x01), Contains("no report that starts and stops an effect"));
   CHECK_THAT(without(0x26, 0x01), Contains("its descriptor cannot set the type of an effect"));
   CHECK(without(0x31, 0x34) ==
-        "stick.json: /pid/axes/1: the device does not report its y: remove "
+        "stick.json: /pid/axes/1: the device does not report a position along y: remove "
         "this axis");
   CHECK(without(0x99, 0x01) == "none");
 

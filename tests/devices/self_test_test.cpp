@@ -102,17 +102,17 @@ TEST_CASE("the self-test names an arm's faults and their remedy", "[hid]") {
     CHECK(run.farthest < 0.06);
   };
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y(), f.z()); }),
-       "pushed to +y, it moved the other way");
+       "pushed to +y, the arm moved the other way");
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(-f); }),
-       "pushed to +x, it moved the other way");
+       "pushed to +x, the arm moved the other way");
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.y(), f.x(), f.z()); }),
-       "pushed to +x, it moved in another direction");
+       "pushed to +x, the arm moved in another direction");
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), 0, f.z()); }),
-       "y: 0.5 N did not move it");
-  says(tried(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move it");
-  says(tried(good, {2000.0, 20.0}), "did not move it");
+       "y: 0.5 N did not move the arm");
+  says(tried(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move the arm");
+  says(tried(good, {2000.0, 20.0}), "did not move the arm");
   const Run heavy = tried(good, {0, 0}, nullptr, {0, 0, -0.4});
-  says(heavy, "released, it moves in direction (0, 0, -1) by itself, with 0.399 N");
+  says(heavy, "the released arm moves in direction (0, 0, -1) by itself, with 0.399 N");
   CHECK(heavy.result.weight == Approx(0.4).margin(0.01));
   CHECK(heavy.result.held);
   // The message distinguishes an arm that falls from an arm that rises because it carries too much
@@ -149,7 +149,7 @@ TEST_CASE("the self-test finds wrong force scales and directions from implausibl
   // axis whose sign is unknown.
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
-  expectWords(coupled, "pushed to +y, it moved the other way");
+  expectWords(coupled, "pushed to +y, the arm moved the other way");
   CHECK(coupled.farthest < 0.06);
 }
 
@@ -196,7 +196,7 @@ TEST_CASE("the delay of an arm's force is measured by the self-test to a fractio
   CHECK(off[off.size() / 2] < 0.02);
   ArmParams slow = arm(0.15, 0.5, 0.05);
   slow.delay = 0.03;
-  expectWords(tried(slow), "ms late or more");
+  expectWords(tried(slow), "ms late or later");
 }
 
 TEST_CASE("the self-test distinguishes a small weight from friction", "[hid]") {
@@ -255,7 +255,7 @@ TEST_CASE("the self-test of an arm without motors in one direction uses only the
         good, {0, 0}, [&](const Vec3& f) { return Vec3(f.x(), -motors(f).y(), -motors(f).z()); },
         Vec3::Zero(), params);
     expectWords(turned, "pushed to +y" + std::string(lean > 0.0 ? " (0, 0.878, 0.479)" : "") +
-                            ", it moved the other way");
+                            ", the arm moved the other way");
   }
   SelfTestParams params;
   params.axes = axesWithin(Vec3::UnitY() * Vec3::UnitY().transpose());
@@ -282,7 +282,8 @@ TEST_CASE("the self-test reports a low position rate and long pauses", "[hid]") 
     return all;
   };
   CHECK_THAT(problems(1), !Contains("positions per second") && !Contains("a pause of"));
-  CHECK_THAT(problems(4), Contains("it sends 250 positions per second") && !Contains("a pause of"));
+  CHECK_THAT(problems(4),
+             Contains("the arm sends 250 positions per second") && !Contains("a pause of"));
   CHECK_THAT(problems(20),
              Contains("a pause of 20 ms between two positions is longer than the limit of 10 ms"));
 }

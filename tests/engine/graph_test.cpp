@@ -215,11 +215,12 @@ TEST_CASE("an error in a graph is reported with its JSON path and a remedy", "[g
   spec.fields = {{"a", {Derivation::kCurl, "head"}}};
   CHECK_THAT(error(), Contains("give a vector volume"));
   spec.fields = {{"a", {Derivation::kUnit, "head"}}};
-  CHECK(error() == "/fields/a: unit of \"head\", which is a scalar: give a vector");
+  CHECK(error() == "/fields/a: unit needs a vector, but \"head\" is a scalar: give a vector");
   spec.fields = {{"a", {Derivation::kQ, "head"}}};
-  CHECK_THAT(error(), Contains("/fields/a: q of") && Contains("give a vector volume"));
+  CHECK_THAT(error(),
+             Contains("/fields/a: q needs a vector volume") && Contains("give a vector volume"));
   spec.fields = {{"a", {Derivation::kLambda2, "b"}}, {"b", {Derivation::kCurl, "flow"}}};
-  CHECK_THAT(error(), Contains("/fields/a: lambda2 of \"b\", which is derived"));
+  CHECK_THAT(error(), Contains("/fields/a: lambda2 needs a volume, but \"b\" is derived"));
   spec.fields = {{"head", {Derivation::kMagnitude, "flow"}}};
   CHECK_THAT(error(), Contains("same name"));
 }

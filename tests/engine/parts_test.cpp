@@ -383,7 +383,7 @@ TEST_CASE("a part with an unsupported property is refused with the reason", "[sc
   GraphSpec moving = specOf({});
   const std::vector<Keyframe> still(1);
   moving.motions["ball"] = std::make_shared<const Motion>(still);
-  says(moving, {{"ball", field}}, "a part moves");
+  says(moving, {{"ball", field}}, "a part has a volume that moves");
   GraphSpec varying = specOf({});
   varying.stiffness = TransferSpec(500.0);
   says(varying, {{"ball", field}}, "stiffness");

@@ -138,7 +138,7 @@ class Sizes(Case):
         self.assertLessEqual(s["active_voxels"], 16 * len(points))
         self.assertGreater(s["active_voxels"], 8 * len(points))
         self.assertLess(s["resampling"]["rms"], 0.005)
-        self.assertIn("limits them to 16 per point", report["note"])
+        self.assertIn("limits the voxels to 16 per point", report["note"])
         finer = float(report["note"].split("--voxel ")[1].split()[0])
         self.assertLess(finer, s["voxel"][0])
         asked = self.imported(source, "--voxel", 0.9 * s["voxel"][0])

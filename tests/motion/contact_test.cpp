@@ -29,7 +29,7 @@ void checkTheorem(const std::string& row, const ContactResult& r) {
   // If a tick converged, its proxy is on the surface within the tolerance.
   CHECK(r.off == 0);
   CHECK(r.off_most <= 0.01);
-  // If the hand rests, ticks converge in the end.
+  // No rest of the hand ends with a proxy that stands still in ticks that are out of readings.
   CHECK(r.unfinished == 0);
   // A load below the surface's strength does not cross the surface.
   CHECK(r.leaked == 0);

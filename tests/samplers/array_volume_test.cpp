@@ -156,13 +156,14 @@ TEST_CASE("an unusable array is refused with its name", "[volume]") {
   REQUIRE(refusal(array) == "no error");
   VoxelArray empty = array;
   empty.size[1] = 0;
-  CHECK_THAT(refusal(empty), Contains("mri: its size along an axis is 0"));
+  CHECK_THAT(refusal(empty), Contains("mri: it has 0 values along axis 2 of 3"));
   VoxelArray flat = array;
   flat.axes.col(2) = flat.axes.col(1);
   CHECK_THAT(refusal(flat), Contains("mri: its voxels have no volume"));
   VoxelArray nowhere = array;
   nowhere.origin.x() = std::numeric_limits<double>::quiet_NaN();
-  CHECK_THAT(refusal(nowhere), Contains("mri: its voxels have no volume, or its position"));
+  CHECK_THAT(refusal(nowhere),
+             Contains("mri: its voxels have no volume, or its spacing or origin"));
   VoxelArray beside = array;
   beside.background = std::numeric_limits<double>::quiet_NaN();
   CHECK_THAT(refusal(beside), Contains("mri: its background is not a finite number"));

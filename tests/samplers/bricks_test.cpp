@@ -1039,7 +1039,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
   // A manifest in a folder gives the same errors.
   const auto folderSays = [&] { return errorOf([&] { (void)PosixBricks(folder / "b"); }); };
   fs::remove(file);
-  CHECK_THAT(folderSays(), Contains("it is unfinished: it has no manifest: run the command"));
+  CHECK_THAT(folderSays(), Contains("it is unfinished: it has no manifest: repeat the command"));
   fs::create_directory(file);
   CHECK_THAT(folderSays(), Contains("it cannot be read"));
   fs::remove(file);
@@ -1050,7 +1050,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
              Contains("it is not a volume in bricks"));
   put(file, whole);
   CHECK_THAT(errorOf([&] { (void)loadBricks(folder / "b", 1); }),
-             Contains("it does not have level 1: give 0 to 0"));
+             Contains("it does not have level 1: give a level from 0 to 0"));
 }
 
 TEST_CASE(

@@ -313,7 +313,7 @@ TEST_CASE("a hand on a ball feels no force step when the play time jumps", "[seq
   CHECK(largest < 0.03);
 }
 
-TEST_CASE("a surface that disappears during play changes the force by at most 2000 N/s",
+TEST_CASE("a surface that disappears during play changes the force at most at 2000 N/s",
           "[sequence]") {
   const TemporaryFolder folder;
   const double apart = GENERATE(5.0, 10.0, 20.0);  // [voxels]; the bands have a half-width of three
@@ -713,7 +713,7 @@ TEST_CASE("a frame without a class counts as fog, and a frame of another class i
   });
   CHECK_NOTHROW(sequenceOf({frames[0], frames[1]}, 1.0));
   CHECK_THROWS_WITH(sequenceOf(frames, 1.0), Contains("frame_2.vdb") && Contains("level set") &&
-                                                 Contains("set the class of its grid"));
+                                                 Contains("set the grid class of all"));
 }
 
 }  // namespace palpate::sequence_test

@@ -313,8 +313,8 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
     }
     CHECK(why ==
           file.string() +
-              ": another program had to wait too long to change it, so the load was ended: load it "
-              "when no program writes to it");
+              ": another program waited to change the file, so palpate ended the load: load the "
+              "file when no program writes to it");
     CHECK(parts == 1);
   }
 }
@@ -366,7 +366,7 @@ TEST_CASE("a VDB file that another program may change and that cannot be copied 
   (void)std::signal(SIGXFSZ, handled);
   CHECK_THAT(
       why,
-      Contains("another program may change it, and it cannot be copied (File too large): free"));
+      Contains("may change it during the load, and it cannot be copied (File too large): free"));
   CHECK(refusal(folder / "a.vdb") == "no error");
   close(ours);
 }
@@ -530,7 +530,7 @@ TEST_CASE("the error for a wrong grid name lists the nearest name, or all names"
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block(8, "density"), block(8, "heat")});
   CHECK_THAT(refusal(folder / "a.vdb", "denisty"), Contains("did you mean \"density\"?"));
-  CHECK_THAT(refusal(folder / "a.vdb", "velocity"), Contains("there are: density, heat"));
+  CHECK_THAT(refusal(folder / "a.vdb", "velocity"), Contains("name one of density, heat"));
   CHECK_THAT(refusal(folder / "a.vdb"), Contains("more than one grid"));
 }
 

@@ -57,7 +57,7 @@ class Pages(unittest.TestCase):
                 self.assertRegex(line, complaint)
 
     def test_the_commands_of_the_page_your_ct_succeed(self):
-        self.run_page("your_ct.md", r"174696 active voxels", r"density_body: the region of the largest body",
+        self.run_page("your_ct.md", r"174696 active voxels", r"density_body: this grid marks the region of",
                       r"contact +skin: .* touches", r"contact +bone: .* touches",  # feel
                       r"\n0,0,0,1,40,", r"\n0,0,73,1,9\d\d\.", r"\n0,0,81,1,4\d\.", r"\n0,0,95,0,-1000,",  # sample
                       r"mode +skin: contact from .*yielded", r"mode +bone: contact from",  # press

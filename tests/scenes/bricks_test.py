@@ -301,8 +301,8 @@ class Verbs(Case):
         manifest.write_bytes(whole.replace(b'"components":1', b'"components":9'))
         self.refused("info", out, says="it is cut off or damaged")
         manifest.unlink()
-        self.refused("info", out, says="it is unfinished: it has no manifest: run the command that "
-                     "writes it again")
+        self.refused("info", out, says="it is unfinished: it has no manifest: repeat the command "
+                     "that wrote the folder")
         (out / ".zattrs").unlink()
         self.refused("info", out, says="it is not a file")
 
@@ -377,7 +377,7 @@ class Felt(Case):
         self.feel("bricks.json", "bricks.csv", "--record", self.dir / "felt.rec")
         again = run("feel", self.dir / "felt.rec", "--device", f"replay:{self.dir / 'felt.rec'}",
                     "--record", self.dir / "again.rec")
-        self.assertIn("reads sequences and bricks as they are now", again.stderr)
+        self.assertIn("data that came too late during the recording", again.stderr)
         said = json.loads(run("compare", self.dir / "felt.rec", self.dir / "again.rec", "--json").stdout)
         self.assertTrue(said["identical"], said)
 

@@ -180,7 +180,7 @@ class Explain(Touch):
         out, text = self.explain(scene, MIDDLE, [0, 0, 0])
         why = {m["name"]: m["because"] for m in out["modes"]}
         self.assertEqual(why["gone"], "the proxy is outside the bounds of far")
-        self.assertEqual(why["faint"], "its strength is zero here: 0 where d is 4")
+        self.assertEqual(why["faint"], "its strength is zero here: a factor is 0 where d is 4")
         self.assertIn("has not reached the surface; the value here is 4, the surface is at 9",
                       why["high"])
         self.assertIn("on the solid side", why["deep"])
@@ -214,7 +214,7 @@ class Explain(Touch):
                            volumes=ball)
         out, _ = self.explain(scene, [0, 0, 0], [0.001, 0, 0])
         self.assertEqual(self.mode(out, "fog")["because"], "b has no data here")
-        self.assertEqual(out["fields"][0]["because"], "it is read, but has no data here")
+        self.assertEqual(out["fields"][0]["because"], "it has no data here")
         self.assertEqual(out["because"][0], "No primitive holds the proxy.")
         self.near(out["balance"]["proxy"], [0.001, 0, 0])
 
@@ -354,7 +354,7 @@ class Press(Touch):
         self.assertAlmostEqual(wall["let_go_at"], 0.014)
         said = run("press", self.dir / "touch.json", "--at", words(MIDDLE), "--along",
                    words(along(INTO, 0.014)), "--speed", 14).stdout
-        self.assertIn("wall: yielded at 14 mm within a tick; released at 14 mm", said)
+        self.assertIn("wall: yielded at 14 mm within one tick, load unknown; released at 14 mm", said)
 
     def test_a_drag_dissipates_all_work_that_is_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
@@ -518,7 +518,7 @@ class NearParts(Touch):
                 a, said = self.told("explain", many, *words_, *how)
                 b, nothing = self.told("explain", few, *words_, *how)
                 self.assertEqual(a, b)
-                self.assertIn("the hand comes near 3 of its 1000 parts", said)
+                self.assertIn("the hand comes near 3 of the scene's 1000 parts", said)
                 self.assertNotIn("parts", nothing)
             out = json.loads(a)
             self.assertIn("stream[2]", [mode["name"] for mode in out["modes"]])
@@ -528,7 +528,7 @@ class NearParts(Touch):
             a, said = self.told("press", many, *words_, *how)
             b, _ = self.told("press", few, *words_, *how)
             self.assertEqual(a, b)
-            self.assertIn("the hand comes near 3 of its 1000 parts", said)
+            self.assertIn("the hand comes near 3 of the scene's 1000 parts", said)
         # Elsewhere, another part is near.
         out, _ = self.explain(many, along(self.STEP, 30 * 7, start=MIDDLE), along(INTO, 0.002))
         self.assertEqual([mode["name"] for mode in out["modes"]],
@@ -545,7 +545,7 @@ class NearParts(Touch):
         b, _ = self.told("press", self.scene(*few, volumes=balls), "--at", "0.8,0,0.025", "--along",
                          "0,0,-0.01", "--json")
         self.assertEqual(a, b)
-        self.assertIn("near 2 of its 12 parts", said)
+        self.assertIn("near 2 of the scene's 12 parts", said)
         self.assertAlmostEqual(json.loads(a)["modes"][0]["touched_at"], 0.005, delta=0.0002)
         # Ball 5 is placed like ball 6, which no mode reads and which is loaded only for its placement.
         del balls["b5"]
@@ -566,7 +566,7 @@ class NearParts(Touch):
                                    for i in range(70)]
         row = self.scene(skin, volumes=balls)
         self.refused("press", row, "--at", "0,0,0.021", "--along", "3.5,0,0", "--speed", 1,
-                     says="near 70 of its 70 parts; a report covers at most 64")
+                     says="near 70 of the scene's 70 parts; a report covers at most 64")
         self.refused("press", row, "--at", "0,0,0.021", "--along", "2,0,0", "--speed", 1,
                      says="a report covers at most 64 volumes")
         self.assertIn("near 4 of its 70", run("press", row, "--at", "0,0,0.021", "--along",
@@ -583,7 +583,7 @@ class NearParts(Touch):
                    "b[0]": {**ball, "place": {"scale": 0.01, "translate": [0, 0, 0.001]}}}
         own = {**skin, "name": "own", "of": "b[0]"}
         self.refused("explain", self.scene(skin, own, volumes=volumes), *way,
-                     says='/volumes/b/instances/0: instance names of this volume are generated, and "b[0]"')
+                     says='/volumes/b/instances/0: palpate names this instance "b[0]", but')
         # A volume with instances that no mode reads.
         del volumes["b[0]"]
         volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
@@ -600,7 +600,7 @@ class NearParts(Touch):
         volumes["b"]["instances"] = [self.place(0)] * 100
         done = run("explain", self.scene(drag, volumes=volumes), "--at", "0,0,0.0205", "--push",
                    "0,0,-0.002", "--json")
-        self.assertIn("near 64 of its 100 parts", done.stderr)
+        self.assertIn("near 64 of the scene's 100 parts", done.stderr)
         self.assertIn("off by at most 0.72 N", done.stderr)
         self.assertAlmostEqual(size(json.loads(done.stdout)["balance"]["spring"]), 1.0)
 
@@ -638,7 +638,7 @@ class NearParts(Touch):
                                      for i in range(8)]}}
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         done = run("stability", self.scene(skin, volumes=balls), "--size", 9, "--rate", 250, "--json")
-        self.assertIn("of its 8 parts", done.stderr)
+        self.assertIn("of the scene's 8 parts", done.stderr)
         tick = json.loads(done.stdout)["methods"][0]
         self.assertEqual(tick["name"], "whole tick")
         # The same balls as separate volumes in one graph.

@@ -285,13 +285,13 @@ class Wrong(Case):
         self.feel(address)
         for mode in (0o640, 0o604, 0o620):
             self.keys(f"{origin} bearer secret", mode=mode)
-            self.refused(address, "other users can read it or change it: own it, and run chmod 600 on it")
+            self.refused(address, "permissions for it: become its owner (chown), and run chmod 600 on it")
         for line in (origin, f"{origin} bearer", f"{origin} bearer two secrets", f"{origin} basic secret",
                      f"{origin} digest a secret", "ftp://a bearer secret", "https://a:secret@b bearer secret",
                      f"{origin} bearer secret\r", f"{origin} basic a:b secret"):
             self.keys("https://a bearer secret", line)
             _, said = refusal(self, self.dir, lambda: run("feel", address, "--seconds", 1, status=2))
-            self.assertIn("line 2 is not a server with its key", said, line)
+            self.assertIn("line 2 is not a server's address followed by a key", said, line)
             self.assertNotIn("secret", said)
         self.keys("http://10.0.0.9 bearer secret")
         self.refused(address, "line 1 has a key for http, which does not encrypt it")

@@ -417,7 +417,7 @@ class IgtlTest(unittest.TestCase):
         lines = [line for line in run.errors if "igtl: 127" in line and "is closed" in line]
         self.assertTrue(lines)
         self.assertLess(len(lines), len(hostile))  # one line per second, which counts the others
-        counted = re.findall(r"\((\d+) earlier not shown\)", "".join(lines))
+        counted = re.findall(r"\((\d+) earlier lines not shown\)", "".join(lines))
         self.assertEqual(len(lines) + sum(map(int, counted)), len(hostile))  # including the last ones
         for line in lines:
             self.assertTrue(line.startswith("palpate: "), line)

@@ -65,7 +65,7 @@ def test_smooth_is_a_deviation_in_voxels_or_in_the_array_s_own_unit():
     assert b / a == pytest.approx(np.exp(-0.5 * (2 / 1.5) ** 2))
 
 
-def test_an_array_s_values_are_at_its_origin_and_spacing():
+def test_an_array_s_values_are_placed_by_its_origin_and_spacing():
     values = np.arange(4 * 5 * 6, dtype="f8").reshape(4, 5, 6)
     for given in (values, np.asfortranarray(values), values[::-1][::-1], values.astype(">f8")):
         field = palpate.volume(given, spacing=(1, 2, 3), origin=(10, 20, 30)).field()

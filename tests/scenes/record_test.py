@@ -128,7 +128,7 @@ class Recorded(Case):
         self.assertAlmostEqual(told["force"]["by"], 0.1, delta=0.05)
         words = run("compare", a, self.dir / "b.rec", status=1).stdout
         self.assertIn(f"first in tick {told['first']['tick']} ", words)
-        self.assertIn("largest   in tick", words)
+        self.assertIn("largest   force difference in tick", words)
         # The output has a command that explains this tick with A's force.
         line = re.search(r"explain +palpate (explain .*)", words).group(1)
         self.assertEqual("palpate " + line, told["explain"])

@@ -515,7 +515,8 @@ TEST_CASE("the guess uses only one of two equivalent scalars", "[guess]") {
       suggested({ofMesh(scalar(value, 32, "AsH3")),
                  ofMesh(scalar([&](const Vec3d& p) { return 3.0F - 2.0F * value(p); }, 32, "H2"))});
   CHECK(scene["volumes"].size() == 1);
-  CHECK_THAT(scene["description"].get<std::string>(), Contains("H2 (much like AsH3)"));
+  CHECK_THAT(scene["description"].get<std::string>(),
+             Contains("H2 (nearly a linear function of AsH3)"));
 }
 
 TEST_CASE("each volume of a guessed scene has a unique name that is made from its grid's name",
@@ -646,15 +647,15 @@ TEST_CASE(
   const std::vector<Row> rows{
       {plain, GuessFor::kAnything, "air near -1000"},
       {plain, GuessFor::kFibres, "air near -1000"},
-      {plain, GuessFor::kCt, "Hounsfield units, by --for ct"},
+      {plain, GuessFor::kCt, "Hounsfield units, set by --for ct"},
       {plain, GuessFor::kLabels, "between materials"},
-      {hounsfield, GuessFor::kAnything, "Hounsfield units, by the file's metadata"},
-      {hounsfield, GuessFor::kCfd, "a field, by --for cfd"},
-      {ct, GuessFor::kAnything, "Hounsfield units, by the file's metadata"},
-      {ct, GuessFor::kMri, "MR, by --for mri"},
-      {mr, GuessFor::kAnything, "MR, by the file's metadata"},
+      {hounsfield, GuessFor::kAnything, "Hounsfield units, according to the file's metadata"},
+      {hounsfield, GuessFor::kCfd, "a field, set by --for cfd"},
+      {ct, GuessFor::kAnything, "Hounsfield units, according to the file's metadata"},
+      {ct, GuessFor::kMri, "an MR image, set by --for mri"},
+      {mr, GuessFor::kAnything, "MR image, according to the file's metadata"},
       {pascal, GuessFor::kAnything, "between materials"},
-      {pascal, GuessFor::kCt, "Hounsfield units, by --for ct"},
+      {pascal, GuessFor::kCt, "Hounsfield units, set by --for ct"},
       {raw, GuessFor::kCt, "raw values of a scanner"},
   };
   for (const Row& row : rows) {
@@ -826,7 +827,7 @@ TEST_CASE("a shock gets a surface beside its velocity, and the speed is left out
   CHECK(surface["value"].get<double>() < 9e5);
   const Guess guess = suggest({"data.vdb", "", ""}, {flow, ofMesh(scalar(speed, 64, "km/h"))});
   REQUIRE(guess.left.size() == 1);
-  CHECK_THAT(guess.left[0], Contains("km/h: much like U"));
+  CHECK_THAT(guess.left[0], Contains("km/h: nearly a linear function of U"));
 }
 
 TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[guess]") {
@@ -1093,7 +1094,7 @@ TEST_CASE("the weights of a distance field are recognised and get no surface", "
   CHECK(only(scene, "isosurface")["of"] == "tsdf");
   CHECK_FALSE(scene["volumes"].contains("weights"));
   REQUIRE(guess.left.size() == 1);
-  CHECK_THAT(guess.left[0], Contains("weights of the distances in tsdf"));
+  CHECK_THAT(guess.left[0], Contains("weights of the distances in grid tsdf"));
 }
 
 TEST_CASE("a dense fog with few varying voxels gets the same modes as a sparse fog", "[guess]") {

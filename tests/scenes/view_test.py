@@ -282,7 +282,7 @@ wait
         env = {**self.env, "MESA_GL_VERSION_OVERRIDE": "2.1"}
         env.pop("DISPLAY", None)
         done = self.still("--seconds", "0.1", "--picture", "still.png", env=env, status=2)
-        self.assertRegex(done.stderr, r"palpate: display: its OpenGL does not start or is older than 3\.2: .*\n"
+        self.assertRegex(done.stderr, r"palpate: display: OpenGL does not start, or its version is below 3\.2: .*\n"
                          r"palpate: \S+: the picture was not drawn: its exit status is 2: .*\n$")
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
@@ -783,7 +783,7 @@ class Lost(Window):
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.do("windowclose", self.window())
         self.goes_on(feel)
-        self.assertRegex(self.said(), r"(?m)^palpate: display: it rejected request \d+\.\d+, Bad[^:\n]*: "
+        self.assertRegex(self.said(), r"(?m)^palpate: display: the X server rejected request \d+\.\d+, Bad[^:\n]*: "
                          r"the window closes$")
         self.assertIn("view: the window has ended: its exit status is 1: ", self.said())
         self.assertNotIn("X Error", self.said())

@@ -66,7 +66,7 @@ void addBrick(CLI::App& app, std::function<int()>& body) {
   verb->add_option("FILE", words->file, "The .vdb to read")->required();
   verb->add_option("OUT", words->out, "The output folder; an interrupted export in it resumes")
       ->required();
-  verb->add_option("--grid", words->grid, "The grid; may be omitted if the file has only one");
+  verb->add_option("--grid", words->grid, "Grid name; may be omitted if the file has only one");
   verb->add_flag("--half", words->half, "Store each value in 16 bits");
   verb->add_option("--compression", words->compression, "Compression level of zstd, 1 to 19")
       ->capture_default_str();

@@ -45,7 +45,7 @@ std::string describe(const GuideSpec& guide, const std::string& in) {
   };
   std::string text = fmt::format("{} at {}", wordFor(guide.shape), vector(guide.position));
   if (guide.shape != PrimitiveKind::kPoint) text += " along " + vector(guide.direction);
-  if (std::isfinite(guide.snap)) text += ", within " + rounded(guide.snap);
+  if (std::isfinite(guide.snap)) text += ", snaps within " + rounded(guide.snap);
   return text + (in.empty() ? " (metres)" : " (in the units of " + in + ")");
 }
 
@@ -60,7 +60,7 @@ std::string describe(const ModeSpec& mode, const std::string& in) {
   if (mode.kind == ModeKind::kForce && mode.sense) {
     text += *mode.sense == Sense::kAttract ? " (attract)" : " (repel)";
   } else if (mode.kind == ModeKind::kForce) {
-    text += " (along a vector, down a scalar's gradient)";
+    text += " (along a vector field, or down the gradient of a scalar field)";
   }
   if (mode.kind == ModeKind::kFrontShape && !mode.two_sided) text += " (one-sided)";
   if (mode.snap_voxels > 0.0)
@@ -309,10 +309,10 @@ void sayVolume(const std::string& name, const OrderedJson& volume) {
         rounded(frames["from"].get<double>()), rounded(frames["to"].get<double>()),
         frames["repeat"].get<bool>() ? ", repeated" : "", frames["in_memory"].get<std::uint64_t>());
   }
-  say("voxel {} mm, {} mm per unit", rounded(1e3 * volume["voxel"].get<double>()),
+  say("voxel {} mm, {} mm per unit of the file", rounded(1e3 * volume["voxel"].get<double>()),
       rounded(1e3 * volume["metres_per_unit"].get<double>()));
   if (volume.contains("instances")) {
-    say("; first of {} instances", volume["instances"].get<std::size_t>());
+    say(" (of the first of {} instances)", volume["instances"].get<std::size_t>());
   }
   say("\n");
 }

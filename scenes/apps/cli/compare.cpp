@@ -165,15 +165,15 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
     return;
   }
   if (d.other_hand) {
-    say("inputs    differ, first in tick {} ({} s): {}\n", d.other_hand->tick,
+    say("inputs    differ, first in tick {} ({} s): field {}\n", d.other_hand->tick,
         rounded(d.other_hand->time), d.given);
   }
   if (d.differing == 0) {
     say("outputs   identical to the last bit, {} ticks\n", d.ticks);
     return;
   }
-  say("outputs   differ in {} of {} ticks, first in tick {} ({} s): {}\n", d.differing, d.ticks,
-      d.first->tick, rounded(d.first->time), d.field);
+  say("outputs   differ in {} of {} ticks, first in tick {} ({} s): field {}\n", d.differing,
+      d.ticks, d.first->tick, rounded(d.first->time), d.field);
   const auto by = [](double value, const char* unit) {
     return sentence(std::isfinite(value) ? rounded(value) + " " + unit
                                          : "a value that is not finite");
@@ -186,7 +186,8 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   }
   if (d.force.tick && d.force.value > 0.0) {
     const RecordedTick& most = *d.force.tick;
-    say("largest   in tick {} ({} s), hand at {} m, proxy at {} m: {} N in A; B differs by {}\n",
+    say("largest   force difference in tick {} ({} s), hand at {} m, proxy at {} m: {} N in A; B "
+        "differs by {}\n",
         most.tick, rounded(most.time), placeWords(vector(most.hand)),
         placeWords(vector(most.proxy)), rounded(vector(most.force).norm()), by(d.force.value, "N"));
   }

@@ -50,19 +50,19 @@ OrderedJson limitsOf(const HidProfile& profile) {
 std::string trouble(const FoundArm& arm) {
   if (!arm.may_open) {
     return fmt::format(
-        "you have no permission to open it: put SUBSYSTEM==\"hidraw\", KERNEL==\"hidraw*\", "
+        "you have no permission to open the arm: put SUBSYSTEM==\"hidraw\", KERNEL==\"hidraw*\", "
         "ATTRS{{idVendor}}==\"{:04x}\", ATTRS{{idProduct}}==\"{:04x}\", TAG+=\"uaccess\" in "
-        "/etc/udev/rules.d/70-palpate-arms.rules, run udevadm control --reload, and plug it in "
-        "again",
+        "/etc/udev/rules.d/70-palpate-arms.rules, run udevadm control --reload as root, and plug "
+        "the arm in again",
         arm.device.vendor, arm.device.product);
   }
   if (const auto others = whoHas(arm.device.path); !others.empty()) {
-    return "another program uses it: " + others[0] + ": end that program";
+    return "another program uses the arm: " + others[0] + ": end that program";
   }
   if (arm.profiles.size() > 1) {
     std::string names;
     for (const HidProfile& p : arm.profiles) names += (names.empty() ? "" : ", ") + p.name;
-    return "its USB numbers match several profiles: name one of " + names;
+    return "the arm's USB numbers match several profiles: use hid:PROFILE with one of " + names;
   }
   return {};
 }
@@ -125,19 +125,19 @@ int show(const DevicesOptions& options) {
     const Legible ever = motor.continuous < motor.room
                              ? words(", {} continuously", rounded(motor.continuous))
                              : words("");
-    say("  {} N at the centre needs at most {} from {}, which gives at most {}{} (in the field's "
-        "unit){}\n",
+    say("  a force of {} N at the centre needs up to {} in field {}, whose limit is {}{} (in the "
+        "field's unit){}\n",
         rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room), ever,
         motor.asked > motor.room         ? ": the force is reduced there"
         : motor.asked > motor.continuous ? ": the force is reduced when the motor is hot"
                                          : "");
   }
   if (!profile.masses.empty()) {
-    say("  at the centre the motors carry {} N of the arm's weight at the tip, ({}, {}, {})",
+    say("  at the centre the motors carry {} N of the arm's weight at the tip, ({}, {}, {}) N",
         rounded(facts.carried_W.norm()), rounded(facts.carried_W.x()), rounded(facts.carried_W.y()),
         rounded(facts.carried_W.z()));
     for (const MotorFact& motor : facts.motors) {
-      say(", {} by {}", rounded(motor.carries), motor.field);
+      say(", {} in field {}", rounded(motor.carries), motor.field);
     }
     say("\n");
   }
@@ -414,7 +414,7 @@ std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::
                   p.y(), p.z(), hand.age);
   const Handle& handle = hand.handle;
   if (info.velocity) {
-    text += fmt::format("velocity {:.3f} m/s\n", Vec3(handle.velocity.data()).norm());
+    text += fmt::format("speed {:.3f} m/s\n", Vec3(handle.velocity.data()).norm());
   }
   if (info.orientation) {
     const auto& q = handle.orientation;
@@ -530,7 +530,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   verb->callback([=, &body] {
     body = [=] {
       if (!options->test.empty() && !options->profile.empty()) {
-        throw Error(options->profile, "--test already names an arm", "leave out one of the two");
+        throw Error(options->profile, "--test already names an arm",
+                    "leave out the profile or --test");
       }
       if (!options->watch.empty()) {
         if (!options->test.empty() || !options->profile.empty() || options->json) {

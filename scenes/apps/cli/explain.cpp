@@ -72,23 +72,23 @@ void printBalance(const OrderedJson& json) {
     stiffness += " now, target " + text(balance["stiffness_by"]["value"]);
   }
   say("stiffness {} N/m\n", stiffness);
-  say("proxy     {}; hand {}\n", text(balance["proxy"]), text(json["hand"]));
+  say("proxy     {} m; hand {} m\n", text(balance["proxy"]), text(json["hand"]));
   say("spring    {} N; sum of the loads {} N, residual {} N\n", text(balance["spring"]),
       text(balance["loads"]), text(balance["left_over"]));
   if (told(balance["waiting"])) {
-    say("waiting   {} N: minus the pull along a stream that is left for the next tick\n",
+    say("waiting   {} N: the negative of the pull along a streamline, left for the next tick\n",
         text(balance["waiting"]));
   }
   const OrderedJson& force = json["force"];
   const OrderedJson& limiter = force["limiter"];
   say("damper    {} N\n", text(force["damper"]));
-  say("limiter   {} (peak {} N, growth {} N a tick)\n",
+  say("limiter   {} (limits: peak {} N, growth {} N a tick)\n",
       limiter["slewed"].get<bool>()   ? "limited the growth"
       : limiter["peaked"].get<bool>() ? "reduced the force to the peak"
                                       : "inactive",
       text(limiter["peak"]), text(limiter["growth"]));
   say("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
-  say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
+  say("force     {} N, magnitude {} N\n", text(force["sent"]), text(force["size"]));
 }
 
 void printSteps(const OrderedJson& steps) {
@@ -100,7 +100,7 @@ void printSteps(const OrderedJson& steps) {
         step["foreseen"].get<bool>() ? "no reading, at" : "read at", text(step["at"]),
         text(step["balance"]), sentence(yields),
         end == "free"      ? "moved to"
-        : end == "voxel"   ? "stopped at the limit of the reading,"
+        : end == "voxel"   ? "stopped where the reading's valid range ends,"
         : end == "trusted" ? "shortened, because the previous step turned back, to"
         : end == "surface" ? "met a surface at"
                            : "reached other parts of the scene at",
@@ -110,9 +110,9 @@ void printSteps(const OrderedJson& steps) {
 
 void printTick(const OrderedJson& json) {
   say("scene     {}\n", text(json["scene"]));
-  say("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
+  say("rest      proxy at {} m, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
       text(json["rest"]["moved"]), text(json["rest"]["force"]));
-  say("read at   {}\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
+  say("read at   {} m\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
   if (json["steps"].size() > 1) printSteps(json["steps"]);
   for (const OrderedJson& field : json["fields"]) {
     say("field     {}: {}, {}; used by {}\n", text(field["field"]),
@@ -155,7 +155,7 @@ int explain(const ExplainOptions& options) {
     printTick(told.json);
   }
   if (!told.fault) return kDone;
-  complain("explain: the force was cut: a sample was not finite: correct the values of the volume");
+  complain("explain: the force was cut: a sample or a force was not finite: correct the volume");
   return kEndedEarly;
 }
 
@@ -170,7 +170,7 @@ void addExplain(CLI::App& app, std::function<int()>& body) {
                    "x,y,z: position of the proxy; the hand first rests there [m]")
       ->required();
   verb->add_option("--push", options->push,
-                   "x,y,z: the hand's move in the next tick [m]; it extends the spring")
+                   "x,y,z: the hand's move from --at in the explained tick [m]")
       ->required();
   verb->add_option("--rate", options->rate,
                    "Ticks a second (default 1000); affects the damper and the limiter");

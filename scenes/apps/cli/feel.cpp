@@ -164,8 +164,8 @@ int feel(FeelOptions options) {
   const bool replayed = isReplay(options.devices[0]);
   if (replayed && plays) {
     complain(
-        "feel: the replay reads sequences and bricks as they are now: it also uses data that came "
-        "too late during the recording");
+        "feel: the scene has sequences or bricks: the replay also uses data that came too late "
+        "during the recording, so its forces may differ");
   }
   if (replayed) options.rate = rateOfReplays(devices, options);
   if (fitToAll(spec, rendered)) built = buildScene(spec, {}, &cache);
@@ -232,7 +232,8 @@ void addReengage(CLI::App& verb, FeelOptions& options) {
 void addIgtl(CLI::App& verb, FeelOptions& options) {
   verb.add_option("--igtl", options.igtl,
                   "[ADDRESS:]PORT: send the hand to 3D Slicer by OpenIGTLink (usually port 18944); "
-                  "receive cuts, images and the position of --device igtl (docs/slicer.md)");
+                  "receive commands to cut the force, images and the position of --device igtl "
+                  "(docs/slicer.md)");
   verb.add_option("--igtl-rate", options.igtl_rate,
                   "Messages a second to 3D Slicer, 1 to 100 (default 30)");
 }
@@ -247,9 +248,10 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "A scene file, a .vdb, a folder of .vdb or bricks, or a recording")
       ->required();
   verb->add_option("--device", options->devices,
-                   "simulated[:TROUBLE[@SECONDS]] (arm and hand with dynamics), path:FILE.csv "
-                   "(header t,x,y,z), replay:FILE[@SECONDS] (a file from --record), "
-                   "hid[:PROFILE[@SERIAL]], plugin:NAME[@SERIAL] (listed by `palpate devices`) or "
+                   "simulated[:TROUBLE[@SECONDS]] (arm and hand with dynamics; TROUBLE: "
+                   "docs/loop.md), path:FILE.csv (header t,x,y,z), replay:FILE[@SECONDS] (a file "
+                   "from --record), hid[:PROFILE[@SERIAL]], plugin:NAME[@SERIAL] (listed by "
+                   "`palpate devices`) or "
                    "igtl (moved by 3D Slicer); repeat for several hands")
       ->take_all()
       ->type_name("D");
@@ -271,7 +273,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "may add [W] (default 0)");
   verb->add_flag("--watch", options->watch, "Reload the scene file when it changes");
   verb->add_option("--record", options->record,
-                   "Records inputs and outputs of each tick; replay:FILE runs them again");
+                   "Records inputs and outputs of each tick; --device replay:FILE runs them again");
   verb->add_option("--trace", options->trace, "Writes a CSV, one row a tick");
   verb->add_option("--summary", options->summary, "Writes the summary as JSON");
   verb->add_option("--picture", options->picture,
@@ -307,7 +309,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_option(
       "--seconds", options->seconds,
       "Length of the run [s] (default: until the window is closed, at most to the end of paths and "
-      "recordings; with --picture and another hand: 10)");
+      "recordings; with --picture: 10, or to the end if all hands are paths or recordings)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   addReengage(*verb, *options);
   addSite(*verb, *options);

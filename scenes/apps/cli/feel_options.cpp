@@ -37,7 +37,8 @@ void checkHands(const FeelOptions& options) {
                 "give one to four");
   }
   if (options.devices.size() > 1 && options.trace == "-") {
-    throw Error("--trace", "the rows of several hands would be mixed", "give a file name");
+    throw Error("--trace", "the rows of several hands would be mixed on standard output",
+                "give a file name");
   }
 }
 
@@ -66,10 +67,10 @@ void checkRecordings(const FeelOptions& options) {
   if (replayed > 0 && (options.realtime || replayed < options.devices.size())) {
     throw Error("--device",
                 "recorded hands run in virtual time, and only with other recorded hands",
-                options.realtime ? "leave out --realtime" : "give replay:FILE alone");
+                options.realtime ? "leave out --realtime" : "give only devices replay:FILE");
   }
   if (options.passive && replayed > 0) {
-    throw Error("--passive", "a recording already contains the action of its energy tank",
+    throw Error("--passive", "a replay uses the energy tank of the recorded run",
                 "leave out --passive");
   }
   constexpr double kFastest = 1000.0;
@@ -118,7 +119,7 @@ void checkIgtl(const FeelOptions& options) {
   }
   if (options.igtl.empty()) return;
   if (!options.realtime) {
-    throw Error("--igtl", "only a run in real time serves clients",
+    throw Error("--igtl", "only a run in real time serves OpenIGTLink clients",
                 remedyWithoutRealtime(options, "--igtl"));
   }
   if (!(options.igtl_rate >= 1.0 && options.igtl_rate <= kIgtlMostRate)) {

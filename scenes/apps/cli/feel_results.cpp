@@ -46,7 +46,7 @@ Legible timeWords(const OrderedJson& summary) {
       got["memory_locked"].get<bool>() ? "memory locked" : "memory not locked",
       early > 0.0
           ? sentence("woken " + rounded(early) + " us early, caches warmed before each tick")
-          : sentence("asleep until each tick"));
+          : sentence("woken at each tick"));
 }
 
 bool endRecording(const Run& run, std::size_t h) {
@@ -129,7 +129,7 @@ void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   if (options.json) return sayJson(summary);
   if (options.trace == "-" || options.summary == "-") return;
   if (!search.is_null()) {
-    say("search    {} rays, {} of them with contact; path through {} places; {} ms\n",
+    say("search    {} probe rays, {} with contact; the hand's path visits {} places; {} ms\n",
         search["rays"].get<int>(), search["met"].get<int>(), search["visits"].get<int>(),
         rounded(search["ms"].get<double>()));
   }

@@ -370,8 +370,8 @@ Legible Felt::words() const {
   const auto us = [&](const char* key) { return rounded(1e-3 * s["tick_ns"][key].get<double>()); };
   const auto mean = [&](const char* key) { return rounded(per_tick[key].get<double>()); };
   Legible text = cli::words(
-      "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} along streams, "
-      "{} cells on the path, {} primitives, {} sub-steps\n",
+      "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} vector reads "
+      "along streams, {} cells searched for a surface, {} primitives, {} sub-steps\n",
       us("p50"), us("p99"), us("p99.9"), us("max"), mean("samples"), mean("traced"), mean("walked"),
       mean("primitives"), mean("substeps"));
   text += cli::words("balance   {} % closed form, {} iterations a tick; error at most {} m\n",

@@ -180,7 +180,8 @@ class Hdf5File {
     const auto word_of = [&](const RecordedField& field) {
       const auto* const found = std::find_if(
           words.begin(), words.end(), [&](const Word& word) { return word.name == field.type; });
-      if (found == words.end()) throw Error(field.name, "HDF5 has no such type", "report this");
+      if (found == words.end())
+        throw Error(field.name, "HDF5 lacks its type", "report this message");
       return *found;
     };
     std::vector<RecordedField> fields;

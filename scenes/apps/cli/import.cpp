@@ -24,7 +24,8 @@ void addImport(CLI::App& app, std::function<int()>& body) {
         execv(program.c_str(), argumentsOf(words).data());
         if (errno != ENOENT) break;
       }
-      throw Error(program, std::strerror(errno), "check the installation");
+      throw Error(program, std::string("it cannot be started (") + std::strerror(errno) + ")",
+                  "install palpate again");
       return kInternal;
     };
   });

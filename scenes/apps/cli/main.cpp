@@ -168,7 +168,8 @@ int main(int argc, char** argv) {
     cli::complain(fmt::format(
         "{} ({}): {}",
         output ? "standard output: it cannot be written" : "the system reports an error",
-        e.code().message(), output ? "check the disk or the pipe" : "end other programs"));
+        e.code().message(),
+        output ? "check the disk or the pipe" : "end other programs, or report this message"));
     return cli::kEndedEarly;
   } catch (const std::exception& e) {
     cli::complain(fmt::format(

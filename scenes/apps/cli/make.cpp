@@ -73,7 +73,8 @@ void addMake(CLI::App& app, std::function<int()>& body) {
   }
   verb->add_option("NAME", options->name, "Name of the volume; see the list below")->required();
   verb->add_option("OUT", options->out, "The .vdb to write")->required();
-  verb->add_option("--voxel", options->voxel, "Edge of a voxel, in the volume's unit");
+  verb->add_option("--voxel", options->voxel,
+                   "Edge of a voxel, in the volume's unit; default and range: see the list below");
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(volumes + "Example:\n  palpate make wind-tunnel wind.vdb && palpate info wind.vdb");
   verb->callback([=, &body] { body = [=] { return make(*options); }; });

@@ -48,7 +48,7 @@ File scratch() {
 File opened(const std::string& path) {
   std::error_code error;
   if (path != "-" && std::filesystem::is_directory(path, error)) {
-    throw Error(path, "it is a folder", "give a trace");
+    throw Error(path, "it is a folder", "give a file from palpate feel --trace");
   }
   File file(path == "-" ? fdopen(dup(STDIN_FILENO), "rb") : std::fopen(path.c_str(), "rb"));
   if (!file) {
@@ -98,7 +98,7 @@ void sayRun(const OrderedJson& run) {
   };
   const auto& times = run["tick_us"];
   say("{}: {} ticks in {} s; at most {} N, {} mm from probe to proxy, error {} m; {} mJ given to "
-      "the hand; tick {} us median, {} p99, {} p99.9, {} worst; {} limited ticks\n",
+      "the hand; tick {} us median, {} p99, {} p99.9, {} worst; the limiter acted in {} ticks\n",
       run["name"].get<std::string>(), run["ticks"].get<long>(), text(run["seconds"]),
       text(run["force_max"]), text(run["gap_max_mm"]), text(run["error_bound_max"]),
       text(run["energy_mJ"]), text(times.value("p50", OrderedJson())),

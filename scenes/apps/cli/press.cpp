@@ -322,7 +322,7 @@ void printPressed(const OrderedJson& mode) {
   if (!yield.is_null()) {
     text += (text.empty() ? "yielded at " : "; yielded at ") + millimetres(yield["depth"]);
     text += yield["force"].is_null()
-                ? " within a tick"
+                ? " within one tick, load unknown"
                 : fmt::format(" under {} N", shown(yield["force"].get<double>()));
   }
   if (!mode["let_go_at"].is_null()) text += "; released at " + millimetres(mode["let_go_at"]);
@@ -440,7 +440,7 @@ int press(const PressOptions& options) {
     printPress(summary);
   }
   if (good) return kDone;
-  complain("press: the force was cut: a sample was not finite: correct the values of the volume");
+  complain("press: the force was cut: a sample or a force was not finite: correct the volume");
   return kEndedEarly;
 }
 
@@ -455,7 +455,7 @@ void addPress(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--at", options->at, "x,y,z: start and end position of the hand [m]")
       ->required();
   verb->add_option("--along", options->along,
-                   "x,y,z: the hand's move from there; its length is the depth [m]")
+                   "x,y,z: the hand's move from --at; its length is the depth [m]")
       ->required();
   verb->add_option("--speed", options->speed, "Speed of the hand [m/s] (default 0.05)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");

@@ -67,7 +67,9 @@ OrderedJson jsonOf(const RecordedScene& scene) {
            json["file"].is_string() && list("dials") && list("volumes");
   };
   if (!good()) {
-    throw Error("the recording's scene", "it cannot be read", "give the scene's file instead");
+    throw Error("the recording's scene",
+                "its description is not valid JSON, or a key in it is missing or wrong",
+                "give the scene's file instead of the recording");
   }
   return json;
 }
@@ -111,8 +113,9 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
     }
     return out;
   } catch (const nlohmann::json::exception& error) {
-    throw Error("the recording's scene", fmt::format("it cannot be read ({})", error.what()),
-                "give the scene's file instead");
+    throw Error("the recording's scene",
+                fmt::format("its description has a missing or wrong value ({})", error.what()),
+                "give the scene's file instead of the recording");
   }
 }
 
@@ -131,9 +134,9 @@ const RecordedScene& firstFelt(const Recording& recording, const std::string& fi
   if (found == scenes.end()) {
     const std::string words = recording.incomplete();
     throw Error(file,
-                words.empty() ? "it does not contain its first scene"
-                              : "it does not contain its first scene: " + words,
-                "give the scene's file");
+                words.empty() ? "the scene of its first ticks is missing"
+                              : "the scene of its first ticks is missing: " + words,
+                "give the scene's file instead of the recording");
   }
   return *found;
 }

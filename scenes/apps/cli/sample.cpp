@@ -146,13 +146,14 @@ void addSample(CLI::App& app, std::function<int()>& body) {
       "sample", "Prints a grid's value and derivatives at points in the file's world space");
   auto options = std::make_shared<SampleOptions>();
   verb->add_option("FILE", options->file, "A .vdb file")->required();
-  verb->add_option("--grid", options->grid, "The grid; may be omitted if the file has only one");
+  verb->add_option("--grid", options->grid, "Grid name; may be omitted if the file has only one");
   verb->add_option("--points", options->points, "CSV with the header x,y,z; - is standard input")
       ->required();
   verb->add_option("--interpolation", options->interpolation,
                    "trilinear (default), nearest, quadratic or cubic");
-  verb->add_option("--derive", options->derive,
-                   fmt::format("{} (vector grids)", fmt::join(kDerived, ",")))
+  verb->add_option(
+          "--derive", options->derive,
+          fmt::format("For vector grids: {}; separate them by commas", fmt::join(kDerived, ", ")))
       ->delimiter(',');
   verb->add_flag("--json", options->json, "Print JSON Lines");
   verb->footer(

@@ -11,7 +11,7 @@ namespace palpate::cli {
 
 void addScene(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
-      "scene", "Prints a first scene for a .vdb, and the reasons for it to stderr");
+      "scene", "Prints a first scene for a .vdb; prints the reasons for its choices to stderr");
   auto file = std::make_shared<std::string>();
   auto what = std::make_shared<GuessFor>(GuessFor::kAnything);
   const std::map<std::string, GuessFor> words{{"ct", GuessFor::kCt},

@@ -262,8 +262,8 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   params.scene = shares_ = known && !options.own_scene && !from.text.empty();
   if (!known && options.watch && !options.own_scene) {
     complain(
-        "feel: edits are neither sent nor received, because --with is given without --site-keys: "
-        "add --site-keys");
+        "feel: edits of the scene are neither sent nor received, because --with is given without "
+        "--site-keys: add --site-keys");
   } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }

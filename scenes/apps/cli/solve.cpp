@@ -67,7 +67,7 @@ Primitive readPrimitive(const Json& json, const std::string& name) {
     const Vec3 direction = readVector(json, "direction", name + ".direction");
     const double length = direction.stableNorm();
     if (!(length > 0.0) || !std::isfinite(length)) {
-      throw LineError(name + ".direction is zero or too long");
+      throw LineError(name + ".direction has a length of 0, or one that overflows");
     }
     p.direction = (direction / length).normalized();
   }
@@ -79,7 +79,7 @@ OrderedJson answer(const std::string& line) {
   Json json;
   try {
     json = Json::parse(line, [](int depth, Json::parse_event_t, Json&) {
-      if (depth > 16) throw LineError("the JSON is nested too deeply");
+      if (depth > 16) throw LineError("the JSON is nested more than 16 levels deep");
       return true;
     });
   } catch (const Json::out_of_range&) {

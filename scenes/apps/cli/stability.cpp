@@ -81,11 +81,12 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
     touch.near.add(state, report);
   }
   if (contact.primitives.empty()) {
-    throw Error(options.scene,
-                fmt::format("an exploring hand met no force of {} N, a fifth of --load, or more in "
-                            "a tick that converged",
-                            rounded(0.2 * load)),
-                "reduce --load, or run palpate check to see where the volumes are");
+    throw Error(
+        options.scene,
+        fmt::format("on the exploration path no converged tick had a force of {} N (a fifth of "
+                    "--load) or more",
+                    rounded(0.2 * load)),
+        "reduce --load, or run palpate check to see where the volumes are");
   }
   // Adds the parts that an oscillating hand can reach.
   constexpr double kAround = 0.01;  // [m]: distance from the contact
@@ -154,7 +155,7 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   } else if (verb.count("--mass") == 0 || verb.count("--viscous") == 0) {
     throw Error("--device", "mass and friction of " + options.device + " are not known",
                 "run palpate devices --test " + options.device +
-                    ", or give --mass and --viscous (--coulomb, --delay)");
+                    ", or give --mass and --viscous, and --coulomb and --delay if known");
   } else {
     complain(
         fmt::format("stability: {} has not been measured: its Coulomb friction is taken as {} N, "
@@ -192,7 +193,7 @@ void check(const StabilityOptions& options) {
   // At a larger angle the hand touches neither plane.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0, "degrees");
   if (options.planes && !options.scene.empty()) {
-    throw Error("--planes", "it cannot be combined with a scene", "leave out one of the two");
+    throw Error("--planes", "it cannot be combined with a scene", "leave out --planes or SCENE");
   }
   if (options.size < 9 || options.size > 257 || options.size % 8 != 1) {
     throw Error("--size",
@@ -320,8 +321,8 @@ std::vector<StabilityMap> drawMaps(const Setup& setup, const MapSetting& setting
 void sayMaps(const StabilityOptions& options, const Setup& setup, const MapSetting& setting,
              const OrderedJson& methods) {
   const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
-  say("{}{} at {} Hz, {} kg, {} N s/m, {} N, encoder step {} um, delay {} ms; hand {} N/m, {} N "
-      "s/m, pressing with {} N\n",
+  say("{}{} at {} Hz; arm {} kg, viscous friction {} N s/m, Coulomb friction {} N, encoder step {} "
+      "um, delay {} ms; hand {} N/m, {} N s/m, pressing with {} N\n",
       setup.name, options.device.empty() ? "" : ", " + options.device, rounded(options.rate),
       rounded(options.mass), rounded(options.viscous), rounded(options.coulomb),
       rounded(1e6 * options.encoder), rounded(1e3 * options.delay), rounded(options.grip),
@@ -377,9 +378,9 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--device", o->device,
                    "hid:PROFILE: uses rate and encoder step of the profile, and mass, friction and "
                    "delay that `palpate devices --test` has measured");
-  verb->add_option(
-      "--map", o->map,
-      "Writes the map: a name for .json, .png and .svg files, or a file with one of these endings");
+  verb->add_option("--map", o->map,
+                   "NAME: writes the map to NAME.json, NAME.png and NAME.svg; if NAME has one of "
+                   "these endings, to this file only");
   verb->add_option("--rate", o->rate, "Ticks a second (default 1000)");
   verb->add_option("--mass", o->mass, "Mass of the arm [kg] (default 0.1)");
   verb->add_option("--viscous", o->viscous, "Viscous friction of the arm [N s/m] (default 0.5)");
@@ -389,7 +390,9 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--grip", o->grip, "Stiffness of the hand [N/m] (default 300)");
   verb->add_option("--grip-damping", o->grip_damping, "Damping of the hand [N s/m] (default 5)");
   verb->add_option("--load", o->load, "Force with which the hand presses [N] (default 1)");
-  verb->add_option("--size", o->size, "Cells of the map along each axis (default 65)");
+  verb->add_option(
+      "--size", o->size,
+      "Cells of the map along each axis: 9 to 257, one more than a multiple of 8 (default 65)");
   verb->add_flag("--json", o->json, "Print JSON");
   verb->footer("Example:\n  palpate stability --planes 20 --map planes");
   verb->callback([=, &body] {

@@ -309,10 +309,11 @@ void complainOf(const Tested& tested) {
 /// Stores that an arm has passed, if its scale was measured and its identity is known.
 void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, bool json) {
   if (!ruled) {
-    complain(
-        fmt::format("devices: the arm has passed, but its scale was not measured, so the arm stays "
-                    "limited to at most {} N and {} N/m: repeat the test with a ruler",
-                    kUntestedForce, kUntestedStiffness));
+    complain(fmt::format(
+        "devices: the arm has passed, but the test is not saved, because the scale was not "
+        "measured; an untested arm stays limited to at most {} N and {} N/m: repeat the "
+        "test with a ruler",
+        kUntestedForce, kUntestedStiffness));
     return;
   }
   if (identity.own.empty()) {

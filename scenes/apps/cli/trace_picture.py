@@ -35,7 +35,7 @@ NUMBERS = ["t", *(f"{what}_{a}" for what in ("probe", "proxy", "force") for a in
 STATUSES = ["converged", "hairpin", "substep-limit", "iteration-limit", "dropped", "fault"]
 ALWAYS = ("converged", "substep-limit", "fault")
 CODES = {word: code for code, word in enumerate(STATUSES)}
-WRITE = "write one with palpate feel SCENE --trace T.csv"
+WRITE = "write a trace with palpate feel SCENE --trace T.csv"
 CORRECT = "correct or remove the row"
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 COLOURS = dict(zip(STATUSES, (BLUE, PURPLE, ORANGE, SKY, GREEN, RED)), limited="black")

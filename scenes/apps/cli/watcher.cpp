@@ -48,7 +48,7 @@ bool Watcher::changed() {
       std::filesystem::is_directory(file_, error)) {
     return true;
   }
-  complain(file_ + ": it is no longer a file; the previous scene stays active");
+  complain(file_ + ": it is now neither a file nor a folder; the previous scene stays active");
   return false;
 }
 
@@ -164,10 +164,11 @@ std::optional<BuiltScene> Watcher::takeBuilt() {
   try {
     return adopt(made_.get(), image.get());
   } catch (const std::bad_alloc&) {
-    if (image != nullptr) news_ = {image->name + ": not enough memory for this image", true};
+    if (image != nullptr)
+      news_ = {image->name + ": not enough memory for this image: send a smaller image", true};
     complain(file_ +
-             ": not enough memory for a second scene: use smaller volumes; the previous scene "
-             "stays active");
+             ": not enough memory for the edited scene beside the previous one, which stays "
+             "active: use smaller volumes, or start palpate again");
   } catch (const std::exception& error) {
     if (image != nullptr) news_ = {error.what(), true};
     complain(std::string(error.what()) + "; the previous scene stays active");

@@ -26,7 +26,7 @@ std::string programPath() {
 [[noreturn]] void refuse(int error) {
   throw Error("palpate-view",
               error == ENOENT ? "this program, which draws the window, is not installed"
-                              : std::strerror(error),
+                              : fmt::format("it cannot be started ({})", std::strerror(error)),
               error == ENOENT ? "install the package palpate-view, or build with VTK"
                               : "check its permissions, or end other programs");
 }

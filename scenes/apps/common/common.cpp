@@ -196,7 +196,7 @@ WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
   if (file_ == nullptr) {
     forgetPartial(partial_);
     throw Error(path_.string(), std::string("it cannot be written (") + std::strerror(errno) + ")",
-                "choose another place");
+                "check the folder and its permissions, or choose another folder");
   }
 }
 

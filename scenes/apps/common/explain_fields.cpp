@@ -24,9 +24,10 @@ OrderedJson fieldReport(const ExplainedTick& tick, const std::string& name, cons
   if (!around) {
     json["because"] = "the proxy is outside the bounds of the field";
   } else if (!sampled) {
-    json["because"] = "the modes that read the field act only in the bounds of other fields";
+    json["because"] =
+        "each mode that reads the field also needs a field whose bounds exclude the proxy";
   } else {
-    json["because"] = inside ? "it has data here" : "it is read, but has no data here";
+    json["because"] = inside ? "it has data here" : "it has no data here";
   }
   json["bounds"] = {toJson(frame.bounds.lower), toJson(frame.bounds.upper)};
   json["for"] = readersOf(tick.graph(), field);

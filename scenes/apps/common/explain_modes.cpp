@@ -66,10 +66,10 @@ Parts partsOf(const ExplainedTick& tick, const GuideMode& m) {
 std::string whyZero(const OrderedJson& transfer) {
   for (const OrderedJson& factor : transfer["factors"]) {
     if (factor["output"].get<double>() != 0.0) continue;
-    if (!factor.contains("reads")) return "one factor is 0";
+    if (!factor.contains("reads")) return "a constant factor is 0";
     const auto reads = factor["reads"].get<std::string>();
     if (factor["input"].is_null()) return reads + " has no data here";
-    return fmt::format("0 where {} is {}", reads, shown(factor["input"].get<double>()));
+    return fmt::format("a factor is 0 where {} is {}", reads, shown(factor["input"].get<double>()));
   }
   return "the product of its factors is 0";
 }

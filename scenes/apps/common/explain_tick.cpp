@@ -103,7 +103,7 @@ OrderedJson because(const ExplainedTick& tick) {
   const StepStatus status = tick.report.status;
   OrderedJson json = OrderedJson::array();
   if (status == StepStatus::kFault) {
-    json.push_back("A number was not finite, so the force is cut.");
+    json.push_back("A sample or a force was not finite, so the force is cut.");
     return json;
   }
   json.push_back(loadsSentence(tick));
@@ -118,7 +118,7 @@ OrderedJson because(const ExplainedTick& tick) {
   } else if (status == StepStatus::kHairpin) {
     json.push_back("A streamline bends so tightly that the proxy may jump along it.");
   } else if (status == StepStatus::kDropped) {
-    json.push_back("The tick had more primitives than it can hold, so it skipped some.");
+    json.push_back("The modes placed more primitives than a tick can hold, so some were skipped.");
   }
   return json;
 }

@@ -71,7 +71,8 @@ std::vector<std::filesystem::path> inputsOf(const std::string& scene, const Scen
 
 void checkReach(const std::string& name, const Vec3& p) {
   if ((p.array().abs() < kFarthest).all()) return;  // false if a coordinate is NaN
-  throw Error(name, "the place is farther than 1,000 km from the origin", "give metres");
+  throw Error(name, "the place is farther than 1,000 km from the origin",
+              "give coordinates in metres");
 }
 
 void checkRate(const std::string& name, double rate) {
@@ -103,29 +104,31 @@ Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, 
     const Near near = trial(opened.built);
     const std::vector<std::string> notes = opened.built.notes;
     if (near.parts.size() > kMaxFields) {
-      throw Error(scene,
-                  fmt::format("the hand comes near {} of its {} parts; a report covers at most {}",
-                              near.parts.size(), all, kMaxFields),
-                  "make a scene with fewer parts, or, for explain and press, shorten the path");
+      throw Error(
+          scene,
+          fmt::format("the hand comes near {} of the scene's {} parts; a report covers at most {}",
+                      near.parts.size(), all, kMaxFields),
+          "make a scene with fewer parts, or, for explain and press, shorten the path");
     }
     opened.told = nearby(opened.told, opened.built, near.parts);
     if (opened.told.graph.modes.empty()) {
       throw Error(scene, "the hand comes near no part of the scene",
-                  "run palpate check, which prints the bounds");
+                  "run palpate check to see the bounds");
     }
     try {
       opened.built = buildScene(opened.told, nullptr, &cache);
     } catch (const SceneError&) {
       // The scene is valid, so the parts near the hand are too many for one graph.
-      throw Error(scene,
-                  fmt::format("the hand comes near {} of its {} parts; a report covers at most {} "
-                              "volumes, {} properties and {} modes",
-                              near.parts.size(), all, kMaxFields, kMaxProperties, kMaxModes),
-                  "make a scene with fewer parts, or, for explain and press, shorten the path");
+      throw Error(
+          scene,
+          fmt::format("the hand comes near {} of the scene's {} parts; a report covers at most {} "
+                      "volumes, {} properties and {} modes",
+                      near.parts.size(), all, kMaxFields, kMaxProperties, kMaxModes),
+          "make a scene with fewer parts, or, for explain and press, shorten the path");
     }
     opened.built.notes = notes;
-    std::string words =
-        fmt::format("{}: the hand comes near {} of its {} parts", scene, near.parts.size(), all);
+    std::string words = fmt::format("{}: the hand comes near {} of the scene's {} parts", scene,
+                                    near.parts.size(), all);
     if (near.parts.size() < all) words += "; the report skips the others";
     if (near.missing > 0.0) {
       words += fmt::format(

@@ -152,7 +152,7 @@ std::string inflateInto(int to, std::istream& in) {
     if (status != Z_OK && status != Z_STREAM_END) return "the deflated data set is damaged";
     const std::size_t count = plain.size() - stream.avail_out;
     total += count;
-    if (total > kMost) return "the deflated data set needs more than 4 GiB";
+    if (total > kMost) return "the inflated data set is larger than the limit of 4 GiB";
     if (!writeAll(to, plain.data(), count)) return kNoMemory;
   }
   return "";
@@ -171,7 +171,8 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   in.read(begin.data(), begin.size());
   std::string head(begin.data(), static_cast<std::size_t>(in.gcount()));
   if (!beginsAsDataSet(head, false) && beginsAsBigEndian(head)) {
-    throw VolumeError(file.string(), "the file has big-endian values and does not say so",
+    throw VolumeError(file.string(),
+                      "the file has big-endian values, but states no transfer syntax",
                       "convert it to little endian, for example with dcmconv +te");
   }
   const SyntaxField syntax = syntaxOf(head);
@@ -185,7 +186,7 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   in.seekg(static_cast<std::streamoff>(syntax.data_set));
   memory_ = ::memfd_create("palpate-dicom", MFD_CLOEXEC);
   std::string defect = memory_ >= 0 ? kNoMemory
-                                    : fmt::format("no memory file for the inflated data set ({})",
+                                    : fmt::format("the inflated data set gets no memory file ({})",
                                                   std::strerror(errno));
   if (memory_ >= 0 && writeAll(memory_, head.data(), head.size())) {
     defect = inflateInto(memory_, in);

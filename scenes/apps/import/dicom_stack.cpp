@@ -97,7 +97,7 @@ std::string reasonAgainst(const Series& series) {
   };
   if (all([](const File& file) { return file.is_localiser; })) return "a localiser";
   if (all(isScreenSave)) return "a screen save";
-  if (all([](const File& file) { return !hasPlace(file); })) return "no position";
+  if (all([](const File& file) { return !hasPlace(file); })) return "its images state no position";
   if (series.images == 1 && all([](const File&) { return true; })) return "a single image";
   return "";
 }
@@ -216,7 +216,8 @@ class Stacker {
     const Group& twice = *most;
     const std::size_t count = most->size();
     if (series_.files.size() == 1 && groups.size() == 1) {
-      refuse(fmt::format("all {} images are at the same position", count), "give a volume");
+      refuse(fmt::format("all {} images are at the same position", count),
+             "give a file with images at several positions");
     }
     for (const Group& group : groups) {
       for (const Slice& slice : group) {
@@ -238,7 +239,7 @@ class Stacker {
     if (!tag.has_value() || fewest->size() == 1) {
       refuse(fmt::format("{} images are at the same position, {} mm, such as {} and {}", count,
                          ruler.at(twice.front()), fileOf(twice[0]), fileOf(twice[1])),
-             "remove all but one");
+             "keep one image at each position");
     }
     if (fewest->size() != count) {
       refuse(fmt::format("time steps are missing: {} images are at {} mm, but {} at {} mm",

@@ -145,9 +145,9 @@ class Inversion {
     if (residual.norm() <= kConverged * edge_) return u;
     throw VolumeError(
         file_,
-        fmt::format("at ({:.3g}, {:.3g}, {:.3g}) m the inverse is not found: the residual is "
-                    "{:.2g} voxels",
-                    y.x(), y.y(), y.z(), residual.norm() / edge_),
+        fmt::format("the import finds no inverse at ({:.3g}, {:.3g}, {:.3g}) m: the residual is "
+                    "{:.2g} voxels, more than {:g}",
+                    y.x(), y.y(), y.z(), residual.norm() / edge_, kConverged),
         "smooth the field with --smooth, or export the transform from the fixed to the moving "
         "image");
   }
@@ -198,15 +198,15 @@ void takeDisplacement(Gridded& made, Direction direction, const std::string& len
   if (direction == Direction::kBackward) {
     (void)makeWarp(given, {}, file);
     notes.emplace_back(
-        "the displacements are read as backward: from the fixed image, which shows the present, to "
-        "the moving one, which shows the resting place");
+        "the displacements are read as backward: from the fixed image (the present shape) to the "
+        "moving image (the shape at rest)");
     return;
   }
   // write() needs a vector at each voxel of the box. A resampled field that is rotated has none at
   // its corners.
   const openvdb::CoordBBox box = made.grid->evalActiveVoxelBoundingBox();
   if (made.grid->activeVoxelCount() != box.volume()) {
-    throw VolumeError(file, "the resampled displacement field does not fill its box",
+    throw VolumeError(file, "after --voxel, parts of the field's box have no displacement",
                       "omit --voxel, or export the transform from the fixed to the moving image");
   }
   const Inversion inversion(given, file);
@@ -225,8 +225,8 @@ void takeDisplacement(Gridded& made, Direction direction, const std::string& len
                   rms / metres, unit, found.largest / metres, unit));
   if (beyond > 0) {
     notes.push_back(fmt::format(
-        "{:.2g} % of the voxels come from outside the field: they get the displacement of its "
-        "nearest face, and are not in the residual",
+        "{:.2g} % of the voxels come from outside the field: they get the displacement of "
+        "the field's nearest face, and do not count in the residual",
         100.0 * static_cast<double>(beyond) / static_cast<double>(voxels)));
   }
   write(inverse, metres, made);

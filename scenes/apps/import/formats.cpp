@@ -140,7 +140,7 @@ const std::array kFormats = {
     Format{"OpenDX",
            [](const std::string& b) { return b.find("class gridpositions") != std::string::npos; },
            nullptr, "describe the layout of its values with --raw, see docs/import.md"},
-    Format{"Analyze 7.5 (an old header, without magic)",
+    Format{"Analyze 7.5 (a header without NIfTI's magic number)",
            [](const std::string& b) {
              return has(b, 0, {"\x5c\x01\0\0", 4}) && b.size() >= 348;
            },
@@ -166,7 +166,7 @@ const std::array kFormats = {
     Format{"a tar archive", [](const std::string& b) { return has(b, 257, "ustar"); }, nullptr,
            "unpack it"},
     Format{"a PDF", [](const std::string& b) { return has(b, 0, "%PDF"); }, nullptr,
-           "give a volume"},
+           "give a file of volume data"},
 };
 
 /// Recognizes GRIB also by name, because a bulletin's heading may precede its first bytes.

@@ -88,8 +88,11 @@ void checkDegrees(const std::vector<double>& at, double most, const char* what,
                   const std::string& file) {
   for (const double degrees : at) {
     if (std::abs(degrees) <= most) continue;
-    throw VolumeError(file, fmt::format("a {} of {:.6g} degrees is out of range", what, degrees),
-                      "correct the coordinates");
+    throw VolumeError(
+        file,
+        fmt::format("a {0} of {1:.6g} degrees is outside the range from -{2:g} to {2:g}", what,
+                    degrees, most),
+        "correct the coordinates");
   }
 }
 
@@ -98,9 +101,11 @@ int directionOf(const std::vector<double>& at, const char* axis, const std::stri
   for (std::size_t i = 0; i < at.size(); ++i) {
     const bool in_order = i == 0 || (rises ? at[i] > at[i - 1] : at[i] < at[i - 1]);
     if (in_order && std::isfinite(at[i])) continue;
-    throw VolumeError(file,
-                      fmt::format("the positions along {} neither rise nor fall throughout", axis),
-                      "correct the coordinates");
+    throw VolumeError(
+        file,
+        fmt::format("the positions along {} are not finite, or neither rise nor fall throughout",
+                    axis),
+        "correct the coordinates");
   }
   return rises ? 1 : -1;
 }

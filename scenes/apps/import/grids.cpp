@@ -400,7 +400,9 @@ Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& 
 /// @param first  Begin of the remedy.
 [[noreturn]] void refuseSmall(const std::string& file, double edge, const std::string& first = "") {
   throw VolumeError(
-      file, fmt::format("voxels with an edge of {:g} are too small for OpenVDB", edge),
+      file,
+      fmt::format("voxels with an edge of {:g}, in the grid's unit, are too small for OpenVDB",
+                  edge),
       first + "export the data in a smaller unit of length, for example mm instead of m");
 }
 
@@ -450,7 +452,10 @@ std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel, 
     voxels *= steps;
     if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
       throw VolumeError(
-          file, fmt::format("the volume would need too many voxels with an edge of {:g}", voxel),
+          file,
+          fmt::format("the volume would need too many voxels with an edge of {:g} (more than {:g}, "
+                      "or 1e6 along an axis)",
+                      voxel, kMostVoxels),
           "give a larger --voxel");
     }
     size[a] = static_cast<int>(steps);

@@ -70,7 +70,7 @@ double sizeOfData(const std::filesystem::path& header, const std::filesystem::pa
     throw VolumeError(header.string(),
                       fmt::format("the data file {} cannot be read ({})", nameOf(data, header),
                                   error ? error.message() : "it is not a regular file"),
-                      "put a readable file there, or correct its name in the header");
+                      "put a readable file at this path, or correct the file name in the header");
   }
   return static_cast<double>(size);
 }

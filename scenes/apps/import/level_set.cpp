@@ -103,7 +103,9 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
   if (static_cast<double>(quads.size()) * refinement * refinement * 6.0 > 1e9) {
     throw VolumeError(
-        file, fmt::format("the surface would need too many voxels with an edge of {:g}", edge),
+        file,
+        fmt::format("the surface would need too many voxels with an edge of {:g} (more than 1e9)",
+                    edge),
         "give a larger --voxel");
   }
   // OpenVDB's own signs would fill cavities, because all that a surface encloses counts as inside.

@@ -186,7 +186,7 @@ void checkDisplacementOptions(const Options& options) {
   refuse("--bricks", options.bricks,
          "omit it, because palpate reads a whole displacement field into memory");
   refuse("--scene", !options.scene.empty(),
-         "import the image with --scene, and add \"warp\" to its place");
+         "import the image with --scene, and add \"warp\" to the \"place\" of the image");
   refuse("--iso", options.iso.has_value(), "omit this option");
   refuse("--tolerance", options.tolerance.has_value(),
          "omit it, because a warp needs a displacement at each voxel");
@@ -295,10 +295,10 @@ int importTogether(const Options& options) {
       [&](Teller& teller) {
         const std::unique_ptr<ProcessGroup> group = joinGroup();
         if (group->size() == 1 && ranksByEnvironment() > 1) {
-          throw Error(
-              "mpirun",
-              "this mpirun is of another MPI than this palpate: the processes cannot connect",
-              "use the mpirun of the MPI that palpate was built with");
+          throw Error("mpirun",
+                      "the processes cannot connect, because mpirun and palpate use different MPI "
+                      "libraries",
+                      "use the mpirun of the MPI library that palpate was built with");
         }
         return workTogether(*group, [&] {
           check(options);
@@ -322,13 +322,13 @@ void addReading(CLI::App& app, Options& options) {
   app.add_option("--series", request.series,
                  "DICOM: select a series by its number, UID or description");
   app.add_option("--as", request.as,
-                 "Meaning of the volumes of a 4-D NIfTI, or of a MetaImage's channels: vector (3) "
-                 "or tensor (6); displacement: NIfTI, MetaImage or NRRD is the displacement field "
-                 "of a registration, for \"warp\" in a scene")
+                 "vector or tensor: the 3 or 6 volumes of a 4-D NIfTI, or channels of a MetaImage, "
+                 "are components; displacement: the NIfTI, MetaImage or NRRD is the displacement "
+                 "field of a registration, for \"warp\" in a scene")
       ->check(CLI::IsMember({"vector", "tensor", "displacement"}));
   app.add_option("--direction", options.direction,
-                 "With --as displacement: backward, from the fixed to the moving image as in ITK, "
-                 "ANTs and elastix (default), or forward, which is inverted")
+                 "Direction for --as displacement: backward (default): from the fixed to the "
+                 "moving image, as in ITK, ANTs and elastix; forward: the import inverts the field")
       ->check(CLI::IsMember({"backward", "forward"}));
   app.add_flag("--follow", request.follow,
                "NRRD, MetaImage, .pvd: also read data files in other folders than the header's");

@@ -39,8 +39,8 @@ std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, cons
   constexpr int kMost = 1000000;
   const auto besides = [&](const std::string& name) {
     if (name == "-") {
-      throw VolumeError(file.string(), "the header names a pipe as its data file",
-                        "name a data file");
+      throw VolumeError(file.string(), "the header gives \"-\", a pipe, as the data file",
+                        "give the name of a file");
     }
     return file.parent_path() / name;  // an absolute name stays unchanged
   };

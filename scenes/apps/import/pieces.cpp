@@ -46,9 +46,10 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
     if (u < 0x20 || u == 0x7f || (!plain && u > 0x7f)) c = '_';
   }
   if (name != given) {
-    notes.push_back(fmt::format(
-        "an array was renamed to \"{}\", because its name is long or has special characters",
-        name));
+    notes.push_back(
+        fmt::format("an array was renamed to \"{}\", because its name has more than 100 bytes or "
+                    "special characters",
+                    name));
   }
   return name.empty() ? "density" : name;
 }
@@ -66,7 +67,8 @@ std::vector<Array> readyArrays(std::vector<Array> given, const Content& content,
       arrays.push_back(std::move(array));
     } else if (components == 2) {
       array.values = withThree(array.values);
-      notes.push_back(fmt::format("{}: two components: z is set to 0", array.name));
+      notes.push_back(
+          fmt::format("{}: the vectors have two components: z is set to 0", array.name));
       arrays.push_back(std::move(array));
     } else if ((components == 6 || components == 9) && image) {
       for (Array& felt : diffusionOf(array)) arrays.push_back(std::move(felt));

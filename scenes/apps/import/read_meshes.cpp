@@ -97,7 +97,7 @@ class FoamReader final : public Reader {
                                                              : fs::path(".");
     const fs::path control = folder / "system" / "controlDict";
     if (!fs::is_regular_file(control, error)) {
-      throw VolumeError(request.file.string(), "system/controlDict is missing in the same folder",
+      throw VolumeError(request.file.string(), fmt::format("{} is missing", control.string()),
                         "give the folder of an OpenFOAM case");
     }
     if (!fs::is_directory(folder / "constant" / "polyMesh", error) &&
@@ -219,7 +219,7 @@ void dropImpossible(Content& content) {
       if (!(negative > kFew * points)) return false;
       content.notes.push_back(
           fmt::format("{}: skipped: the values, which VTK computes from the energy, are negative "
-                      "at {:.3g} % of the points: the file has no energy, or one of another scale",
+                      "at {:.3g} % of the points: the file has no energy, or scales it differently",
                       array.name, 100.0 * negative / points));
       return true;
     });

@@ -386,7 +386,8 @@ class MetaImageReader final : public Reader {
   [[nodiscard]] Affine place(const Mat3& turn, std::vector<std::string>& notes) const {
     Affine map;
     const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
-    if (spacing.empty()) notes.emplace_back("no ElementSpacing: a spacing of 1 is assumed");
+    if (spacing.empty())
+      notes.emplace_back("the header has no ElementSpacing: a spacing of 1 is assumed");
     // Each row of the matrix is the direction of one axis.
     const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
     for (int axis = 0; axis < 3; ++axis) {

@@ -164,14 +164,14 @@ class NetcdfReader final : public Reader {
     for (std::size_t v = 0; v < file_.variables().size(); ++v) find(static_cast<int>(v));
     if (!flat_.empty()) {
       left_.push_back(
-          fmt::format("{}: skipped: fewer than three dimensions of space with two or more points",
+          fmt::format("{}: skipped: fewer than three dimensions of space have two or more points",
                       fmt::join(flat_, ", ")));
     }
     if (fields_.empty()) {
       if (const std::string type = file_.groupText("VTKHDF", "Type"); !type.empty()) {
         throw VolumeError(request.file.string(),
-                          fmt::format("the file is {} in VTK's HDF5 format, of which palpate "
-                                      "imports images and unstructured grids",
+                          fmt::format("the file is {} in VTK's HDF5 format; palpate imports "
+                                      "only images and unstructured grids in this format",
                                       type),
                           "export a volume as .vti or .vtu, for example with ParaView");
       }
@@ -361,8 +361,8 @@ class NetcdfReader final : public Reader {
     others.insert(others.end(), unknown.begin(), unknown.end());
     for (const std::size_t i : others) {
       const Dimension& dimension = file_.dimension(variable.dimensions[i]);
-      left_.push_back(fmt::format("{}: only the first of {} along {} is imported", variable.name,
-                                  dimension.length, dimension.name));
+      left_.push_back(fmt::format("{}: only the first of {} entries along {} is imported",
+                                  variable.name, dimension.length, dimension.name));
     }
     double values = 1.0;
     for (const int d : variable.dimensions) {

@@ -220,12 +220,12 @@ class NiftiReader final : public Reader {
     if (header_.size[5] != 3 ||
         (header_.intent != kDisplacementIntent && header_.intent != kVectorIntent)) {
       refuse(fmt::format("the header has the intent {} and the size {} along the fifth axis, but a "
-                         "displacement has 1006 or 1007, and 3",
+                         "displacement field needs the intent 1006 or 1007 and the size 3",
                          header_.intent, header_.size[5]),
              kByItk);
     }
     if (header_.intent_name.starts_with("NREG_TRANS")) {
-      refuse("NiftyReg wrote the field, and its vectors are not those of ITK", kByItk);
+      refuse("NiftyReg wrote the field, whose vectors do not follow the convention of ITK", kByItk);
     }
     if (!hasForm()) {
       refuse(
@@ -353,7 +353,7 @@ class NiftiReader final : public Reader {
         refuse("the values are complex numbers, which palpate does not import",
                "export the magnitude");
       default:
-        refuse(fmt::format("the type of the values, {}, is unknown", header_.type),
+        refuse(fmt::format("the type of the values (datatype {}) is unknown", header_.type),
                "export the image as short or float");
     }
     const auto bits = static_cast<int>(8 * Values(type_, 1, 0).bytesEach());
@@ -465,7 +465,8 @@ class NiftiReader final : public Reader {
     for (int axis = 0; axis < 3; ++axis) {
       double spacing = std::abs(header_.spacing[static_cast<std::size_t>(axis) + 1]);
       if (!(spacing > 0.0)) {
-        notes.push_back(fmt::format("axis {}: no spacing: 1 is assumed", "xyz"[axis]));
+        notes.push_back(
+            fmt::format("axis {}: the header has no valid spacing: 1 is assumed", "xyz"[axis]));
         spacing = 1.0;
       }
       map.linear.col(axis) *= spacing;

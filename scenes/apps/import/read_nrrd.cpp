@@ -412,8 +412,8 @@ class NrrdReader final : public Reader {
         nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime;
     if (directed_ && turn().isIdentity(0.0) && !namesPatient() && !is_scanner) {
       content.notes.emplace_back(
-          "the space has no anatomical axes, so positions stay unchanged: if ITK wrote the file, x "
-          "points left and y back, so the volume does not align with volumes that are in RAS");
+          "the space has no anatomical axes, so positions stay unchanged; if ITK wrote the file (x "
+          "to the left, y to the back), the volume does not align with volumes in RAS");
     }
     if (is_scanner) {
       content.notes.emplace_back(
@@ -433,7 +433,7 @@ class NrrdReader final : public Reader {
     }
     if (!AIR_EXISTS(spacing)) {
       spacing = 1.0;
-      notes.push_back(fmt::format("axis {}: no spacing: 1 is assumed", "xyz"[c]));
+      notes.push_back(fmt::format("axis {}: the header has no spacing: 1 is assumed", "xyz"[c]));
     }
     map.linear(c, c) = spacing;
     if (AIR_EXISTS(axis.min)) map.origin[c] = axis.min + (node ? 0.0 : 0.5 * spacing);
@@ -459,7 +459,7 @@ class NrrdReader final : public Reader {
       }
     } else {
       content.notes.emplace_back(
-          "no measurement frame: components are read along the axes of the space");
+          "the header has no measurement frame: components are read along the axes of the space");
     }
     if (!M.allFinite())
       refuse("the measurement frame has a number that is not finite", kCorrectNrrdHeader);

@@ -131,7 +131,7 @@ class LayoutParser {
   std::string text(const char* key) {
     if (!json_.contains(key)) refuse("", fmt::format("\"{}\" is missing", key), kRemedy);
     if (!json_[key].is_string() || json_[key].get<std::string>().empty()) {
-      refuse(std::string("/") + key, "the value is not a text, or is empty", kRemedy);
+      refuse(std::string("/") + key, "the value is empty, or is not a string", kRemedy);
     }
     return json_[key].get<std::string>();
   }
@@ -162,8 +162,9 @@ class LayoutParser {
                skip["after"].is_string() && !skip["after"].get<std::string>().empty()) {
       layout.after = skip["after"].get<std::string>();
     } else {
-      refuse("/skip", "the value is not a number of bytes",
-             R"(give a number, -1 if the values end the file, or {"after": "text"})");
+      refuse(
+          "/skip", "the value is not a number of bytes",
+          R"(give a number of bytes, -1 if the values are last in the file, or {"after": "text"})");
     }
   }
 

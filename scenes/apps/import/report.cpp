@@ -20,7 +20,7 @@ std::string voxelsOf(const Imported& imported) {
     line += fmt::format(" ({:.3g} %)", 100.0 * static_cast<double>(imported.made.active) /
                                            static_cast<double>(imported.made.voxels));
   }
-  line += fmt::format(" of {:.4g} x {:.4g} x {:.4g}", edge.x(), edge.y(), edge.z());
+  line += fmt::format(" with edges of {:.4g} x {:.4g} x {:.4g}", edge.x(), edge.y(), edge.z());
   if (imported.resampling) {
     line += fmt::format(", compared with the original at {} points", imported.resampling->points);
     if (imported.resampling->edge_points > 0) {
@@ -68,7 +68,7 @@ std::string lineOf(const Imported& imported) {
   if (imported.resampling && imported.resampling->points == 0) {
     line += "; resampling error not measured: no point has data on all sides";
   } else if (imported.resampling) {
-    line += fmt::format("; resampling error {:.2g} % of the range rms, {:.2g} % at most",
+    line += fmt::format("; resampling error {:.2g} % rms of the range, {:.2g} % at most",
                         100.0 * imported.resampling->rms, 100.0 * imported.resampling->largest);
     if (imported.resampling->edge_points > 0) {
       line += fmt::format(" inside, {:.2g} % rms and {:.2g} % at most in the outermost voxel",

@@ -289,7 +289,8 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
       if (mesh->GetPointData()->HasArray(name.c_str()) != 0) continue;
       if (mesh->GetCellData()->HasArray(name.c_str()) != 0) continue;
       notes.push_back(fmt::format(
-          "{}: skipped: some blocks do not have this array, or have it in another form", name));
+          "{}: skipped: some blocks lack this array, or its type or number of components differs",
+          name));
     }
   }
   std::vector<std::string> moved;
@@ -302,8 +303,9 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
     if (mesh->GetPointData()->HasArray(name.c_str()) == 0) {
       moved.push_back(name);
     } else {
-      notes.push_back(
-          fmt::format("{}: the values per cell are skipped: the points have their own", name));
+      notes.push_back(fmt::format(
+          "{}: the values per cell are skipped, because the points have an array of this name",
+          name));
     }
   }
   if (!moved.empty()) {

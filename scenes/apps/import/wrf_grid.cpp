@@ -80,7 +80,7 @@ bool takeSpacingFromPlaces(const NetcdfFile& file, WrfGrid& grid) {
   grid.dy = y.mean;
   grid.notes.push_back(fmt::format(
       "the spacing is the mean distance between the points at XLAT and XLONG: {:.4g} km by {:.4g} "
-      "km; single distances differ from it by up to {:.2g} %",
+      "km; single distances differ from the mean by up to {:.2g} %",
       1e-3 * x.mean, 1e-3 * y.mean, 100.0 * std::max(x.most / x.mean, y.most / y.mean)));
   return true;
 }
@@ -112,8 +112,8 @@ void takeHeights(const NetcdfFile& file, WrfGrid& grid) {
     below = std::move(here);
   }
   grid.notes.push_back(fmt::format(
-      "levels lie at their mean heights, of PH and PHB at the first time; the height of "
-      "a point differs from it by up to {:.3g} km",
+      "levels lie at their mean heights, from PH and PHB at the first time; the height of a point "
+      "differs from the level's mean by up to {:.3g} km",
       1e-3 * most));
 }
 

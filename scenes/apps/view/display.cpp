@@ -128,8 +128,8 @@ int refused(Display* display, XErrorEvent* error) {
   if (error->request_code == X_SetInputFocus) return 0;
   std::array<char, 128> why{};
   XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));
-  cli::complain(fmt::format("display: it rejected request {}.{}, {}: {}", error->request_code,
-                            error->minor_code, why.data(), effect));
+  cli::complain(fmt::format("display: the X server rejected request {}.{}, {}: {}",
+                            error->request_code, error->minor_code, why.data(), effect));
   _exit(1);
 }
 
@@ -148,8 +148,8 @@ void needDisplay(bool picture) {
   const std::string number = startServer();
   if (number.empty()) {
     throw Error("display", why,
-                "install xvfb, which draws pictures without a desktop; if it is installed, find "
-                "out why Xvfb does not start");
+                "install xvfb, which draws pictures without a desktop; if xvfb is installed, run "
+                "Xvfb -displayfd 1 to see why Xvfb does not start");
   }
   std::atexit(endServer);
   setenv("DISPLAY", (":" + number).c_str(), 1);

@@ -92,7 +92,7 @@ void needOpenGL() {
   const auto window = vtkSmartPointer<vtkRenderWindow>::New();
   window->SetOffScreenRendering(1);
   if (window->SupportsOpenGL() == 0) {
-    throw Error("display", "its OpenGL does not start or is older than 3.2",
+    throw Error("display", "OpenGL does not start, or its version is below 3.2",
                 "install a newer graphics driver");
   }
 }
@@ -117,7 +117,7 @@ int run(int argc, char** argv) {
   int live = -1;
   bool watch = false;
   app.add_option("SCENE", scene)->required();
-  app.add_option("--live", live, "Descriptor of the loop's memory")->required();
+  app.add_option("--live", live, "File descriptor of the memory that the loop shares")->required();
   app.add_option("--picture", picture, "Draw one picture, as a PNG file, and exit");
   app.add_option("--reengage", options.reengage,
                  "Time from the last late tick until the loop restores the force [s]; 0: never");

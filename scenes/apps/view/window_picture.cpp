@@ -232,7 +232,7 @@ void ViewWindow::fillPanel() {
   content.status = statusOf(tick_, options_.reengage);
   if (stalled_ && !over_) {
     content.status = {"THE LOOP HAS STOPPED",
-                      gone_ ? "its program has ended: read the terminal of palpate view"
+                      gone_ ? "the loop's program has ended: read the terminal of palpate view"
                             : "no tick for 0.5 s: read the terminal of palpate view"};
   }
   if (over_) content.status = {"the run has ended"};

@@ -103,7 +103,8 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
   file.write(all + kHeader, bytes->GetNumberOfValues() - kHeader);
   file.close();
   if (!file) {
-    throw Error(picture, "it cannot be written", "check the folder and the free disk space");
+    throw Error(picture, "the picture cannot be written",
+                "check the folder and the free disk space");
   }
 }
 

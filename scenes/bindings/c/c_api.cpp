@@ -47,7 +47,7 @@ std::string failureOf(F&& f) {
     // names of files in the message may contain any characters
     return palpate::cli::sentence(e.what()).text();
   } catch (...) {
-    return "palpate: unknown failure: report it";
+    return "palpate: an exception of unknown type: report it to palpate's developers";
   }
 }
 
@@ -72,12 +72,12 @@ void load(palpate_hand& hand, const std::filesystem::path& path) {
 /// Checks only the limits of the coupling; the servo checks those of the force.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   if (!(arm.max_stiffness > 0.0)) {
-    throw palpate::DeviceError("arm", "its largest stiffness is not above 0",
-                               "give N/m, or begin with palpate_weakest_arm()");
+    throw palpate::DeviceError("arm", "max_stiffness is not above 0 N/m",
+                               "set it in N/m, or begin with palpate_weakest_arm()");
   }
   if (!(arm.max_damping >= 0.0)) {
-    throw palpate::DeviceError("arm", "its largest damping is negative or not a number",
-                               "give N s/m, or begin with palpate_weakest_arm()");
+    throw palpate::DeviceError("arm", "max_damping is negative or not a number",
+                               "set it in N s/m, or begin with palpate_weakest_arm()");
   }
   palpate::DeviceInfo info;
   info.name = "arm";

@@ -27,7 +27,7 @@ Primitive primitiveOf(const std::string& kind, const Doubles& position, const Do
   if (!known)
     throw Error("kind", "\"" + kind + "\" is not known", "use force, point, line or plane");
   if (!(strength >= 0.0) || !std::isfinite(strength)) {
-    throw Error("strength", "it is not a finite number of at least 0", "give newtons");
+    throw Error("strength", "it is negative or not finite", "give a finite force of at least 0 N");
   }
   primitive.strength = strength;
   primitive.position = vectorOf(position, "position");
@@ -49,7 +49,7 @@ py::dict solve(double stiffness, const Doubles& probe, const std::vector<Primiti
       solveProxy(from, stiffness, primitives, start ? vectorOf(*start, "start") : from);
   if (result.status == SolveStatus::kBadInput) {
     if (!(stiffness > 0.0)) {
-      throw Error("solve", "the stiffness is not above 0", "give N/m, such as 500");
+      throw Error("solve", "the stiffness is not above 0", "give a stiffness in N/m, such as 500");
     }
     if (primitives.size() > kMaxPrimitives) {
       const std::string most = std::to_string(kMaxPrimitives);
@@ -71,7 +71,8 @@ py::dict solve(double stiffness, const Doubles& probe, const std::vector<Primiti
 }  // namespace
 
 void bindBalance(py::module_& m) {
-  py::class_<Primitive>(m, "Primitive", "A haptic primitive: section 4.1 of Lundin et al.")
+  py::class_<Primitive>(m, "Primitive",
+                        "A constraint on the proxy: a directed force, a point, a line or a plane.")
       .def(py::init(&primitiveOf), "kind"_a, "position"_a = std::array<double, 3>{0.0, 0.0, 0.0},
            "direction"_a = std::array<double, 3>{1.0, 0.0, 0.0}, "strength"_a = 1.0,
            "`kind` is force, point, line or plane; `position` is in metres, `strength` in newtons.")

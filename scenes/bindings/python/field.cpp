@@ -76,7 +76,7 @@ py::object toVtk(const NamedField& field, std::optional<double> spacing) {
   const Vec3 counts = (size / step).array().floor() + 1.0;
   if (!(step > 0.0) || !(counts.prod() <= kMost)) {
     throw Error("spacing", "it is not above 0, or leads to more than 10^9 points",
-                "give the distance between points, in metres or the volume's own unit");
+                "give a greater distance between points, in metres or the volume's own unit");
   }
   const auto nx = static_cast<py::ssize_t>(counts.x());
   const auto ny = static_cast<py::ssize_t>(counts.y());
@@ -148,17 +148,19 @@ void bindField(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(ScalarRow, inside, value, gradient);
   PYBIND11_NUMPY_DTYPE(VectorRow, inside, value, jacobian);
 
-  py::class_<NamedField>(m, "Field",
-                         "A scalar or vector field. A field of a scene is in W, in metres. A field "
-                         "of a volume alone is in the volume's own space. Derivatives are per unit "
-                         "of the volume's own space.")
+  py::class_<NamedField>(
+      m, "Field",
+      "A scalar or vector field. A field of a scene is in world space W, in metres. A field of a "
+      "volume alone is in the volume's own space. Derivatives are per unit of the volume's own "
+      "space.")
       .def("sample", &NamedField::sample, "points"_a,
            "Returns a structured array with one row per point. A scalar has inside, value and "
            "gradient; a vector has inside, value and jacobian[i][j] = d v_i / d x_j. The shape of "
            "`points` is (n, 3) or (3,).")
       .def("to_vtk", &toVtk, "spacing"_a = py::none(),
            "Returns a vtkImageData with samples of the field over its bounds, `spacing` apart. The "
-           "default is a voxel, but at most 257 points a side. pyvista.wrap() accepts the result.")
+           "default is a voxel's edge, or more for at most 257 points per side. pyvista.wrap() "
+           "accepts the result.")
       .def_readonly("name", &NamedField::name)
       .def_property_readonly("vector", [](const NamedField& f) { return f.field.index() == 1; })
       .def_property_readonly("voxel", [](const NamedField& f) { return f.frame().voxel; })

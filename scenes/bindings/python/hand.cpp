@@ -23,7 +23,7 @@ std::tuple<double, double, double> Hand::step(double x, double y, double z,
   if (play) {
     constexpr double kMost = 1e9;  // [s]: limit of PathDevice
     if (!(std::abs(*play) <= kMost)) {
-      throw DeviceError("play", "it is not a time within 1e9 s", "give seconds, at most 1e9");
+      throw DeviceError("play", "it is not a time within 1e9 s", "give seconds from -1e9 to 1e9");
     }
     // If a script sets the time, the playback counts as continuous since the last tick.
     const double from = std::exchange(play_, *play);

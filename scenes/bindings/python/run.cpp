@@ -80,13 +80,13 @@ std::vector<PathPoint> pathOf(const Doubles& given, double rate) {
     const double t = width == 4 ? row[0] : static_cast<double>(i) / rate;
     const PathPoint point{t, {p[0], p[1], p[2]}};
     if (!std::isfinite(t) || !point.p.allFinite() || point.p.cwiseAbs().maxCoeff() >= kFarthest) {
-      throw DeviceError("path row " + std::to_string(i),
-                        "a number is not finite, or 1,000 km or farther",
-                        "give seconds, and metres within 1,000 km");
+      throw DeviceError("path row " + std::to_string(i) + " (counted from 0)",
+                        "a number is not finite, or a coordinate is 1,000 km or more",
+                        "give finite seconds, and coordinates in metres below 1,000 km");
     }
     if (!path.empty() && !(t > path.back().t)) {
-      throw DeviceError("path row " + std::to_string(i), "the time does not increase",
-                        "sort the rows by t and drop equal times");
+      throw DeviceError("path row " + std::to_string(i) + " (counted from 0)",
+                        "the time does not increase", "sort the rows by t and drop equal times");
     }
     path.push_back(point);
   }

@@ -196,9 +196,9 @@ void bindScene(py::module_& m) {
       .def(
           "run", &PyScene::run, "path"_a, "rate"_a = 1000.0,
           "Moves a hand along a path, as `palpate feel --device path:` does. Returns an array with "
-          "the columns of its trace, one row per tick. `path` has shape (n, 3), one position per "
-          "tick, or (n, 4), rows of t, x, y, z, linear between them. Other Python threads "
-          "continue to run.")
+          "the columns of `--trace`, one row per tick. `path` has shape (n, 3), one position per "
+          "tick, or (n, 4), rows of t, x, y, z with straight lines between them. Other Python "
+          "threads continue to run.")
       .def("hand", &PyScene::hand, "rate"_a = 1000.0,
            "Returns another hand with `rate` ticks a second.")
       .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a, "play"_a = py::none(),
@@ -211,7 +211,7 @@ void bindScene(py::module_& m) {
       .def_property_readonly("bounds", [](const PyScene& s) { return tupleOf(s.bounds()); })
       .def_property_readonly("notes", &PyScene::notes,
                              "The notes that palpate prints for this scene.")
-      .def_property_readonly("fields", &PyScene::fields, "The fields by name, in W.")
+      .def_property_readonly("fields", &PyScene::fields, "The fields by name, in world space W.")
       .def_property_readonly("volumes", [](const PyScene& s) {
         std::map<std::string, std::shared_ptr<Volume>> volumes;
         for (const auto& [name, v] : s.volumes()) {

@@ -111,16 +111,16 @@ bool isTold(const SharedKey& key) {
 }
 
 SharedKey keyFrom(const Json& json) {
-  if (!json.is_array()) refuse("the key of a part is not a list");
+  if (!json.is_array()) refuse("the key of an object is not a list");
   SharedKey key;
   for (const Json& word : json) key.push_back(word.is_string() ? word.get<std::string>() : "\n");
   if (!std::all_of(key.begin(), key.end(), isName)) {
     refuse(fmt::format(
-        "the key of a part has a word that is not a text of at most {} bytes without control "
+        "the key of an object has a word that is not a text of at most {} bytes without control "
         "characters",
         kLongestName));
   }
-  if (!isTold(key)) refuse("the key of a part names no volume, field, mode or play");
+  if (!isTold(key)) refuse("the key of an object names no volume, field, mode or play");
   return key;
 }
 
@@ -231,7 +231,7 @@ Json withEdits(Json scene, const SharedEdits& edits) {
     }
     if (key[0] == "volumes" && !where.contains(name)) {
       throw SceneError(wordsForOne(key), "the scene of this site does not have it",
-                       "add it to the scene's file");
+                       "add it to this site's scene file");
     }
     // Keeps the keys that sites do not share, such as files.
     Json whole = where.contains(name) ? halfOf(key[0], where[name], false) : Json::object();
@@ -263,7 +263,7 @@ SharedText sharedTextFrom(const std::string& text) {
   };
   if (!is_list(json, "edits") || !is_list(json, "rest") ||
       json.value("palpate_edits", Json()) != 1) {
-    refuse("its format is invalid, or of another version");
+    refuse("it is not a list of edits in version 1 of the format");
   }
   SharedText told;
   for (const Json& one : json.at("edits")) {
@@ -278,7 +278,8 @@ SharedText sharedTextFrom(const std::string& text) {
       refuse(
           fmt::format("an edit has the sequence number {}, not 1 to {}", stamp.count, kMostCount));
     }
-    if (!isSiteName(stamp.site)) refuse("the name of the site in an edit is not valid");
+    if (!isSiteName(stamp.site))
+      refuse("the name of the site in an edit is not 1 to 31 letters, digits, - and _");
     const SharedKey key = keyFrom(one.at("of"));
     checkValue(key, one.at("is"));
     merge(told.edits, {{key, {one.at("is"), stamp}}});

@@ -347,8 +347,9 @@ class DdsSite final : public Site {
       const std::chrono::duration<double> since(now - other.last);
       if (!other.state.here || since.count() < kLinkSilence) continue;
       other.state.here = false;
-      say(fmt::format("site {}: no message for {} s: its spring fades out until the next message",
-                      name, kLinkSilence));
+      say(fmt::format(
+          "site {}: no message for {} s: the spring to its hand fades out until the next message",
+          name, kLinkSilence));
     }
     if (count > 0) links_.hear(heard_);
   }
@@ -445,7 +446,9 @@ class DdsSite final : public Site {
 
   void full() {
     if (std::exchange(told_full_, true)) return;
-    say(fmt::format("more than {} hands of other sites: some are not felt", kMostLinks));
+    say(fmt::format(
+        "site: more than {} hands of other sites: some are not felt: end unneeded sites",
+        kMostLinks));
   }
 
   /// If too many sites are known, forgets the one silent longest. Returns false if it cannot.

@@ -12,7 +12,7 @@ shift
     echo "site_keys.sh: a site is given twice: give each site once" >&2; exit 2; }
 for site in "$@"; do
     [[ $site =~ ^[A-Za-z0-9_-]{1,31}$ ]] && [ "$site" != ca ] || {
-        echo "site_keys.sh: \"$site\" is not a name of a site: give up to 31 letters, digits, - and _" >&2; exit 2; }
+        echo "site_keys.sh: \"$site\" is not a name: give 1 to 31 letters, digits, - and _, but not ca" >&2; exit 2; }
     [ ! -e "$folder/$site" ] || { echo "site_keys.sh: $folder/$site exists: remove it first" >&2; exit 1; }
 done
 umask 077

@@ -178,11 +178,11 @@ ImageHead readImageHead(ByteView content) {
 void checkImageHead(const std::string& what, const ImageHead& head) {
   if (bytesOf(head.scalar) == 0) {
     refuse(what, fmt::format("its scalars are of type {}", head.scalar),
-           "send int8 to uint32, float32 or float64: 2 to 7, 10, 11");
+           "send type 2 to 7 (int8 to uint32), 10 (float32) or 11 (float64)");
   }
   if (head.components != 1 && head.components != 3) {
     refuse(what, fmt::format("it has {} components", head.components),
-           "send scalars, or vectors of three");
+           "send 1 (scalars) or 3 (vectors)");
   }
   if (head.endian != 1 && head.endian != 2) {
     refuse(what, fmt::format("its byte order {} is unknown", head.endian),
@@ -203,9 +203,9 @@ std::uint64_t countValues(const std::string& what, const ImageHead& head) {
   const auto values = static_cast<std::uint64_t>(size[0] * size[1] * size[2] * head.components);
   if (values == 0 || values > kIgtlMostValues) {
     refuse(what,
-           fmt::format("it is {} x {} x {} voxels with {} values each", size[0], size[1], size[2],
+           fmt::format("it has {} x {} x {} voxels with {} values each", size[0], size[1], size[2],
                        head.components),
-           fmt::format("send 1 to {} values", kIgtlMostValues));
+           fmt::format("send 1 to {} values in all", kIgtlMostValues));
   }
   return values;
 }
@@ -316,7 +316,8 @@ ByteView igtlContent(const IgtlHead& head, ByteView body) {
   const std::uint64_t about = in.take<std::uint16_t>();
   const std::uint64_t more = in.take<std::uint32_t>();
   if (begin < kLeast || begin + about + more > body.size()) {
-    refuse(head.type, "its extended header does not fit its body", "send the true sizes");
+    refuse(head.type, "its extended header does not fit its body",
+           "correct the sizes in the extended header");
   }
   return body.subspan(begin, body.size() - begin - about - more);
 }
@@ -324,7 +325,7 @@ ByteView igtlContent(const IgtlHead& head, ByteView body) {
 Vec3 readIgtlTransform(ByteView content) {
   if (content.size() != 12 * sizeof(float)) {
     refuse("TRANSFORM", fmt::format("it has {} bytes, not 48", content.size()),
-           "send twelve numbers");
+           "send twelve numbers of 32 bits");
   }
   In in(content);
   std::array<float, 12> numbers{};
@@ -345,7 +346,7 @@ std::string readIgtlString(ByteView content) {
       return {content.begin() + kHead, content.end()};
     }
   }
-  refuse("STRING", "its length does not match its body", "send the true sizes");
+  refuse("STRING", "its length does not match its body", "send the number of bytes of the text");
 }
 
 IgtlImage readIgtlImage(const IgtlHead& head, Bytes body) {
@@ -358,8 +359,10 @@ IgtlImage readIgtlImage(const IgtlHead& head, Bytes body) {
   checkImageHead(what, sent);
   const std::uint64_t size = countValues(what, sent) * bytesOf(sent.scalar);
   if (content.size() - kImageHead != size) {
-    refuse(what, fmt::format("its values have {} bytes, not {}", content.size() - kImageHead, size),
-           "send the true sizes");
+    refuse(what,
+           fmt::format("its values have {} bytes, but its header states {}",
+                       content.size() - kImageHead, size),
+           "correct the size, the scalar type or the number of components");
   }
   IgtlImage image;
   image.name = head.name;

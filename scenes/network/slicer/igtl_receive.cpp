@@ -86,7 +86,8 @@ void IgtlServer::beginBody(Client& client) {
   const bool kept = image || (head.type == "TRANSFORM" && !client.waits) || head.type == "STRING";
   constexpr int kNewest = 3;
   if (head.version < 1 || head.version > kNewest || head.type.empty()) {
-    throw Error("a message", "its header is not one of OpenIGTLink", "send version 1, 2 or 3");
+    throw Error("a message", "its header is not one of OpenIGTLink (unknown version, or no type)",
+                "send version 1, 2 or 3, and a type");
   }
   const std::uint64_t most = kept && !image ? kMostSmall : kIgtlMostImage + kPiece;
   if (head.size > most) {

@@ -79,7 +79,8 @@ IgtlPlace igtlPlace(const std::string& words) {
       std::all_of(port.begin(), port.end(), [](char c) { return c >= '0' && c <= '9'; });
   const int number = digits ? std::stoi(port) : -1;
   if (number < 0 || number > kMostPort || place.address.empty()) {
-    throw Error(kSubject, "\"" + words + "\" is not a port of this machine",
+    throw Error(kSubject,
+                "\"" + words + "\" is not a port of 0 to 65535, or an address and such a port",
                 "give a port such as 18944, or an address and a port such as 192.168.0.2:18944");
   }
   place.port = static_cast<std::uint16_t>(number);
@@ -302,7 +303,7 @@ void IgtlServer::Seldom::look() {
   if (more_ == 0 || now < next_) return;
   next_ = now + kSecond;
   const std::int64_t before = std::exchange(more_, 0) - 1;
-  complain(before > 0 ? fmt::format("{} ({} earlier not shown)", last_, before) : last_);
+  complain(before > 0 ? fmt::format("{} ({} earlier lines not shown)", last_, before) : last_);
 }
 
 void IgtlServer::Seldom::end() {

@@ -150,7 +150,7 @@ class Kill(unittest.TestCase):
             self.assertIn("no symbol palpate_plugin", plugins["none"]["trouble"])
             self.assertIsNone(plugins["odd"]["trouble"])
             arms = {one["device"]: one for one in plugins["odd"]["arms"]}
-            self.assertIn("another program uses it", arms["plugin:odd@good"]["trouble"])
+            self.assertIn("another program uses this arm", arms["plugin:odd@good"]["trouble"])
             self.assertIn("force = nan", arms["plugin:odd@limitless"]["trouble"])
             self.assertEqual(arms["plugin:odd@held"]["limits"]["force"], 5)
             self.assertEqual(arms["plugin:odd@held"]["buttons"], ["trigger", "button 2"])

@@ -483,7 +483,7 @@ TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]")
   CHECK(said("stillborn").find("ended before its arm was ready") != std::string::npos);
   CHECK(refusal([] {
           (void)openPluginProcess(kOdd, "good", {}, "/nowhere/palpate-plugin");
-        }).find("check the installation") != std::string::npos);
+        }).find("install this program again") != std::string::npos);
   // A user can end the program while it waits for the arm's button.
   std::atomic<bool> ends{false};
   ArmHost host;

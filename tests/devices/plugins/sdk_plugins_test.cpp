@@ -556,8 +556,9 @@ TEST_CASE("DHD: a model with unknown limits is refused", "[plugin]") {
   CHECK(stub_dhd::arm().open == 0);
 }
 
-TEST_CASE("DHD: opening an arm sets its watchdog, leaves expert mode and reports the time",
-          "[plugin]") {
+TEST_CASE(
+    "DHD: opening an arm sets its watchdog, reports the watchdog's time and leaves expert mode",
+    "[plugin]") {
   Bench bench(kDhd);
   bench.open();
   CHECK(stub_dhd::arm().watchdog == 240);

@@ -142,7 +142,8 @@ void checkNames(const HidProfile& profile, const std::string& file) {
         "a device that is not there is refused");
   check(contains(refusal([] { (void)openHid("/init"); }), "not a HID device"),
         "an ordinary file is refused");
-  check(contains(refusal([] { (void)openArm("hid:polhem", {}); }), "this arm is not plugged in"),
+  check(contains(refusal([] { (void)openArm("hid:polhem", {}); }),
+                 "no plugged-in arm fits this name"),
         "an arm of other numbers is refused");
   check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", {}); }),
                  "use hid:" + file + "@ARM0001"),
@@ -189,7 +190,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   const pid_t second = fork();
   if (second == 0) {
     const std::string words = refusal([&] { (void)openHid(path); });
-    _exit(contains(words, "uses it") && contains(words, "(" + pid + ")") ? 0 : 1);
+    _exit(contains(words, "uses this arm") && contains(words, "(" + pid + ")") ? 0 : 1);
   }
   waitpid(second, &status, 0);
   check(WIFEXITED(status) && WEXITSTATUS(status) == 0,
