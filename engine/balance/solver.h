@@ -88,7 +88,7 @@ struct WarmStart {
 /// @param primitives  The primitives to balance; at most kMaxPrimitives.
 /// @param start       Last position of the proxy [m]; returned as the proxy if the input is bad.
 /// @param warm        Memory of the last balance, which this balance replaces; may be null. With
-///                    memory a balance takes one to three solves, without memory two to nine. The
+///                    memory a balance takes one to four solves, without memory two to nine. The
 ///                    solver proves every result that it finds from memory.
 /// @param forces      Empty, or at least as many entries as primitives: the force of each primitive
 ///                    on the proxy [N]. Their sum with k (probe - proxy) is zero, up to k

@@ -70,7 +70,7 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
     now.follows = true;
     now.voxel = std::min(now.voxel, now.followed);
   }
-  if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
+  tick.report.primitives = static_cast<int>(balance.primitives.size());
 }
 
 bool varies(const Tick& tick, const Iteration& now) noexcept {
@@ -107,10 +107,8 @@ void balanceNothing(Tick& tick, Iteration& now, bool foreseen, const Vec3& from)
   BalanceMemory& b = tick.balance;
   b.warm.forget();
   b.friction.forget();
-  if (!foreseen) {
-    tick.report.error_bound = 0.0;
-    tick.report.solver = SolverKind::kClosedForm;
-  }
+  tick.report.error_bound = 0.0;
+  tick.report.solver = SolverKind::kClosedForm;
   eachMode(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     readLoads(mode, {}, {}, memory);
   });
@@ -179,11 +177,10 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
     worsen(tick.report, StepStatus::kIterationLimit);
   }
   tick.report.iterations += solved.iterations;
-  if (!foreseen) {
-    tick.report.error_bound = solved.error_bound;
-    tick.report.solver = solved.solver;
-  }
+  tick.report.error_bound = solved.error_bound;
+  tick.report.solver = solved.solver;
   Balanced& to = now.to;
+  to.found = solved.status != SolveStatus::kIterationLimit;
   to.proxy = solved.proxy;
   to.offset = on_rail ? Vec3(solved.proxy - tick.probe) : solved.offset;
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {

@@ -16,6 +16,7 @@ struct Balanced {
   Vec3 step = Vec3::Zero();           ///< Newton's step from x [m].
   Vec3 target = Vec3::Zero();         ///< End of Newton's step [m].
   Vec3 target_offset = Vec3::Zero();  ///< The target minus the probe [m].
+  bool found = true;                  ///< False if the solver's iterations were used up.
 };
 
 /// Limits the length of Newton's step, in addition to the validity of a reading (one voxel). If a

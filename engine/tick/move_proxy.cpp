@@ -184,6 +184,33 @@ bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexc
          (trial.strays && tick.strayed > kMostStrays);
 }
 
+/// Ends the slice without a reading if the reading of an earlier tick still serves. It does if only
+/// the hand has moved since then, only surfaces without friction hold the proxy, and the balance is
+/// within the tolerance of the place of that reading. The path from that place is swept. Returns
+/// false, with `now` unchanged, if properties must be read.
+bool stay(Tick& tick, Iteration& now) noexcept {
+  const BalanceMemory& b = tick.balance;
+  const Vec3 read_at = tick.proxy.position - tick.proxy.beyond;
+  const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
+  if (!tick.proxy.arrived || b.surfaces == 0 || b.surfaces != b.primitives.size() ||
+      !((now.to.target - read_at).norm() <= tolerance) || now.follows || !now.to.found ||
+      !steady(tick, now)) {
+    return false;
+  }
+  const Vec3 from = now.read_at;
+  now.last_read = now.read_at = read_at;
+  now.read = true;
+  Trial trial{now.to.target};
+  sweep(tick, now, trial);
+  if (!trial.met) {
+    (void)stop(tick, now, trial, true);
+    return true;
+  }
+  now.read = false;
+  now.read_at = from;
+  return false;
+}
+
 /// Moves the proxy to the balance, while volumes and hand do not move. First balances the
 /// primitives of the last reading. Then reads properties at the end of the step, places new planes
 /// and balances again, until Newton's step is within the tolerance. Leaves at least `later`
@@ -196,6 +223,7 @@ Slice follow(Tick& tick, int later) noexcept {
   bool met_free = false;
   int stalled = 0;  // number of consecutive readings without progress
   if (!balance(tick, now, true, from)) return Slice::kSpoilt;
+  if (stay(tick, now)) return Slice::kArrived;
   for (;;) {
     Trial trial = advance(tick, now, false);
     TrialState state;
@@ -293,10 +321,9 @@ OnWay fieldsOnWay(const Tick& tick) noexcept {
   return on;
 }
 
-/// Returns true if the proxy was at the hand, and nothing about the scene or its data has changed.
-bool wasAtHand(const Tick& tick) noexcept {
-  return tick.scene.still && tick.proxy.known && !tick.changed && tick.trace == nullptr &&
-         tick.proxy.offset.isZero(0.0);
+/// Returns true if nothing but the hand has moved since the last tick.
+bool rests(const Tick& tick) noexcept {
+  return tick.scene.still && tick.proxy.known && !tick.changed && tick.trace == nullptr;
 }
 
 }  // namespace
@@ -304,7 +331,9 @@ bool wasAtHand(const Tick& tick) noexcept {
 bool moveProxy(Tick& tick, double time) noexcept {
   Proxy& proxy = tick.proxy;
   Bodies& bodies = tick.around.bodies;
-  const OnWay on = wasAtHand(tick) ? fieldsOnWay(tick) : OnWay{true};
+  const bool only_hand = rests(tick);
+  const bool was_at_hand = only_hand && proxy.offset.isZero(0.0);
+  const OnWay on = was_at_hand ? fieldsOnWay(tick) : OnWay{true};
   if (!on.any && proxy.free_ticks >= kSettled &&
       (on.contact_only == 0 || isPathClear(tick, on.contact_only))) {
     proxy.beyond += tick.probe - proxy.position;
@@ -315,6 +344,7 @@ bool moveProxy(Tick& tick, double time) noexcept {
   const int moves = bodies.empty() ? 1
                                    : bodies.plan(tick.felt(), time, proxy.position, tick.probe,
                                                  tick.scene.step.max_substeps, tick.report);
+  proxy.arrived = proxy.arrived && only_hand;
   if (!proxy.known) initContacts(tick);
   if (!tick.scene.parts.empty()) meetParts(tick);
   const Vec3 hand = tick.probe;
@@ -332,6 +362,7 @@ bool moveProxy(Tick& tick, double time) noexcept {
     settle(mode, proxy.position, last == Slice::kArrived, memory);
   });
   bodies.arrive();
+  proxy.arrived = last == Slice::kArrived;
   const bool stayed = !on.any && tick.report.primitives == 0 && proxy.offset.isZero(0.0);
   proxy.free_ticks = stayed ? proxy.free_ticks + 1 : 0;
   return last != Slice::kSpoilt;

@@ -66,7 +66,8 @@ void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept PALPATE_NON
 /// follows the strongest of those that hold it, or the strongest if all yield. Each other stream is
 /// traced to the point of its curve that is nearest to the end of the trial step. Its line then
 /// pulls to that point, so that parallel streams hold together. `balance` [m] is the last balance.
-/// See docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace for each stream.
+/// See docs/tick.md, streamline tracking. RT: no allocation. Cost: VectorField::trace for each
+/// stream.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;
 

@@ -50,7 +50,7 @@ struct StepReport {
             ///< (symbols and reason: docs/tick.md, Energy).
   int iterations = 0;    ///< Solver iterations (SolveResult::iterations) of all sub-steps.
   int substeps = 0;      ///< Number of readings of properties on the path; a balance follows each.
-                         ///< 0 if the hand has been free for some ticks and meets no surface.
+                         ///< 0 if the hand is free and meets no surface, or rests on surfaces.
   int samples = 0;       ///< Number of field reads in all sub-steps.
   bool coarse = false;   ///< True if coarser data, or data of another time, replaced missing data.
   int traced = 0;        ///< Number of vector reads along streams.

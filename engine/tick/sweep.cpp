@@ -1,6 +1,7 @@
 #include "palpate/engine/tick/sweep.h"
 
 #include <algorithm>
+#include <optional>
 
 namespace palpate {
 namespace {
@@ -51,7 +52,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
   double share = 1.0;
   Vec3 end = trial.end;
   Contact* met = nullptr;
-  const Vec3 common = commonLift(tick, length);
+  std::optional<Vec3> common;
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
     const SurfaceAhead ahead = surfaceAhead(mode, memory);
     if (ahead.skin == nullptr) return;
@@ -59,7 +60,8 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
     const Body* body = tick.around.bodies.of(felt.graph().scalar_motions[field]);
     const bool placed = ahead.contact->placed;
     if (placed && length < kSeen * ahead.skin->voxel && now.read) return;
-    Vec3 lift = placed ? liftOff(*ahead.contact, ahead.skin->voxel, length) : common;
+    if (!placed && !common) common = commonLift(tick, length);
+    Vec3 lift = placed ? liftOff(*ahead.contact, ahead.skin->voxel, length) : *common;
     Vec3 from;
     Vec3 to;
     Crossing crossing;

@@ -69,8 +69,8 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
 TEST_CASE("solids of one voxel are crossed at most as often as the stated limits",
           "[motion][release]") {
   // The surface of voxels that are only full or empty has steps, and oblique strokes press on their
-  // sides. So 320 of 1,000 strokes cross at load 0.9 and 72 degrees. With values that fall linearly
-  // over a voxel on each side, 93 cross.
+  // sides. So 320 of 1,000 strokes cross at load 0.9 and 72 degrees. With differences over a voxel
+  // on each side (slope_reach 1), 93 cross.
   const long count = test::cases(1000);
   const auto of = [&](long in_1000) { return std::max(in_1000 * count / 1000, 2L); };
   struct Case {
