@@ -563,6 +563,9 @@ class Choice(Case):
         first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
         first.write(self.dir / "patient" / "study" / "lung")
         (self.dir / "patient" / "study" / "again").symlink_to(self.dir / "patient")
+        # Pictures beside DICOM files, or beside folders that have some, are previews.
+        for folder in (self.dir / "patient", self.dir / "patient" / "study" / "lung"):
+            (folder / "preview.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(200))
         for folder in (self.dir / "patient" / "study", self.dir / "patient"):
             self.imported(folder)
             self.same(first)

@@ -1225,6 +1225,29 @@ class OtherFormats(Case):
             (folder / name).write_text("{}")
             self.refused(folder, "the folder is a Zarr store")
 
+    def test_a_neuroglancer_volume_is_refused_with_its_name(self):
+        folder = self.dir / "segmentation"
+        (folder / "8_8_40").mkdir(parents=True)
+        scale = {"key": "8_8_40", "size": [64, 64, 64], "resolution": [8, 8, 40], "encoding": "raw",
+                 "chunk_sizes": [[64, 64, 64]], "voxel_offset": [0, 0, 0]}
+        info = {"data_type": "uint8", "num_channels": 1, "scales": [scale], "type": "image"}
+        for content in {"@type": "neuroglancer_multiscale_volume", **info}, info:
+            (folder / "info").write_text(json.dumps(content))
+            self.refused(folder, "the folder is a neuroglancer precomputed volume")
+            self.refused(folder / "info", "a neuroglancer precomputed volume, which palpate does not import")
+        (folder / "info").write_text("{}")
+        self.refused(folder, "")
+
+    def test_a_folder_of_pictures_is_refused_with_a_remedy(self):
+        for name, content in (("PNG", b"\x89PNG\r\n\x1a\n"), ("TIFF", b"II*\0"), ("TIFF", b"MM\0*"),
+                              ("TIFF", b"II+\0"), ("JPEG", b"\xff\xd8\xff\xe0")):
+            with tempfile.TemporaryDirectory(dir=self.dir) as slices:
+                (Path(slices) / "notes.txt").write_text("made by a test")
+                for n in range(3):
+                    (Path(slices) / f"slice{n}.x").write_bytes(content + bytes(200))
+                self.refused(slices, f"has {name} pictures and no DICOM file")
+                self.refused(slices, "convert the slices to one NRRD, NIfTI or MetaImage")
+
 
 if __name__ == "__main__":
     suite.main(sys.argv[2:])

@@ -571,6 +571,43 @@ class Series(Case):
         self.refused(source, self.dir / "out.vdb", "--time", "all", "--scene", self.dir / "s.json",
                      says="out_0003.vdb")
 
+    def test_steps_without_a_surface_are_empty_level_sets_that_a_scene_plays(self):
+        def nifti(steps):
+            header = bytearray(352)
+            struct.pack_into("<i", header, 0, 348)
+            struct.pack_into("<8h", header, 40, 4, 8, 8, 8, len(steps), 1, 1, 1)
+            struct.pack_into("<2h", header, 70, 4, 16)
+            struct.pack_into("<8f", header, 76, 1, 1, 1, 1, 1, 1, 1, 1)
+            struct.pack_into("<f", header, 108, 352.0)
+            header[344:348] = b"n+1\0"
+            return bytes(header) + b"".join(struct.pack("<512h", *s) for s in steps)
+
+        def core(value):
+            return image_values(8, 8, 8, lambda *p: value if all(2 <= c < 6 for c in p) else 0)
+        # Two steps are constant, and the values of another one do not reach 50.
+        source = self.write("a.nii", nifti([[0] * 512, core(100), [7] * 512, core(20), core(100)]))
+        scene = self.dir / "s.json"
+        reports = self.imported(source, "--time", "all", "--iso", 50, "--scene", scene)
+        self.assertEqual([r["file"] for r in reports], [str(self.dir / f"out_{n:04}.vdb") for n in range(5)])
+        grids = [r["grids"][0] for r in reports]
+        self.assertEqual([g["active_voxels"] > 0 for g in grids], [False, True, False, False, True])
+        for grid in grids:
+            self.assertEqual([grid[key] for key in ("name", "type", "voxel", "background")],
+                             [grids[1]["name"], "float", [1, 1, 1], 3])
+        told = [any("no surface has the value of --iso" in note for note in r["notes"]) for r in reports]
+        self.assertEqual(told, [True, False, False, False, False])
+        played = json.loads(scene.read_text())
+        (volume,) = played["volumes"].values()
+        self.assertEqual(volume["file"], "out_0001.vdb")
+        volume.update(file="out_%04d.vdb", frames={"rate": 10})
+        scene.write_text(json.dumps(played))
+        (volume,) = json.loads(run("check", scene, "--json").stdout)["volumes"].values()
+        self.assertEqual(volume["frames"]["count"], 5)
+        for name in os.listdir(self.dir):
+            if name.endswith(".vdb"):
+                (self.dir / name).unlink()
+        self.refused(source, self.dir / "out.vdb", "--time", "all", "--iso", 500, says="no step has a surface")
+
     def test_three_volumes_of_a_vector_are_not_a_series(self):
         """A 4-D NIfTI file of three volumes: unit vectors, by its intent code, or time steps."""
         def nifti(volumes, intent=0):

@@ -741,6 +741,70 @@ class Collections(Case):
         self.refused(source, "not valid XML")
 
 
+class FileSeries(Case):
+    """ParaView's JSON lists of files with times (.vtu.series)."""
+
+    def series(self, rows, name="run.vti.series"):
+        source = self.dir / name
+        source.write_text(json.dumps({"file-series-version": "1.0", "files": rows}))
+        return source
+
+    @suite.smoke
+    def test_each_file_of_a_series_is_a_step(self):
+        (self.dir / "run").mkdir()
+        rows = []
+        for n in (2, 0, 1):
+            image(self.dir / f"run/{n}.vti", lambda i, j, k, n=n: 10 * n + i + j * k)
+            rows.append({"name": f"run/{n}.vti", "time": 0.5 * n})
+        # The times, not the rows, determine the order of the steps.
+        source = self.series(rows)
+        for n in range(3):
+            report = self.imported(source, "--time", n)
+            self.assertEqual(report["time"], 0.5 * n)
+            self.holds("T", [(3, 2, 1)], lambda *_, n=n: 10.0 * n + 5, 1e-5)
+        self.assertIn("the first of 3 steps", self.imported(source)["note"])
+        # Some programs write the version last, after a long list.
+        source.write_text(json.dumps({"files": rows, "x": "x" * 5000, "file-series-version": "1.0"}))
+        self.assertEqual(self.imported(source, "--time", 2)["time"], 1)
+
+    def test_a_series_has_meshes_and_legacy_files(self):
+        points = [(x, y, z) for z in range(4) for y in range(4) for x in range(4)]
+        rows = []
+        for n in range(2):
+            values = " ".join(str(10.0 * n + x + y * z) for x, y, z in points)
+            (self.dir / f"{n}.vtk").write_text(
+                "# vtk DataFile Version 3.0\na\nASCII\nDATASET STRUCTURED_GRID\nDIMENSIONS 4 4 4\nPOINTS 64 double\n"
+                + " ".join(f"{x} {y} {z}" for x, y, z in points)
+                + f"\nPOINT_DATA 64\nSCALARS T double 1\nLOOKUP_TABLE default\n{values}\n")
+            rows.append({"name": f"{n}.vtk", "time": n})
+        source = self.series(rows, "run.vtk.series")
+        for n in range(2):
+            self.assertEqual(self.imported(source, "--time", n)["time"], n)
+            self.holds("T", [(2, 2, 1)], lambda *_, n=n: 10.0 * n + 4, 1e-3)
+
+    def test_refuses_a_damaged_series_and_names_files_that_are_missing(self):
+        image(self.dir / "a.vti", lambda i, j, k: i)
+        image(self.dir / "b.vti", lambda i, j, k: i)
+        self.refused(self.series([{"name": "gone.vti", "time": 0}]), "gone.vti cannot be read")
+        self.refused(self.series([{"name": "../a.vti", "time": 0}]), "a data file in another folder")
+        self.refused(self.series([{"name": "a.vti", "time": "soon"}]), "the time of a.vti is not a number")
+        self.refused(self.series([{"name": "a.vti"}]), "the time of a.vti is not a number")
+        self.refused(self.series([{"name": "a.vti", "time": 1}, {"name": "b.vti", "time": 1}]),
+                     "b.vti has the time 1 of another file")
+        for row in {"time": 0}, {"name": "", "time": 0}, {"name": 3, "time": 0}, "a.vti":
+            self.refused(self.series([row]), "an entry of the series names no file")
+        self.refused(self.series([]), "the series lists no file")
+        source = self.dir / "run.vtu.series"
+        for text, says in (('{"file-series-version": "1.0", "files": [', "not valid JSON (byte "),
+                           ("soon", "not valid JSON (byte "), ("[]", 'no list "files"'),
+                           ('{"file-series-version": "1.0", "files": {}}', 'no list "files"'),
+                           ('{"files": [{"name": "a.vti", "time": 1e999}]}', "too large for a double")):
+            source.write_text(text)
+            self.refused(source, says)
+        whole = self.series([{"name": "a.vti", "time": 0}, {"name": "b.vti", "time": 1}])
+        self.survives(whole, whole.read_bytes(), 30, "a ParaView series")
+
+
 class VtkHdf(Case):
     """VTK's format based on HDF5 (.vtkhdf)."""
 

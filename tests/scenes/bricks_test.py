@@ -336,6 +336,20 @@ class Felt(Case):
                   self.dir / trace, "--summary", self.dir / "summary.json", *words)
         return out, json.loads((self.dir / "summary.json").read_text())
 
+    def test_an_import_as_bricks_has_the_bytes_of_its_vdb_in_bricks(self):
+        i, j, k = np.mgrid[0:70, 0:66, 0:140]
+        tube = np.where(np.hypot(i - 35, j - 33) < 25, 1.0 + (7 * i + 11 * j + 13 * k) % 31, 0.0)
+        tube.astype("<f4").transpose(2, 1, 0).tofile(self.dir / "tube.raw")
+        layout = json.dumps({"size": list(tube.shape), "type": "float32", "spacing": [1, 1, 0.75], "unit": "mm"})
+        source = [self.dir / "tube.raw", "--raw", layout]
+        # --voxel 1.5 makes a new grid, which is copied; the other grids are not.
+        for name, *words in (("plain",), ("smooth", "--smooth", 1.5), ("coarse", "--voxel", 1.5)):
+            with self.subTest(words=words):
+                run("import", *source, self.dir / f"tube_{name}", "--bricks", *words)
+                run("import", *source, self.dir / f"tube_{name}.vdb", *words)
+                again, _ = self.brick(f"tube_{name}_again", f"tube_{name}.vdb")
+                self.assertEqual(bytes_in(again), bytes_in(self.dir / f"tube_{name}"))
+
     def test_bricks_give_the_forces_of_the_volume_in_memory(self):
         bricks = self.skin()
         self.feel("whole.json", "whole.csv")

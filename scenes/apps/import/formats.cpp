@@ -3,6 +3,7 @@
 #include <array>
 #include <cctype>
 #include <cstdint>
+#include <fstream>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -15,11 +16,24 @@
 namespace palpate::importer {
 namespace {
 
+constexpr std::size_t kBeginning = 4096;  ///< [bytes]
+
 std::string beginningOf(const std::filesystem::path& file) {
-  constexpr std::size_t kBytes = 4096;
-  std::string text(kBytes, '\0');
+  std::string text(kBeginning, '\0');
   Unpacked in(file, file);
-  text.resize(in.readSome(text.data(), kBytes));
+  text.resize(in.readSome(text.data(), kBeginning));
+  return text;
+}
+
+/// Returns the first bytes of a file as they are stored; "" if it is unreadable or not a regular
+/// file.
+std::string storedBeginningOf(const std::filesystem::path& file) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return "";
+  std::string text(kBeginning, '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
   return text;
 }
 
@@ -113,6 +127,29 @@ bool isVtkLegacy(const std::string& b) {
 bool isVtkXml(const std::string& b) {
   return b.find("<VTKFile") != std::string::npos;
 }
+/// Recognizes ParaView's list of VTK files, JSON.
+bool isVtkSeries(const std::string& b) {
+  return b.find("\"file-series-version\"") != std::string::npos;
+}
+bool isPng(const std::string& b) {
+  return has(b, 0, "\x89PNG");
+}
+bool isTiff(const std::string& b) {
+  return has(b, 0, {"II*\0", 4}) || has(b, 0, {"MM\0*", 4}) || has(b, 0, {"II+\0", 4}) ||
+         has(b, 0, {"MM\0+", 4});
+}
+bool isJpeg(const std::string& b) {
+  return has(b, 0, "\xff\xd8\xff");
+}
+/// Recognizes the file `info` of a neuroglancer precomputed volume. Old ones have no "@type".
+bool isNeuroglancer(const std::string& b) {
+  return b.find("\"neuroglancer_multiscale_volume\"") != std::string::npos ||
+         (b.find("\"num_channels\"") != std::string::npos &&
+          b.find("\"scales\"") != std::string::npos);
+}
+
+constexpr const char* kExportNeuroglancer =
+    "export it as NIfTI, NRRD or MetaImage, for example with CloudVolume and SimpleITK in Python";
 
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
@@ -122,6 +159,7 @@ const std::array kFormats = {
     Format{"MINC 2", isMinc2, nullptr, "convert it to NIfTI, for example with mnc2nii"},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
     Format{"VTK (XML)", isVtkXml, openVtkXml},
+    Format{"a ParaView series", isVtkSeries, openVtkSeries},
     Format{"netCDF or HDF5", isNetcdf, openNetcdf},
     Format{"CGNS", [](const std::string& b) { return b.find("ADF Database Version") < 32; },
            openCgns},
@@ -152,15 +190,14 @@ const std::array kFormats = {
            nullptr, "convert the surface to a level set, for example with OpenVDB's tools"},
     Format{"SLC (a volume of VolVis)", [](const std::string& b) { return has(b, 0, "11111\n"); },
            nullptr, "convert it to NRRD or VTK, for example with ParaView"},
-    Format{"a PNG picture", [](const std::string& b) { return has(b, 0, "\x89PNG"); }, nullptr,
+    Format{"the description of a neuroglancer precomputed volume", isNeuroglancer, nullptr,
+           kExportNeuroglancer},
+    Format{"a PNG picture", isPng, nullptr,
            "combine all slices of the volume into one NRRD or NIfTI file"},
-    Format{"a JPEG picture", [](const std::string& b) { return has(b, 0, "\xff\xd8\xff"); },
-           nullptr, "combine all slices of the volume into one NRRD or NIfTI file"},
-    Format{"a TIFF picture",
-           [](const std::string& b) {
-             return has(b, 0, {"II*\0", 4}) || has(b, 0, {"MM\0*", 4});
-           },
-           nullptr, "combine all slices of the volume into one NRRD or NIfTI file"},
+    Format{"a JPEG picture", isJpeg, nullptr,
+           "combine all slices of the volume into one NRRD or NIfTI file"},
+    Format{"a TIFF picture", isTiff, nullptr,
+           "combine all slices of the volume into one NRRD or NIfTI file"},
     Format{"a zip archive", [](const std::string& b) { return has(b, 0, "PK\3\4"); }, nullptr,
            "unpack it"},
     Format{"a tar archive", [](const std::string& b) { return has(b, 257, "ustar"); }, nullptr,
@@ -211,6 +248,43 @@ void refuseZarr(const std::filesystem::path& folder) {
   }
 }
 
+void refuseNeuroglancer(const std::filesystem::path& folder) {
+  if (!isNeuroglancer(storedBeginningOf(folder / "info"))) return;
+  throw VolumeError(
+      folder.string(),
+      "the folder is a neuroglancer precomputed volume, which palpate does not import",
+      kExportNeuroglancer);
+}
+
+/// Throws VolumeError for a folder of slices as pictures. Pictures beside a DICOM file, or beside
+/// folders that may have DICOM files, are previews.
+void refusePictures(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::directory_iterator entry(folder, error);
+  if (error) return;  // openDicom rejects an unreadable folder
+  std::array<bool, 3> found{};
+  for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_directory(ignored)) return;
+    const std::string bytes = storedBeginningOf(entry->path());
+    if (isDicom(bytes)) return;
+    found[0] = found[0] || isPng(bytes);
+    found[1] = found[1] || isTiff(bytes);
+    found[2] = found[2] || isJpeg(bytes);
+  }
+  constexpr std::array<const char*, 3> kNames{"PNG", "TIFF", "JPEG"};
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    if (!found[i]) continue;
+    throw VolumeError(
+        folder.string(),
+        fmt::format("the folder has {} pictures and no DICOM file; palpate does not import slices "
+                    "from pictures, which do not state their spacing",
+                    kNames[i]),
+        "convert the slices to one NRRD, NIfTI or MetaImage file with their spacing, for example "
+        "with Fiji, 3D Slicer or ITK");
+  }
+}
+
 }  // namespace
 
 std::unique_ptr<Reader> openAny(const Request& given) {
@@ -232,6 +306,8 @@ std::unique_ptr<Reader> openAny(const Request& given) {
       return openFoam(request);
     }
     refuseZarr(request.file);
+    refuseNeuroglancer(request.file);
+    refusePictures(request.file);
     refuseUnused(request, "a DICOM folder", "--series");
     return openDicom(request);
   }
@@ -267,6 +343,11 @@ std::unique_ptr<Reader> openAny(const Request& given) {
         request.file.string(),
         fmt::format("the file looks like {}, which palpate does not import", format.name),
         unpackedFor(request.file, format.remedy));
+  }
+  // In JSON, the key that isVtkSeries() searches may follow a long list.
+  if (request.file.extension() == ".series") {
+    refuseUnused(request, "a ParaView series", "");
+    return openVtkSeries(request);
   }
   if (isGrib(request.file, bytes)) {
     throw VolumeError(

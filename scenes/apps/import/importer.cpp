@@ -95,8 +95,13 @@ std::vector<Imported> fromMesh(const Options& options, Piece& piece, const std::
   return out;
 }
 
+/// Returns true if the bricks get the image's own voxels.
+bool keepsVoxelsInBricks(const Options& options) {
+  return options.bricks && !options.iso && !(options.voxel > 0.0);
+}
+
 bool isInParts(const Options& options, ProcessGroup& group) {
-  return group.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
+  return group.size() > 1 && keepsVoxelsInBricks(options);
 }
 
 /// Returns the slices that this rank reads. Beyond its bricks and their aprons is one slice more,
@@ -145,9 +150,9 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
   Imported imported;
   Piece piece = withoutArrays(whole);
   if (!piece.depths.empty()) imported.resampling = evenSlices(piece, array);
+  if (keepsVoxelsInBricks(options)) imported.share = shared.bricks(piece.size[2]);
   if (!shared.isAlone()) {
     // Takes the slices of this rank: the reader may have read the whole image.
-    imported.share = shared.bricks(piece.size[2]);
     const Slab needed = neededOf(options, shared, piece.size[2], piece.file_from_index);
     array.values = slicesOf(piece, array.values, needed);
     piece.hidden = slicesOf(piece, piece.hidden, needed);
@@ -209,8 +214,14 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
   return imported;
 }
 
+/// Returns true if a step may be an empty level set, which a scene plays as background. Bricks
+/// cannot be empty.
+bool keepsEmptySurface(const Options& options) {
+  return options.iso && options.time == "all" && !options.bricks;
+}
+
 void takeSurface(const Options& options, const std::string& length_unit, const std::string& in,
-                 const Telling& telling, Step& step) {
+                 const Telling& telling, Step& step, EarlierSteps& earlier) {
   std::vector<std::string> scalars;
   std::vector<std::string> others;
   for (const Imported& imported : step.grids) {
@@ -235,9 +246,9 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   telling.stage("level set");
   Imported& imported = step.grids.front();
   Gridded& made = imported.made;
-  imported.level_set =
-      levelSetOf(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid),
-                 *options.iso - imported.value_offset, options.voxel, in, telling.progress);
+  imported.level_set = levelSetOf(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid),
+                                  *options.iso - imported.value_offset, options.voxel, in,
+                                  telling.progress, keepsEmptySurface(options));
   imported.value_offset = 0.0;
   imported.unit = length_unit;
   made.grid = imported.level_set->grid;
@@ -247,6 +258,12 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   made.voxels = imported.level_set->grid->activeVoxelCount();
   made.active = made.voxels;
   made.quieter_tolerance = 0.0;
+  if (made.active == 0 && !std::exchange(earlier.has_empty, true)) {
+    step.notes.push_back(fmt::format(
+        "{}: no surface has the value of --iso in this step: as for each such step, its file has "
+        "an empty level set, which a scene plays as background",
+        made.grid->getName()));
+  }
 }
 
 void setMetadata(const Options& options, const Content& content, const Step& step,
@@ -322,7 +339,8 @@ void checkAsked(const Request& request, const Content& content) {
 
 bool hasContrast(const Step& step) {
   return std::any_of(step.grids.begin(), step.grids.end(), [](const Imported& imported) {
-    return imported.level_set || imported.made.lowest < imported.made.highest;
+    return imported.level_set ? imported.made.active > 0
+                              : imported.made.lowest < imported.made.highest;
   });
 }
 
@@ -355,6 +373,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
   std::vector<Piece> pieces = makeReady(content, in, out.notes);
   joinComponents(pieces, options.request.fields, out.notes);
   select(pieces, options.request.fields, in);
+  std::vector<Imported> constant;
 
   for (Piece& piece : pieces) {
     if (!piece.isImage()) {
@@ -367,16 +386,24 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
       // Passes each array on before the next one is converted, so that only one is in memory twice.
       Imported imported = fromImage(options, piece, std::exchange(array, {}), content.length_unit,
                                     in, telling, out.notes, shared, earlier);
-      const std::string name = imported.made.grid->getName();
-      if (imported.made.active == 0) {
-        out.notes.push_back(fmt::format("{}: skipped: {}", name, emptyBecause(imported)));
-      } else {
-        out.grids.push_back(std::move(imported));
-      }
+      if (imported.made.active == 0) imported.made.grid->newTree();  // frees the voxels
+      (imported.made.active == 0 ? constant : out.grids).push_back(std::move(imported));
     }
   }
+  const auto isScalar = [](const Imported& imported) {
+    return imported.made.grid->isType<openvdb::FloatGrid>();
+  };
+  if (keepsEmptySurface(options) && constant.size() == 1 && isScalar(constant.front()) &&
+      std::none_of(out.grids.begin(), out.grids.end(), isScalar)) {
+    out.grids.push_back(std::move(constant.front()));
+    constant.clear();
+  }
+  for (const Imported& imported : constant) {
+    const std::string name = imported.made.grid->getName();
+    out.notes.push_back(fmt::format("{}: skipped: {}", name, emptyBecause(imported)));
+  }
   if (options.iso && !out.grids.empty()) {
-    takeSurface(options, content.length_unit, in, telling, out);
+    takeSurface(options, content.length_unit, in, telling, out, earlier);
   }
   for (const Imported& imported : out.grids) {
     setMetadata(options, content, out, imported);
@@ -410,7 +437,11 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
     writeGrids(nameOfOpen(descriptor, file), grids);
     close(descriptor);
   }
+  const bool is_empty = std::any_of(
+      step.grids.begin(), step.grids.end(),
+      [](const Imported& imported) { return imported.level_set && imported.made.active == 0; });
   step.grids.clear();
+  if (is_empty) return;  // the only grid; a scene plays it as background
   const auto refused = [&](const std::string& what, const std::string& refusal) {
     throw VolumeError(
         in, fmt::format("{} cannot be used in a scene ({})", what, refusal),

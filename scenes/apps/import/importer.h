@@ -48,7 +48,8 @@ struct Imported {
   /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled.
   /// No value for a mesh.
   std::optional<openvdb::CoordBBox> image;
-  /// In a process group: the grid has only these bricks (BrickInput::share).
+  /// The grid has all voxels of these bricks (BrickInput::share), so that they are written without
+  /// a copy of the grid. No value: the grid is copied.
   std::optional<Share> share;
 };
 
@@ -79,12 +80,15 @@ struct EarlierSteps {
   /// sequence has all frames.
   std::map<std::string, double> backgrounds;
   std::map<std::string, std::optional<double>> value_offsets;  ///< Array::value_offset.
+  bool has_empty = false;  ///< True after an empty level set. Only the first one gets a note.
 };
 
+/// Returns true if the values of a grid vary. Those of an empty level set do not.
 [[nodiscard]] bool hasContrast(const Step& step);
 
 /// Reads a step, makes its grids and sets their metadata. Leaves out constant scalars, unless
-/// --time is "all". If no grid remains, the notes say why. Throws Error. In a process group, each
+/// --time is "all". Then a step without the surface of --iso gets an empty level set, except as
+/// bricks. If no grid remains, the notes say why. Throws Error. In a process group, each
 /// rank gets its part of an image's grid (Imported::share), and other grids completely.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, ProcessGroup& group, EarlierSteps& earlier);

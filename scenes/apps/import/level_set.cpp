@@ -85,7 +85,7 @@ std::vector<double> distances(const openvdb::FloatGrid& surface, const openvdb::
 }  // namespace
 
 LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
-                    const std::string& file, const Progress& progress) {
+                    const std::string& file, const Progress& progress, bool may_be_empty) {
   const Vec3d edges = grid.voxelSize();
   const double edge = voxel > 0.0 ? voxel : std::min({edges.x(), edges.y(), edges.z()});
   const auto transform = cubes(edge, Vec3d(0.0), file);
@@ -93,7 +93,14 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   out.solid_above = static_cast<double>(grid.background()) < iso;
   std::vector<openvdb::Vec3s> points;
   std::vector<openvdb::Vec4I> quads;
-  openvdb::tools::volumeToMesh(grid, points, quads, iso);
+  if (!grid.empty()) openvdb::tools::volumeToMesh(grid, points, quads, iso);
+  if (quads.empty() && may_be_empty) {
+    out.grid = openvdb::FloatGrid::create(kHalfWidth * static_cast<float>(edge));
+    out.grid->setTransform(transform);
+    out.grid->setName(grid.getName());
+    out.grid->setGridClass(openvdb::GRID_LEVEL_SET);
+    return out;
+  }
   if (quads.empty()) {
     throw VolumeError(
         file, fmt::format("no surface in \"{}\" has the value of --iso", grid.getName()),

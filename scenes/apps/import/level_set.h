@@ -25,7 +25,9 @@ struct LevelSet {
 ///
 /// The signs come from the values, so that cavities stay hollow. Throws VolumeError if there is no
 /// such surface, if all of it is thinner than the voxels, or if it needs too many voxels.
+/// @param may_be_empty  True: without a surface, returns a level set without active voxels.
 [[nodiscard]] LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
-                                  const std::string& file, const Progress& progress);
+                                  const std::string& file, const Progress& progress,
+                                  bool may_be_empty = false);
 
 }  // namespace palpate::importer

@@ -167,6 +167,11 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     const std::vector<std::uint64_t> peaks = gatherOne(group, peakMemory());
     reports.back()["memory"]["peak"] = *std::max_element(peaks.begin(), peaks.end());
   }
+  if (options.iso && !has_contrast) {
+    throw VolumeError(options.request.file.string(), "no step has a surface at the value of --iso",
+                      "give an --iso within the range of the file's values, which an import "
+                      "without --iso prints");
+  }
   if (group.rank() != 0) return cli::kDone;
   if (options.scene == "-") {
     teller.out(scene);
@@ -331,7 +336,8 @@ void addReading(CLI::App& app, Options& options) {
                  "moving image, as in ITK, ANTs and elastix; forward: the import inverts the field")
       ->check(CLI::IsMember({"backward", "forward"}));
   app.add_flag("--follow", request.follow,
-               "NRRD, MetaImage, .pvd: also read data files in other folders than the header's");
+               "NRRD, MetaImage, .pvd, .series: also read data files in other folders than the "
+               "header's");
   app.add_option("--solution", request.solution, "PLOT3D: the solution (Q file) of the grid IN");
   app.add_option("--raw", request.raw,
                  "Layout of raw values: JSON, or the path of a JSON file; keys: size, type, "
@@ -351,9 +357,9 @@ int main(int argc, char** argv) {
   importer::Request& request = options.request;
   app.add_option(
          "IN", request.file,
-         "NIfTI, MetaImage, NRRD, MINC 1, a DICOM file or folder, VTK (legacy, XML, HDF5 or .pvd), "
-         "Exodus II, CGNS, an OpenFOAM case, netCDF (CF or WRF), PLOT3D with --solution, or raw "
-         "values with --raw")
+         "NIfTI, MetaImage, NRRD, MINC 1, a DICOM file or folder, VTK (legacy, XML, HDF5, .pvd or "
+         ".series), Exodus II, CGNS, an OpenFOAM case, netCDF (CF or WRF), PLOT3D with --solution, "
+         "or raw values with --raw")
       ->required();
   app.add_option("OUT", options.out, "The .vdb to write, or the folder with --bricks")->required();
   app.add_option("--field", request.fields,

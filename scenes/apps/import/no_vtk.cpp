@@ -28,6 +28,9 @@ std::unique_ptr<Reader> openPlot3d(const Request& request) {
 std::unique_ptr<Reader> openVtkLegacy(const Request& request) {
   refuse(request);
 }
+std::unique_ptr<Reader> openVtkSeries(const Request& request) {
+  refuse(request);
+}
 std::unique_ptr<Reader> openVtkXml(const Request& request) {
   refuse(request);
 }

@@ -1,4 +1,4 @@
-/// Reads VTK's legacy, XML and HDF5 formats, and ParaView's collections of XML files.
+/// Reads VTK's legacy, XML and HDF5 formats, and ParaView's lists of files with times.
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -9,9 +9,11 @@
 #include <map>
 #include <regex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 #include <vtkGenericDataObjectReader.h>
 #include <vtkHDFReader.h>
 #include <vtkMultiBlockDataSet.h>
@@ -27,19 +29,26 @@
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/vtk_pieces.h"
 #include "palpate/scenes/apps/import/vtk_run.h"
+#include "palpate/scenes/library/text_file.h"
 
 namespace palpate::importer {
 namespace {
 
-Content readLegacy(const Request& request) {
-  vtkNew<vtkGenericDataObjectReader> reader;
-  reader->SetFileName(request.file.c_str());
+vtkSmartPointer<vtkGenericDataObjectReader> readLegacyData(const std::filesystem::path& file,
+                                                           const Progress& progress) {
+  auto reader = vtkSmartPointer<vtkGenericDataObjectReader>::New();
+  reader->SetFileName(file.c_str());
   reader->ReadAllScalarsOn();
   reader->ReadAllVectorsOn();
   reader->ReadAllNormalsOn();
   reader->ReadAllTensorsOn();
   reader->ReadAllFieldsOn();
-  run(reader, request.file.string(), request.progress);
+  run(reader, file.string(), progress);
+  return reader;
+}
+
+Content readLegacy(const Request& request) {
+  const auto reader = readLegacyData(request.file, request.progress);
   Content content;
   content.pieces = piecesOf(reader->GetOutput(), request.file.string(), content.notes);
   if (reader->GetHeader() != nullptr) content.description = reader->GetHeader();
@@ -100,12 +109,17 @@ Content readXml(const Request& request) {
   return content;
 }
 
-bool isCollection(const std::filesystem::path& file) {
+std::string beginOf(const std::filesystem::path& file) {
   constexpr std::size_t kBytes = 4096;
   std::string text(kBytes, '\0');
   std::ifstream in(file, std::ios::binary);
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(in.gcount()));
+  return text;
+}
+
+bool isCollection(const std::filesystem::path& file) {
+  const std::string text = beginOf(file);
   const auto at = text.find("<VTKFile");
   if (at == std::string::npos) return false;
   const std::string tag = text.substr(at, text.find('>', at) - at);
@@ -113,23 +127,89 @@ bool isCollection(const std::filesystem::path& file) {
          tag.find("'Collection'") != std::string::npos;
 }
 
-class CollectionReader final : public Reader {
- public:
-  explicit CollectionReader(const Request& request) : request_(request) {
-    vtkSmartPointer<vtkXMLDataElement> root;
-    runQuietly(
-        [&] { root.TakeReference(vtkXMLUtilities::ReadElementFromFile(request.file.c_str())); });
-    if (root == nullptr) {
-      refuse("the collection is not valid XML", "copy or export it again");
+/// The files of each time step, by time.
+using TimedFiles = std::map<double, std::vector<std::filesystem::path>>;
+
+/// Returns the path of a file that `request.file` lists. Throws VolumeError if it is unreadable.
+std::filesystem::path listedFile(const Request& request, const std::string& name) {
+  std::filesystem::path file = request.file.parent_path() / name;
+  (void)sizeOfData(request.file, file, request.follow);
+  return file;
+}
+
+/// Returns the files that a collection (.pvd) lists. Those with the same time are parts of a step.
+TimedFiles filesOfCollection(const Request& request) {
+  const auto refuse = [&](const std::string& why, const std::string& remedy) {
+    throw VolumeError(request.file.string(), why, remedy);
+  };
+  vtkSmartPointer<vtkXMLDataElement> root;
+  runQuietly(
+      [&] { root.TakeReference(vtkXMLUtilities::ReadElementFromFile(request.file.c_str())); });
+  if (root == nullptr) refuse("the collection is not valid XML", "copy or export it again");
+  TimedFiles files;
+  vtkXMLDataElement* all = root->FindNestedElementWithName("Collection");
+  for (int i = 0; all != nullptr && i < all->GetNumberOfNestedElements(); ++i) {
+    vtkXMLDataElement& element = *all->GetNestedElement(i);
+    if (element.GetName() == nullptr || std::string(element.GetName()) != "DataSet") continue;
+    const char* name = element.GetAttribute("file");
+    if (name == nullptr || *name == '\0') {
+      refuse("a data set of the collection names no file", "export the collection again");
     }
-    vtkXMLDataElement* all = root->FindNestedElementWithName("Collection");
-    for (int i = 0; all != nullptr && i < all->GetNumberOfNestedElements(); ++i) {
-      add(*all->GetNestedElement(i));
+    double time = 0.0;
+    const char* given = element.GetAttribute("timestep");
+    if (given != nullptr &&
+        (element.GetScalarAttribute("timestep", time) == 0 || !std::isfinite(time))) {
+      refuse(fmt::format("the time of {} is not a number", name), "export the collection again");
     }
-    if (files_.empty()) {
-      refuse("the collection names no file", "export it with its data sets");
-    }
+    files[time].push_back(listedFile(request, name));
   }
+  if (files.empty()) refuse("the collection names no file", "export it with its data sets");
+  return files;
+}
+
+/// Returns the files that a series (JSON) lists, one for each time.
+TimedFiles filesOfSeries(const Request& request) {
+  using Json = nlohmann::json;
+  constexpr const char* kCorrect = "correct the series file, or export it again";
+  const auto refuse = [&](const std::string& why, const std::string& remedy) {
+    throw VolumeError(request.file.string(), why, remedy);
+  };
+  Json list;
+  try {
+    list = Json::parse(readText<VolumeError>(request.file, "check the path and its permissions"));
+  } catch (const Json::parse_error& e) {
+    refuse(fmt::format("the series is not valid JSON (byte {})", e.byte), kCorrect);
+  } catch (const Json::out_of_range&) {
+    refuse("a number in the series is too large for a double", kCorrect);
+  }
+  if (!list.is_object() || !list.contains("files") || !list["files"].is_array()) {
+    refuse("the series has no list \"files\"", kCorrect);
+  }
+  TimedFiles files;
+  for (const Json& entry : list["files"]) {
+    if (!entry.is_object() || !entry.contains("name") || !entry["name"].is_string() ||
+        entry["name"].get_ref<const std::string&>().empty()) {
+      refuse("an entry of the series names no file", kCorrect);
+    }
+    const auto& name = entry["name"].get_ref<const std::string&>();
+    if (!entry.contains("time") || !entry["time"].is_number()) {
+      refuse(fmt::format("the time of {} is not a number", name), kCorrect);
+    }
+    const double time = entry["time"].get<double>();
+    if (files.contains(time)) {
+      refuse(fmt::format("{} has the time {} of another file of the series", name, time), kCorrect);
+    }
+    files[time].push_back(listedFile(request, name));
+  }
+  if (files.empty()) refuse("the series lists no file", "export it with its data sets");
+  return files;
+}
+
+/// Reads lists of files. A file has VTK's XML format or, by its first bytes, the legacy format.
+class ListReader final : public Reader {
+ public:
+  ListReader(Request request, TimedFiles files)
+      : request_(std::move(request)), files_(std::move(files)) {}
 
   std::vector<double> times() const override {
     std::vector<double> times;
@@ -141,11 +221,11 @@ class CollectionReader final : public Reader {
     const auto& parts = std::next(files_.begin(), static_cast<std::ptrdiff_t>(step))->second;
     vtkSmartPointer<vtkDataObject> data;
     if (parts.size() == 1) {
-      data = readXmlData(parts.front(), request_.progress);
+      data = readData(parts.front());
     } else {
       auto blocks = vtkSmartPointer<vtkMultiBlockDataSet>::New();
       for (std::size_t p = 0; p < parts.size(); ++p) {
-        blocks->SetBlock(static_cast<unsigned>(p), readXmlData(parts[p], request_.progress));
+        blocks->SetBlock(static_cast<unsigned>(p), readData(parts[p]));
       }
       data = blocks;
     }
@@ -155,29 +235,15 @@ class CollectionReader final : public Reader {
   }
 
  private:
-  [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const {
-    throw VolumeError(request_.file.string(), why, remedy);
-  }
-
-  void add(vtkXMLDataElement& element) {
-    if (element.GetName() == nullptr || std::string(element.GetName()) != "DataSet") return;
-    const char* name = element.GetAttribute("file");
-    if (name == nullptr || *name == '\0') {
-      refuse("a data set of the collection names no file", "export the collection again");
+  vtkSmartPointer<vtkDataObject> readData(const std::filesystem::path& file) const {
+    if (beginOf(file).starts_with("# vtk DataFile")) {
+      return readLegacyData(file, request_.progress)->GetOutput();
     }
-    double time = 0.0;
-    const char* given = element.GetAttribute("timestep");
-    if (given != nullptr &&
-        (element.GetScalarAttribute("timestep", time) == 0 || !std::isfinite(time))) {
-      refuse(fmt::format("the time of {} is not a number", name), "export the collection again");
-    }
-    const std::filesystem::path file = request_.file.parent_path() / name;
-    (void)sizeOfData(request_.file, file, request_.follow);
-    files_[time].push_back(file);
+    return readXmlData(file, request_.progress);
   }
 
   Request request_;
-  std::map<double, std::vector<std::filesystem::path>> files_;
+  TimedFiles files_;
 };
 
 Content readHdf(const Request& request) {
@@ -205,8 +271,14 @@ std::unique_ptr<Reader> openVtkHdf(const Request& request) {
   return is_vtk ? oneStep(request, readHdf) : nullptr;
 }
 
+std::unique_ptr<Reader> openVtkSeries(const Request& request) {
+  return std::make_unique<ListReader>(request, filesOfSeries(request));
+}
+
 std::unique_ptr<Reader> openVtkXml(const Request& request) {
-  if (isCollection(request.file)) return std::make_unique<CollectionReader>(request);
+  if (isCollection(request.file)) {
+    return std::make_unique<ListReader>(request, filesOfCollection(request));
+  }
   return oneStep(request, readXml);
 }
 

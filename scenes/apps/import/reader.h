@@ -172,6 +172,8 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openPlot3d(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openRaw(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openVtkLegacy(const Request& request);
+/// Opens ParaView's JSON lists of VTK files and their times (.vtu.series, .vtk.series, ...).
+[[nodiscard]] std::unique_ptr<Reader> openVtkSeries(const Request& request);
 /// Opens VTK's XML formats, and ParaView's collections of XML files (.pvd).
 [[nodiscard]] std::unique_ptr<Reader> openVtkXml(const Request& request);
 

@@ -39,7 +39,9 @@ std::string lineOf(const Imported& imported) {
   const openvdb::GridBase& grid = *made.grid;
   const bool vector = grid.isType<openvdb::Vec3SGrid>();
   std::string line = cli::words("    {}: ", grid.getName()).text();
-  if (imported.level_set) {
+  if (imported.level_set && made.active == 0) {
+    line += "empty level set, without a surface";
+  } else if (imported.level_set) {
     line +=
         fmt::format("level set, solid {} the value; surface error {:.2g} voxels rms, {:.2g} at p99",
                     imported.level_set->solid_above ? "above" : "below",
