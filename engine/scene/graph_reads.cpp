@@ -9,12 +9,14 @@
 namespace palpate {
 namespace {
 
-int newProperty(const std::string& name, std::vector<std::string>& names, const char* type) {
+/// Adds a property. Throws SceneError with these texts if kMaxProperties of its type exist already.
+int newProperty(const std::string& name, std::vector<std::string>& names, const char* examples,
+                const std::string& remedy) {
   if (names.size() == static_cast<std::size_t>(kMaxProperties)) {
     throw SceneError("/modes",
                      "the modes and the stiffness read more than " +
-                         std::to_string(kMaxProperties) + " " + type + " properties",
-                     "use fewer modes");
+                         std::to_string(kMaxProperties) + " " + examples,
+                     remedy);
   }
   names.push_back(name);
   return static_cast<int>(names.size()) - 1;
@@ -31,10 +33,16 @@ void checkRoom(const Graph& graph) {
 }  // namespace
 
 int GraphReads::newScalar(const std::string& name) {
-  return newProperty(name, graph.scalar_properties, "scalar");
+  return newProperty(name, graph.scalar_properties,
+                     "scalars (values, magnitudes, divergences, q and lambda2)",
+                     "use fewer volumes, or fewer derived fields");
 }
 int GraphReads::newVector(const std::string& name) {
-  return newProperty(name, graph.vector_properties, "vector");
+  return newProperty(name, graph.vector_properties,
+                     "vectors (each volume with the mode surface or isosurface takes two, its "
+                     "gradient and its cell gradient)",
+                     "use surface and isosurface on at most " + std::to_string(kMaxProperties / 2) +
+                         " volumes, or use fewer gradients, curls and unit vectors");
 }
 
 ScalarRead& GraphReads::scalarRead(const std::string& name) {

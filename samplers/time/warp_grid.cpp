@@ -25,6 +25,9 @@ constexpr std::size_t kParts = 4;
 constexpr double kMostStretch = 10.0;
 /// Number of floats stored for each node and frame: u and the rate of u.
 constexpr std::size_t kNumbers = 2 * kLanes;
+/// Two intervals count as equal if the shorter is at least this share of the longer: rounding of
+/// times, such as to milliseconds, leaves even steps even.
+constexpr double kEven = 0.9;
 
 /// Quadratic B-spline weights of three neighbouring nodes, with their first and second derivatives.
 /// `t`: distance from the middle node, |t| <= 1/2 [nodes].
@@ -43,6 +46,19 @@ struct Moment {
   std::array<double, 4> value{1.0, 0.0, 0.0, 0.0};
   std::array<double, 4> rate{};
 };
+
+/// Returns the rate of a number in a frame, by its mean rates in the intervals h0 [s] before and h1
+/// [s] after: the slope of the parabola through the three frames. If the intervals differ, that
+/// parabola may turn within an interval, and the cubic would overshoot its frames. The limits of
+/// Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980) keep the cubic monotone: the rate is 0 at a
+/// turning point and beside a rest, and at most three times the smaller mean rate elsewhere.
+double rateOf(double d0, double d1, double h0, double h1) {
+  const double parabola = (d0 * h1 + d1 * h0) / (h0 + h1);
+  if (std::min(h0, h1) >= kEven * std::max(h0, h1)) return parabola;
+  if (!(d0 * d1 > 0.0)) return 0.0;
+  const double most = 3.0 * std::min(std::abs(d0), std::abs(d1));
+  return std::clamp(parabola, -most, most);
+}
 
 class GridWarp final : public Warp {
  public:
@@ -270,7 +286,7 @@ class GridWarp final : public Warp {
     return c[at];
   }
 
-  /// Computes each frame's rate: the slope of the parabola through it and its two neighbours.
+  /// Computes each frame's rate from it and its two neighbours.
   void takeRates() {
     const std::size_t all = nodes_.size() / (count_ * kNumbers);
     if (count_ < 2) return;
@@ -289,7 +305,7 @@ class GridWarp final : public Warp {
           const double here = node[f * kNumbers + c];
           const double d0 = (here - node[before * kNumbers + c]) / h0;
           const double d1 = (node[after * kNumbers + c] - here) / h1;
-          node[f * kNumbers + kLanes + c] = static_cast<float>((d0 * h1 + d1 * h0) / (h0 + h1));
+          node[f * kNumbers + kLanes + c] = static_cast<float>(rateOf(d0, d1, h0, h1));
         }
       }
     });

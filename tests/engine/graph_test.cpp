@@ -225,6 +225,26 @@ TEST_CASE("an error in a graph is reported with its JSON path and a remedy", "[g
   CHECK_THAT(error(), Contains("same name"));
 }
 
+TEST_CASE("an isosurface on a 33rd volume is refused with the limit of 32 volumes", "[graph]") {
+  std::map<std::string, FieldPtr> balls;
+  GraphSpec spec;
+  const auto add = [&](ModeKind kind) {
+    const std::string name = "ball " + std::to_string(balls.size());
+    balls[name] = makeSphere(Vec3::Zero(), 0.05);
+    spec.modes.push_back(mode(kind, name));
+  };
+  for (int i = 0; i < 32; ++i) add(ModeKind::kIsosurface);
+  CHECK(compileGraph(spec, balls).vector_properties.size() == 64);
+  // Modes that read a value alone need no vector.
+  for (int i = 0; i < 32; ++i) add(ModeKind::kViscosity);
+  CHECK(compileGraph(spec, balls).scalar_fields.size() == 64);
+  spec.modes.back().kind = ModeKind::kIsosurface;
+  CHECK_THROWS_WITH(compileGraph(spec, balls),
+                    Contains("/modes: ") && Contains("more than 64 vectors") &&
+                        Contains("isosurface takes two") &&
+                        Contains("use surface and isosurface on at most 32 volumes"));
+}
+
 TEST_CASE("a bad coupling or sub-step limit is refused when the scene is made", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kSurface, "head")};

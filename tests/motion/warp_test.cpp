@@ -477,6 +477,58 @@ TEST_CASE(
   CHECK(warp->at(Vec3::Constant(1e300), 1e300).shift.allFinite());
 }
 
+TEST_CASE("a warp with uneven times stays between its frames, and still during a rest",
+          "[motion][warp]") {
+  // A beat: a fast contraction, a long rest, and a slow return.
+  const std::vector<double> times{0.0, 0.1, 0.15, 0.75, 0.8, 1.0};
+  const std::vector<double> sizes{0.0, 0.5, 1.0, 1.0, 0.3, 0.0};
+  const Displaces shape = wave(60.0, 3.0, 0.0);
+  const Displaces beat = [&](const Vec3& x, double time) {
+    const auto frame = std::find(times.begin(), times.end(), time) - times.begin();
+    return Vec3(sizes.at(static_cast<std::size_t>(frame)) * shape(x, 0.0));
+  };
+  constexpr double kRounding = 1e-5 * kVoxel;
+  Random random(69);
+  for (const bool repeat : {false, true}) {
+    const WarpPtr warp = makeWarp(framesOf(beat, 8.0, times), {times, repeat}, "/warp");
+    for (int i = 0; i < 200; ++i) {
+      const Vec3 x = kVoxel * (kCentre + random.inCube(60.0));
+      for (std::size_t f = 0; f + 1 < times.size(); ++f) {
+        const Vec3 from = warp->at(x, times[f]).shift;
+        // At the end of the last frame a repeated warp shows its first frame, which is equal.
+        const Vec3 to = warp->at(x, times[f + 1]).shift;
+        for (const double share : {0.1, 0.3, 0.5, 0.7, 0.9}) {
+          const double time = times[f] + share * (times[f + 1] - times[f]);
+          const Displacement at = warp->at(x, time);
+          CAPTURE(repeat, f, share);
+          REQUIRE((at.shift.array() >= from.cwiseMin(to).array() - kRounding).all());
+          REQUIRE((at.shift.array() <= from.cwiseMax(to).array() + kRounding).all());
+          if (f == 2) REQUIRE(at.rate.norm() <= 1e-5);
+        }
+      }
+    }
+    // The bounds of the motion are those of the coefficients, which exceed the wave of 3 voxels.
+    const double most = warp->shifts().upper.cwiseMax(-warp->shifts().lower).maxCoeff();
+    CHECK(most <= 4.0 * kVoxel);
+  }
+}
+
+TEST_CASE("frame times rounded to milliseconds give the accuracy of even times", "[motion][warp]") {
+  const Displaces u = wave(60.0, 3.0, 4.0);
+  std::vector<double> times = evenly(0.25, 17);
+  for (double& time : times) time = std::round(1e3 * time) / 1e3;
+  const WarpPtr warp = makeWarp(framesOf(u, 8.0, times), {times, true}, "/warp");
+  Random random(70);
+  double off = 0.0;
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 x = kVoxel * (kCentre + random.inCube(60.0));
+    const double t = random.uniform(0.0, 0.25);
+    off = std::max(off, (warp->at(x, t).shift - u(x, t)).norm() / kVoxel);
+  }
+  CAPTURE(off);
+  CHECK(off <= 0.02);
+}
+
 TEST_CASE("invalid displacement frames are refused with their JSON path", "[motion][warp]") {
   const Displaces u = wave(60.0, 3.0, 4.0);
   const auto message = [&](const std::function<void(DisplacementFrames&, WarpTimes&)>& spoil) {
