@@ -183,19 +183,24 @@ def test_single_steps_from_python_give_the_same_forces_as_a_run():
     assert np.array([scene.step(*p) for p in path]) == pytest.approx(forces, abs=0)
 
 
-def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
+def growing_ball(folder, play):
+    """Returns a scene with a sequence: a ball of 8 mm that grows by 1 mm every 0.1 s, 4 frames."""
     axis = np.arange(32) - 15.5
     r = np.sqrt(axis[:, None, None]**2 + axis[:, None]**2 + axis**2)
     for i in range(4):
-        (tmp_path / f"ball_{i}.nrrd").write_bytes(
+        (folder / f"ball_{i}.nrrd").write_bytes(
             b"NRRD0004\ntype: float\ndimension: 3\nsizes: 32 32 32\nencoding: raw\nendian: little\n"
             b"space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
             b"space origin: (-15.5,-15.5,-15.5)\n\n" + (100 * (8 + i - r)).astype("<f4").tobytes())
-        program("import", tmp_path / f"ball_{i}.nrrd", tmp_path / f"ball_{i}.vdb")
-    scene = {"palpate": 1, "coupling": {"stiffness": 500}, "play": {"from": 0.1, "speed": 0.5},
-             "volumes": {"ball": {"file": str(tmp_path / "ball_%d.vdb"), "frames": {"rate": 10},
-                                  "place": {"scale": 0.001}}},
-             "modes": [SKIN]}
+        program("import", folder / f"ball_{i}.nrrd", folder / f"ball_{i}.vdb")
+    return {"palpate": 1, "coupling": {"stiffness": 500}, "play": play,
+            "volumes": {"ball": {"file": str(folder / "ball_%d.vdb"), "frames": {"rate": 10},
+                                 "place": {"scale": 0.001}}},
+            "modes": [SKIN]}
+
+
+def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
+    scene = growing_ball(tmp_path, {"from": 0.1, "speed": 0.5})
     hand = np.zeros((401, 3))
     hand[:, 0] = np.interp(np.arange(401), [0, 80], [0.015, 0.007])
     rows = palpate.Scene.parse(scene).run(hand)
@@ -205,6 +210,136 @@ def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
     by_steps = palpate.Scene.parse(scene)
     forces = np.array([by_steps.step(*p) for p in hand])
     assert forces[:, 0] == pytest.approx(rows["force_x"], abs=1e-9)
+
+
+def test_a_seek_fades_and_a_time_set_by_the_script_does_not(tmp_path):
+    scene = palpate.Scene.parse(growing_ball(tmp_path, {"from": 0.1, "paused": True}))
+
+    def pressed():
+        hand = scene.hand()
+        for x in np.linspace(0.015, 0.007, 100):
+            hand.step(x, 0, 0)
+        assert hand.proxy[0] == pytest.approx(0.009, abs=5e-5)
+        return hand
+
+    hand = pressed()
+    hand.seek(0.2)  # the next frame: its ball is 1 mm larger
+    reached = []
+    for _ in range(80):
+        hand.step(0.007, 0, 0)
+        reached.append(hand.proxy[0])
+    # The first tick shows the old frame. Then the radius grows by 1 mm over 50 ms.
+    assert reached[0] == pytest.approx(0.009, abs=1e-4)
+    assert reached[25] == pytest.approx(0.0095, abs=1e-4)
+    assert reached[-1] == pytest.approx(0.010, abs=5e-5)
+    assert np.diff(reached).max() < 5e-5
+    set_by_script = pressed()
+    for seconds in (0.1, 0.2, 0.2, 0.2):
+        set_by_script.step(0.007, 0, 0, play=seconds)
+    assert set_by_script.proxy[0] == pytest.approx(0.010, abs=2e-4)
+    # A seek before the first tick begins there, and one beyond the scene's range stops at its end.
+    early = scene.hand()
+    early.seek(0.0)
+    for x in np.linspace(0.015, 0.007, 100):
+        early.step(x, 0, 0)
+    assert early.proxy[0] == pytest.approx(0.009, abs=5e-5)
+    for wrong in (float("nan"), float("inf"), -2e9):
+        with pytest.raises(palpate.DeviceError, match="seek: it is not a time within 1e9 s"):
+            hand.seek(wrong)
+
+
+def saved_volumes(bodies):
+    """Returns volumes by kind, each with the largest error of its values with 16 bits."""
+    flow = np.random.default_rng(69).normal(size=(21, 9, 70, 3)).astype("f4")
+    return {"float": (ball(), 1e-3), "double": (ball(dtype="f8"), 1e-3),
+            "vector": (palpate.volume(flow, spacing=(1, 2, 0.5), name="flow"), 5e-3),
+            "file": (palpate.Volume.load(bodies, "cloud"), None)}
+
+
+@pytest.mark.parametrize("kind", ["float", "double", "vector", "file"])
+@pytest.mark.parametrize("name", ["saved.vdb", "saved.bricks"])
+def test_a_saved_volume_has_the_same_samples_when_it_is_loaded(kind, name, bodies, tmp_path):
+    volume, rounding = saved_volumes(bodies)[kind]
+    low, high = np.array(volume.info["bounds"])
+    points = np.random.default_rng(4).uniform(low, high, (500, 3))
+    told = volume.field().sample(points)
+    volume.save(tmp_path / name)
+    again = palpate.Volume.load(tmp_path / name)
+    assert again.name == volume.name and again.info["bounds"] == volume.info["bounds"]
+    assert again.info["active_voxels"] == volume.info["active_voxels"]
+    rows = again.field().sample(points)
+    assert (rows["inside"] == told["inside"]).all() and told["inside"].any()
+    if kind == "double" and name == "saved.bricks":
+        assert rows["value"] == pytest.approx(told["value"], abs=1e-6)
+    else:
+        assert (rows["value"] == told["value"]).all()
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]  # no partial file
+    if rounding is None:
+        return
+    volume.save(tmp_path / f"half-{name}", half=True)
+    halved = palpate.Volume.load(tmp_path / f"half-{name}")
+    assert halved.field().sample(points)["value"] == pytest.approx(told["value"], abs=rounding)
+    assert (halved.field().sample(points)["value"] != told["value"]).any()
+    # A volume that was loaded from 16 bits keeps its values, and the first volume keeps its 32 bits.
+    halved.save(tmp_path / f"again-{name}")
+    twice = palpate.Volume.load(tmp_path / f"again-{name}")
+    assert (twice.field().sample(points)["value"] == halved.field().sample(points)["value"]).all()
+    if name == "saved.vdb":
+        volume.save(tmp_path / name)
+        assert (palpate.Volume.load(tmp_path / name).field().sample(points)["value"] == told["value"]).all()
+
+
+def test_saved_files_are_those_of_the_program(tmp_path):
+    volume = ball()
+    volume.save(tmp_path / "ball.vdb")
+    program("brick", tmp_path / "ball.vdb", tmp_path / "told.bricks", "--half")
+    volume.save(tmp_path / "ball.bricks", half=True)
+
+    def contents(folder):
+        return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    assert contents(tmp_path / "ball.bricks") == contents(tmp_path / "told.bricks")
+    scene = palpate.Scene.load(tmp_path / "ball.bricks")
+    assert list(scene.fields) == ["ball"]
+
+
+def test_a_volume_that_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path):
+    volume = ball()
+    volume.save(tmp_path / "ball.bricks")
+    volume.save(tmp_path / "ball.bricks")  # finished: stays unchanged
+    with pytest.raises(palpate.Error) as caught:
+        ball(33).save(tmp_path / "ball.bricks")
+    assert "ball.bricks" in caught.value.what and "\n" not in str(caught.value)
+    with pytest.raises(palpate.Error, match="grid, fill and smooth"):
+        palpate.Volume.load(tmp_path / "ball.bricks", smooth=1)
+    with pytest.raises(palpate.Error, match="no-such-folder"):
+        volume.save(tmp_path / "no-such-folder" / "ball.vdb")
+    (tmp_path / "folder.vdb").mkdir()
+    with pytest.raises(palpate.Error, match="it is a folder"):
+        volume.save(tmp_path / "folder.vdb")
+    loud = palpate.volume(np.where(np.eye(9)[:, :, None] > 0, 7e4, np.zeros((9, 9, 9))).astype("f4"), name="loud")
+    (tmp_path / "loud.vdb").write_bytes(b"before")
+    with pytest.raises(palpate.VolumeError, match="too large for 16 bits"):
+        loud.save(tmp_path / "loud.vdb", half=True)
+    assert (tmp_path / "loud.vdb").read_bytes() == b"before"
+    with pytest.raises(palpate.Error, match="too large for 16 bits"):
+        loud.save(tmp_path / "loud.bricks", half=True)
+    assert not list(tmp_path.glob("*.partial*"))
+    loud.save(tmp_path / "loud.vdb")
+    assert palpate.Volume.load(tmp_path / "loud.vdb").info["highest"] == 7e4
+
+
+def test_other_threads_run_while_a_volume_is_saved(tmp_path):
+    volume = palpate.volume(np.random.default_rng(1).normal(size=(160, 160, 160)).astype("f4"))
+    saver = threading.Thread(target=volume.save, args=(tmp_path / "noise.vdb",))
+    saver.start()
+    n = 0
+    while saver.is_alive():
+        n += 1
+        time.sleep(0)
+    saver.join()
+    assert n > 100
+    assert palpate.Volume.load(tmp_path / "noise.vdb").info["active_voxels"] == volume.info["active_voxels"]
 
 
 def test_a_fault_stays_until_it_is_cleared():

@@ -11,6 +11,16 @@ namespace palpate::python {
 
 using namespace pybind11::literals;
 
+namespace {
+
+void checkTime(const char* name, double seconds) {
+  constexpr double kMost = 1e9;  // [s]: limit of PathDevice
+  if (std::abs(seconds) <= kMost) return;
+  throw DeviceError(name, "it is not a time within 1e9 s", "give seconds from -1e9 to 1e9");
+}
+
+}  // namespace
+
 DeviceInfo pathInfo() {
   return PathDevice({PathPoint{}}, 1000.0).info();
 }
@@ -21,10 +31,7 @@ Hand::Hand(std::shared_ptr<const Scene> scene, const PlayParams& play, double ra
 std::tuple<double, double, double> Hand::step(double x, double y, double z,
                                               std::optional<double> play) {
   if (play) {
-    constexpr double kMost = 1e9;  // [s]: limit of PathDevice
-    if (!(std::abs(*play) <= kMost)) {
-      throw DeviceError("play", "it is not a time within 1e9 s", "give seconds from -1e9 to 1e9");
-    }
+    checkTime("play", *play);
     // If a script sets the time, the playback counts as continuous since the last tick.
     const double from = std::exchange(play_, *play);
     state_.playAt(play_, (play_ - from) / dt_);
@@ -34,6 +41,11 @@ std::tuple<double, double, double> Hand::step(double x, double y, double z,
   }
   report_ = hapticStep(*scene_, reader_, {{x, y, z}}, state_, dt_);
   return {report_.force.x(), report_.force.y(), report_.force.z()};
+}
+
+void Hand::seek(double seconds) {
+  checkTime("seek", seconds);
+  clock_.seek(seconds);
 }
 
 py::tuple Hand::proxy() const {
@@ -67,6 +79,10 @@ void bindHand(py::module_& m) {
            "Runs one tick with the probe at x, y, z [m]. Returns the force (fx, fy, fz) [N]. Plays "
            "sequences to `play` [s]; without `play`, the scene's settings advance them by one "
            "tick.")
+      .def("seek", &Hand::seek, "seconds"_a,
+           "Moves the playback of sequences to `seconds` [s]. The next step without `play` goes on "
+           "from there, within the range of the scene's `play`. The data fade in over 50 ms, as "
+           "after a jump in `palpate feel`.")
       .def("clear", &Hand::clear, "Clears a fault, so that the force returns.")
       .def_property_readonly("proxy", &Hand::proxy, "The proxy after the last tick [m].")
       .def_property_readonly("fault", &Hand::fault,

@@ -22,6 +22,9 @@ class Hand {
 
   /// Runs a tick with the probe at x, y, z [m], and returns the force [N]. Throws DeviceError.
   std::tuple<double, double, double> step(double x, double y, double z, std::optional<double> play);
+  /// Moves the playback of sequences to a time [s] for the next step() that does not set it. As a
+  /// jump of play, it fades. Throws DeviceError.
+  void seek(double seconds);
   void clear() { state_.clearFault(); }
 
   [[nodiscard]] py::tuple proxy() const;

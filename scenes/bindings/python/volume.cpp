@@ -9,11 +9,16 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks/bricks.h"
+#include "palpate/samplers/bricks/write_bricks.h"
 #include "palpate/samplers/grid/array_volume.h"
 #include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/bindings/python/field.h"
 #include "palpate/scenes/bindings/python/python_module.h"
 #include "palpate/scenes/bindings/python/unlocked.h"
+#include "palpate/scenes/library/new_file.h"
+#include "palpate/scenes/library/save_volume.h"
 #include "palpate/scenes/library/smooth_text.h"
 
 namespace palpate::python {
@@ -126,6 +131,29 @@ std::shared_ptr<const Volume> volumeOf(const py::object& given, const py::object
                values);
 }
 
+std::shared_ptr<const Volume> loadFrom(const std::filesystem::path& file, const std::string& grid,
+                                       const LoadOptions& options) {
+  if (!isBricks(file)) return loadVolume(file, grid, options);
+  if (grid.empty() && options.non_finite == NonFinite::kRefuse && options.smooth.sigma == 0.0) {
+    return loadBricks(file);
+  }
+  throw Error(file.string(), "it is a folder of bricks, which is loaded unchanged",
+              "omit grid, fill and smooth, or load a .vdb file");
+}
+
+/// Writes the volume as a .vdb, or as bricks if the path does not end in .vdb.
+void save(const std::shared_ptr<Volume>& volume, const std::filesystem::path& path, bool half) {
+  aside([volume, path, half] {
+    if (path.extension() != ".vdb") {
+      (void)writeBricks(path, brickInput(volume, half));
+      return;
+    }
+    cli::WholeFile file(path);
+    saveVolume(nameOfOpen(file.descriptor(), file.place()), *volume, half);
+    file.commit();
+  });
+}
+
 py::dict infoOf(const Volume& volume) {
   const GridInfo& info = volume.info();
   py::dict dict;
@@ -155,14 +183,19 @@ void bindVolume(py::module_& m) {
              const Width& smooth) {
             return std::const_pointer_cast<Volume>(
                 aside([file, grid, options = optionsOf(fill, smooth)] {
-                  return loadVolume(file, grid, options);
+                  return loadFrom(file, grid, options);
                 }));
           },
           "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = Width(0.0),
           "Reads a grid of a .vdb file. If the file has one grid, its name may be left out. With "
           "`fill`, values that are NaN, infinite or above 1e100 become the background. `smooth` is "
           "the standard deviation of a Gaussian: 0 to 32 voxels, or a text such as \"1.5 file\" in "
-          "the file's unit.")
+          "the file's unit. Without these options, also reads a folder of bricks, all of it into "
+          "memory.")
+      .def("save", &save, "path"_a, "half"_a = false,
+           "Writes the volume: as a .vdb file if `path` ends in .vdb, and replaces an existing "
+           "file; else as a folder of bricks, as `palpate brick` does. With `half`, rounds values "
+           "to 16 bits. Bricks hold at most 32 bits.")
       .def(
           "field",
           [](const std::shared_ptr<Volume>& volume, const std::string& interpolation, bool axial) {
