@@ -122,6 +122,7 @@ void SelfTest::nextRun() noexcept {
   do {
     ++run_;
   } while (run_ < kRuns && !params_.axes.has[static_cast<std::size_t>(run_ / 2)]);
+  if (run_ < kRuns) pushed_[static_cast<std::size_t>(run_ / 2)] = true;
   enter(run_ < kRuns ? Phase::kRamp : Phase::kDone);
   from_ = position_;
   level_ = 0.0;
@@ -451,6 +452,10 @@ SelfTestResult SelfTest::result() const {
   result.seconds = now_ - began_;
   result.positions = positions_;
   result.slowest = slowest_;
+  for (std::size_t a = 0; a < 3; ++a) {
+    result.axes[a].driven = params_.axes.has[a];
+    result.axes[a].pushed = pushed_[a];
+  }
   if (rest_ > 0) {
     const double n = static_cast<double>(rest_);
     result.noise = std::sqrt(std::max(0.0, sum2_ / n - (sum_ / n).squaredNorm()));
@@ -496,7 +501,6 @@ void SelfTest::checkReadings(SelfTestResult& result) const {
 
 void SelfTest::judgeAxis(int a, SelfTestResult& result) const {
   AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
-  axis.driven = params_.axes.has[static_cast<std::size_t>(a)];
   if (!axis.driven) return;
   const std::string name = params_.axes.name(a);
   const std::size_t plus = 2 * static_cast<std::size_t>(a);

@@ -40,6 +40,8 @@ struct SelfTestParams {
 struct AxisResult {
   /// The arm has a motor for this axis. If false, the fields below are not set.
   bool driven = false;
+  /// The test has begun to push along this axis; false after a fall or an early end.
+  bool pushed = false;
   bool moved = false;      ///< A force of at most SelfTestParams::force moved the arm.
   double breakaway = 0.0;  ///< Force at which the arm began to move [N]; mean of both directions.
   /// Cosine of the angle between push and motion, for the worse direction; 1: aligned.
@@ -176,6 +178,7 @@ class SelfTest {
   bool far_ = false;
   std::array<double, 6> breakaway_{};  ///< [N] per push; 0: the arm did not move.
   std::array<bool, 6> went_{};
+  std::array<bool, 3> pushed_{};  ///< AxisResult::pushed, for each axis.
   std::array<double, 6> along_{};
   std::vector<Sample> samples_;
   // Used in the phase kRest.

@@ -23,8 +23,11 @@ double checkedRate(const DeviceInfo& arm, double rate) {
 
 }  // namespace
 
-Servo::Servo(DeviceInfo arm, double rate)
-    : arm_(std::move(arm)), loop_(arm_, checkedRate(arm_.info(), rate)), period_(1.0 / rate) {}
+Servo::Servo(DeviceInfo arm, double rate, bool real)
+    : arm_(std::move(arm)),
+      loop_(arm_, checkedRate(arm_.info(), rate)),
+      period_(1.0 / rate),
+      real_(real) {}
 
 Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
   const double passed = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
@@ -39,7 +42,7 @@ Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
   time.dt = dt;
   time.late = std::max({0.0, dt - period_, stood_});
   time.missed = time.late >= period_;
-  time.real = true;
+  time.real = real_;
   loop_.tick(time);
   return arm_.force;
 }

@@ -19,8 +19,11 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   /// @param arm   Description of the arm. `hand` may be false only if no hand can be on it: then
   ///              forces do not engage and positions are not watched.
   /// @param rate  Nominal rate of the servo [Hz], 10 to 100000.
+  /// @param real  False: the caller ticks in virtual time, so the time that a tick takes on this
+  ///              machine does not count. Only for a simulated arm: on a real arm, a force that
+  ///              comes too late must be cut.
   /// Throws DeviceError if a number is out of range.
-  Servo(DeviceInfo arm, double rate);
+  Servo(DeviceInfo arm, double rate, bool real = true);
 
   /// Runs one tick. The servo must send the returned force unchanged, and zero without this call.
   ///
@@ -31,7 +34,7 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   /// @param dt    Time since the last call [s]. The force is cut until clear() if dt exceeds a
   ///              period by 5 ms, or by three periods if three periods are longer than 5 ms
   ///              (WatchLimits::late). It is also cut if, for that time, every dt is not finite or
-  ///              below a hundredth of the period.
+  ///              below a hundredth of the period, and, in real time, if this call takes too long.
   /// @return      Force for the arm in W [N].
   /// RT: no allocation, no lock, no system call.
   [[nodiscard]] Vec3 tick(const HandState& hand, double dt) noexcept PALPATE_NONBLOCKING;
@@ -63,6 +66,7 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   Arm arm_;
   HapticLoop loop_;
   double period_;
+  bool real_;
   double now_ = 0.0;
   double still_ = 0.0;  ///< Time since the position last changed [s].
   /// Time for which `dt` has been too small or not finite, as a sum of periods [s].

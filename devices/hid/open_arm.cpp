@@ -1,6 +1,8 @@
 #include "palpate/devices/hid/open_arm.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstddef>
 #include <string_view>
 #include <unistd.h>
 #include <utility>
@@ -17,6 +19,9 @@ namespace {
 
 constexpr std::string_view kEnding = ".json";
 
+// [N m/A]: arms have motors of at most about 0.3 N m/A.
+constexpr double kLargestConstant = 1.0;
+
 bool matches(const HidMatch& match, const HidDeviceName& device) {
   return match.vendor == device.vendor && match.product == device.product &&
          (!match.usage_page || *match.usage_page == device.usage_page) &&
@@ -31,6 +36,33 @@ HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
     return describedBy(readPidMap(*described, profile.source), profile);
   } catch (const DeviceError&) {
     return profile;  // FoundArm::against reports the problem
+  }
+}
+
+/// Returns true for a joint that moves the tip along a fixed direction, metre for metre.
+bool isSliding(const HidProfile& profile, std::size_t joint) {
+  Joints at{};
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) at[i] = profile.joints[i].home;
+  const Vec3 before = profile.kinematics->at(at).jacobian[joint];
+  at[joint] += 0.5;
+  const Vec3 after = profile.kinematics->at(at).jacobian[joint];
+  constexpr double kSame = 1e-9;
+  return std::abs(before.norm() - 1.0) < kSame && (after - before).norm() < kSame;
+}
+
+/// Reports the first torque constant that seems to be in mN m/A. `say` may be empty.
+void noteTorqueConstant(const HidProfile& profile,
+                        const std::function<void(const std::string&)>& say) {
+  if (!say || !profile.output) return;
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+    const HidJoint& joint = profile.joints[i];
+    if (!joint.to || !(joint.torque_constant > kLargestConstant) || isSliding(profile, i)) continue;
+    say(fmt::format(
+        "{}: /kinematics/joints/{}/torque_constant: {:g} N m per unit of {} is above {:g}, more "
+        "than the motor of an arm usually has: if the number is in mN m, divide it by 1000",
+        profile.source, i, joint.torque_constant, profile.output->fields[*joint.to].name,
+        kLargestConstant));
+    return;
   }
 }
 
@@ -158,13 +190,19 @@ std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
 }
 
 HidProfile namedProfile(const ArmName& name, const std::function<void(const std::string&)>& say) {
-  if (name.isFile()) return readHidProfile(name.profile);
+  if (name.isFile()) {
+    HidProfile profile = readHidProfile(name.profile);
+    noteTorqueConstant(profile, say);
+    return profile;
+  }
   std::vector<std::string> notes;
   const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
   if (say) {
     for (const std::string& note : notes) say(note);
   }
-  return oneNamed(name.profile, profiles, notes);
+  const HidProfile& profile = oneNamed(name.profile, profiles, notes);
+  noteTorqueConstant(profile, say);
+  return profile;
 }
 
 ChosenArm findArm(const std::string& name, const std::function<void(const std::string&)>& say) {
@@ -226,6 +264,7 @@ ChosenArm findArm(const std::string& name, const std::function<void(const std::s
       which += (which.empty() ? "" : ", ") + nameLike(*parsed, *arm, *profile);
     throw DeviceError(name, "several arms match", "name one of " + which);
   }
+  noteTorqueConstant(*choices[0].second, say);
   return {*choices[0].first, *choices[0].second};
 }
 

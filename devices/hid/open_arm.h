@@ -49,7 +49,7 @@ struct ArmName {
 
 /// Returns the profile that a name selects; `hid` alone does not select one. If the name is
 /// unknown, throws DeviceError with a similar name. `say` (may be empty) receives messages about
-/// the user's files that cannot be used.
+/// the user's files that cannot be used, and about a torque constant that seems to be in mN m/A.
 [[nodiscard]] HidProfile namedProfile(const ArmName& name,
                                       const std::function<void(const std::string&)>& say);
 
@@ -60,7 +60,7 @@ struct ChosenArm {
 };
 
 /// Finds the arm of this name that this program has not opened yet. If no arm or several arms
-/// match, throws DeviceError with the matching names and the remedy.
+/// match, throws DeviceError with the matching names and the remedy. `say` is that of namedProfile.
 [[nodiscard]] ChosenArm findArm(const std::string& name,
                                 const std::function<void(const std::string&)>& say);
 

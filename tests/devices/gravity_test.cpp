@@ -241,6 +241,10 @@ TEST_CASE("the self-test measures the weight of a heavy arm and passes with grav
     WARN("weight " << weight << " N, found " << falls.result.weight
                    << (falls.result.held ? "" : " and what friction holds"));
     CHECK_THAT(falls.words, Contains("the released arm moves in direction"));
+    for (const AxisResult& axis : falls.result.axes) {
+      CHECK(axis.driven);  // the arm has motors, but the test ended before the pushes
+      CHECK_FALSE(axis.pushed);
+    }
 
     HidProfile carried = woody();
     carried.masses = masses;
@@ -252,6 +256,7 @@ TEST_CASE("the self-test measures the weight of a heavy arm and passes with grav
       const AxisResult& axis = good.result.axes[a];
       const AxisResult& free = light.result.axes[a];
       REQUIRE(axis.fitted);
+      CHECK(axis.pushed);
       WARN("scale " << scale << ", axis " << a << ": b " << axis.viscous << " (" << free.viscous
                     << " without weight), c " << axis.coulomb << " (" << free.coulomb << "), bias "
                     << axis.bias);

@@ -740,6 +740,32 @@ TEST_CASE("a profile name that fits two profiles is refused with both their name
   CHECK(young.joints[1].torque_constant == 0.0603);
 }
 
+TEST_CASE("a torque constant above 1 N m per unit is noted once, except of sliding joints",
+          "[profile]") {
+  const test::TemporaryFolder folder;
+  const std::string file = (folder / "mine.json").string();
+  const auto notes = [&](const Json& json) {
+    std::ofstream(file) << json.dump();
+    std::vector<std::string> all;
+    (void)namedProfile({file, ""}, [&](const std::string& note) { all.push_back(note); });
+    return all;
+  };
+  CHECK(notes(full()).empty());  // three sliding joints, one of them with 2 N per unit
+  std::ifstream in(test::sourceDir() + "/devices/hid/profiles/teensy-arm.json");
+  Json turning = Json::parse(in);
+  CHECK(notes(turning).empty());
+  for (Json& joint : turning["kinematics"]["joints"]) joint["torque_constant"] = 1.0;
+  CHECK(notes(turning).empty());
+  turning["kinematics"]["joints"][1]["torque_constant"] = 2.59;
+  turning["kinematics"]["joints"][2]["torque_constant"] = 2.59;
+  const std::vector<std::string> noted = notes(turning);
+  REQUIRE(noted.size() == 1);
+  CHECK_THAT(noted[0], Contains("mine.json: /kinematics/joints/1/torque_constant: 2.59 N m per "
+                                "unit of current_b is above 1") &&
+                           Contains("divide it by 1000"));
+  CHECK_NOTHROW(namedProfile({file, ""}, nullptr));
+}
+
 TEST_CASE("a profile with an output but without limits is refused", "[profile]") {
   Json json = full();
   json.erase("limits");
@@ -754,6 +780,10 @@ TEST_CASE("the shipped profiles are valid, and every number has a source", "[pro
   for (const HidProfile& arm : arms) names.insert(arm.name);
   CHECK(names == std::set<std::string>{"polhem", "spacemouse", "teensy-arm", "woodenhaptics-v2015",
                                        "woodenhaptics-v2019"});
+  for (const HidProfile& arm : arms) {
+    if (arm.name != "teensy-arm") continue;  // the template, which users copy
+    for (const MotorFact& motor : factsOf(arm).motors) CHECK(motor.asked <= motor.room);
+  }
   for (const std::string& name : names) {
     std::ifstream in(test::sourceDir() + "/devices/hid/profiles/" + name + ".json");
     const Json json = Json::parse(in);

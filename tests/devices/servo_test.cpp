@@ -1,8 +1,12 @@
 /// Tests the engine when another program's servo loop calls it.
 #include "palpate/devices/arm/servo.h"
 
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <limits>
+#include <memory>
+#include <thread>
 
 #include <catch2/catch.hpp>
 
@@ -23,7 +27,7 @@ DeviceInfo arm() {
   return info;
 }
 
-std::shared_ptr<const Scene> ball() {
+std::shared_ptr<const Scene> ball(const FieldPtr& field = makeSphere(Vec3::Zero(), 0.04)) {
   GraphSpec graph;
   ModeSpec skin;
   skin.kind = ModeKind::kIsosurface;
@@ -31,7 +35,7 @@ std::shared_ptr<const Scene> ball() {
   skin.solid = Solid::kBelow;
   skin.strength = 3.0;
   graph.modes.push_back(skin);
-  return makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}});
+  return makeScene(graph, {{"ball", field}});
 }
 
 /// Moves the hand to 2 mm below the surface and keeps it there, with a tremor of 1 nm. Returns the
@@ -182,6 +186,43 @@ TEST_CASE("an invalid time step does not increase a servo's force", "[servo]") {
     (void)press(servo);
     CHECK(servo.latest().fault == Fault::kNone);
     CHECK(servo.latest().report.force.z() == Approx(1.0).epsilon(1e-6));
+  }
+}
+
+TEST_CASE("a tick that takes too long is a fault of a servo in real time, not in virtual time",
+          "[servo]") {
+  struct Hanging final : public ScalarField {
+    explicit Hanging(const std::atomic<bool>* h) : ScalarField(sphere()->frame()), hang(h) {}
+    static std::shared_ptr<const ScalarField> sphere() { return makeSphere(Vec3::Zero(), 0.04); }
+    void reset(FieldCache& cache) const noexcept override { ball->reset(cache); }
+    [[nodiscard]] ScalarSample sample(const Vec3& p, FieldCache& cache) const noexcept override {
+      if (hang->load()) std::this_thread::sleep_for(std::chrono::milliseconds(8));
+      return ball->sample(p, cache);
+    }
+
+    std::shared_ptr<const ScalarField> ball = sphere();
+    const std::atomic<bool>* hang;
+  };
+  for (const bool real : {true, false}) {
+    CAPTURE(real);
+    std::atomic<bool> hang{false};
+    DeviceInfo info = arm();
+    info.watch.late = 0.005;
+    Servo servo(info, 1.0 / kDt, real);
+    servo.publish(ball(std::make_shared<const Hanging>(&hang)));
+    const Vec3 before = press(servo);  // on a busy machine it may be late in real time
+    if (!real) REQUIRE(before.norm() > 0.5);
+    hang = true;
+    HandState hand;
+    hand.position = {0.0, 0.0, 0.038};
+    const Vec3 force = servo.tick(hand, kDt);
+    CHECK((force.norm() > 0.5) == !real);
+    hang = false;
+    (void)servo.tick(hand, kDt);
+    CHECK(servo.latest().fault == (real ? Fault::kLate : Fault::kNone));
+    // The caller's own time counts in both.
+    CHECK(servo.tick(hand, 0.1) == Vec3::Zero());
+    CHECK(servo.latest().fault == Fault::kLate);
   }
 }
 

@@ -1,6 +1,7 @@
 /// Tests the C interface, including invalid arguments.
 #include "palpate/scenes/bindings/c/c_api.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -84,6 +85,32 @@ TEST_CASE("a host program in C gets the force of a scene and keeps the scene if 
   const test::CountScope scope;
   (void)host.tick(0.04);
   CHECK(test::CountScope::counts().allocations == 0);
+}
+
+TEST_CASE("a host program in C that ticks in virtual time gets only faults of its own clock",
+          "[c]") {
+  const Host other;
+  const palpate_arm arm = palpate_weakest_arm();
+  char error[200];
+  palpate_hand* hand =
+      palpate_load_virtual(other.file().c_str(), &arm, 1000.0, error, sizeof error);
+  REQUIRE(hand != nullptr);
+  palpate_felt felt{};
+  int faults = 0;
+  double strongest = 0.0;
+  for (int i = 0; i < 1500; ++i) {
+    const double position[3] = {0.0, 0.0, 0.06 - 2e-5 * i};
+    if (palpate_tick(hand, position, 0.0, 1e-3, &felt) != 0) ++faults;
+    strongest = std::max(strongest, felt.force[2]);
+  }
+  CHECK(faults == 0);
+  CHECK(strongest > 0.1);
+  const double position[3] = {0.0, 0.0, 0.03};
+  CHECK(palpate_tick(hand, position, 0.0, 0.1, &felt) == static_cast<int>(Fault::kLate));
+  CHECK(felt.force[2] == 0.0);
+  palpate_unload(hand);
+  CHECK(palpate_load_virtual("no_such.vdb", &arm, 1000.0, error, sizeof error) == nullptr);
+  CHECK(std::string(error).rfind("no_such.vdb: no such file", 0) == 0);
 }
 
 TEST_CASE("each failed load gives a host program in C an error of one line", "[c]") {

@@ -240,6 +240,7 @@ OrderedJson describe(const Tested& tested, const Arm& arm, bool passed) {
   for (const AxisResult& axis : r.axes) {
     OrderedJson one;
     one["driven"] = axis.driven;
+    one["pushed"] = axis.pushed;
     one["moved"] = axis.moved;
     one["breakaway"] = axis.breakaway;
     one["along"] = axis.along;
@@ -281,6 +282,7 @@ void sayMeasured(const Tested& tested, const Arm& arm) {
   }
   for (std::size_t a = 0; a < 3; ++a) {
     const AxisResult& axis = r.axes[a];
+    if (axis.driven && !axis.pushed) continue;  // the arm fell, or the test ended early
     const std::string name = tested.axes.name(static_cast<int>(a));
     if (!axis.fitted) {
       say("{:<10} {}\n", name, axis.driven ? "not measured" : kNoMotor);

@@ -18,7 +18,8 @@
 
 // NOLINTBEGIN(readability-identifier-naming): C's names
 struct palpate_hand {
-  palpate_hand(palpate::DeviceInfo of, double at) : arm(of), rate(at), servo(std::move(of), at) {}
+  palpate_hand(palpate::DeviceInfo of, double at, bool real)
+      : arm(of), rate(at), servo(std::move(of), at, real) {}
 
   palpate::DeviceInfo arm;
   double rate;
@@ -90,6 +91,22 @@ palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   return info;
 }
 
+/// `real`: the host ticks in real time.
+palpate_hand* loadHand(const char* path, const palpate_arm* arm, double rate, bool real,
+                       char* error, size_t size) {
+  std::unique_ptr<palpate_hand> hand;
+  const std::string failure = failureOf([&] {
+    require(path, "path");
+    require(arm, "arm");
+    palpate::cli::checkRate("rate", rate);
+    hand = std::make_unique<palpate_hand>(infoOf(*arm), rate, real);
+    load(*hand, path);
+  });
+  if (failure.empty()) return hand.release();
+  copyTo(error, size, failure);
+  return nullptr;
+}
+
 Vec3 vectorOf(const double p[3]) {
   return {p[0], p[1], p[2]};
 }
@@ -107,17 +124,12 @@ palpate_arm palpate_weakest_arm(void) {
 
 palpate_hand* palpate_load(const char* path, const palpate_arm* arm, double rate, char* error,
                            size_t size) {
-  std::unique_ptr<palpate_hand> hand;
-  const std::string failure = failureOf([&] {
-    require(path, "path");
-    require(arm, "arm");
-    palpate::cli::checkRate("rate", rate);
-    hand = std::make_unique<palpate_hand>(infoOf(*arm), rate);
-    load(*hand, path);
-  });
-  if (failure.empty()) return hand.release();
-  copyTo(error, size, failure);
-  return nullptr;
+  return loadHand(path, arm, rate, true, error, size);
+}
+
+palpate_hand* palpate_load_virtual(const char* path, const palpate_arm* arm, double rate,
+                                   char* error, size_t size) {
+  return loadHand(path, arm, rate, false, error, size);
 }
 
 int palpate_reload(palpate_hand* hand, const char* path, char* error, size_t size) {

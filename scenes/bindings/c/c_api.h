@@ -50,6 +50,12 @@ palpate_arm palpate_weakest_arm(void);
 palpate_hand* palpate_load(const char* path, const palpate_arm* arm, double rate, char* error,
                            size_t size);
 
+/** Like palpate_load, for a host that ticks in virtual time, as a simulation or a test does: the
+ * time that palpate_tick takes on this machine does not count. All other faults stay, such as a
+ * large `dt`. Only for a simulated arm: on a real arm, a force that comes too late must be cut. */
+palpate_hand* palpate_load_virtual(const char* path, const palpate_arm* arm, double rate,
+                                   char* error, size_t size);
+
 /** Loads another scene for the same hand. The present scene stays active until the new one is
  *  complete, and also if the call fails. Another thread may call palpate_tick at the same time.
  *  Call this function from the thread that called palpate_load.
@@ -67,7 +73,8 @@ void palpate_unload(palpate_hand* hand);
  *  @param age       Age of the position [s]; 0 if unknown. More than 50 ms is a fault.
  *  @param dt        Time since the last tick [s]. It is a fault if this exceeds the period by more
  *                   than 5 ms and by more than three periods. It is also a fault if time does not
- *                   advance for that long.
+ *                   advance for that long, or if this call takes that long (except after
+ *                   palpate_load_virtual).
  *  @param felt      Receives the result.
  *  @return          felt->fault. */
 int palpate_tick(palpate_hand* hand, const double position[3], double age, double dt,

@@ -411,7 +411,8 @@ TEST_CASE("the Haply plug-in refuses an unusable arm or service with a one-line 
   SECTION("no service") {
     MockService service(Speaks::k35);
     service.end();
-    CHECK_THAT(refused(service, ""), Contains("start the Haply Hub"));
+    CHECK_THAT(refused(service, ""), Contains("no service answers at " + service.url()) &&
+                                         Contains("start the Haply Hub"));
     const Plugin plugin(service.url());
     CHECK(plugin.arms->find(nullptr, 0) < 0);
   }

@@ -31,9 +31,11 @@ void updateHaptics(chai3d::cGenericHapticDevice& device, palpate::Servo& servo, 
   device.setForce(chai3d::cVector3d(force.x(), force.y(), force.z()));
 }
 
-int main() try {
+int main(int argc, char**) try {
+  // With an argument, as in the test, the loop runs in virtual time. With an arm, keep `real` true.
+  const bool real = argc < 2;
   chai3d::cGenericHapticDevice device;
-  palpate::Servo servo(infoOf(device), 1000.0);
+  palpate::Servo servo(infoOf(device), 1000.0, real);
   servo.publish(ball());
   chai3d::cPrecisionClock clock;
   double last = clock.getCurrentTimeSeconds();

@@ -1,4 +1,5 @@
-/* A host in C: a hand comes down on a scene, and asks why. docs/embed.md */
+/* A host in C: a simulated hand comes down on a scene in virtual time, and asks why. With an arm
+ * call palpate_load instead of palpate_load_virtual. docs/embed.md */
 #include <palpate/scenes/bindings/c/c_api.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,7 +9,7 @@ int main(int argc, char** argv) {
   char error[500];
   const palpate_arm arm = palpate_weakest_arm();
   palpate_hand* hand =
-      palpate_load(argc > 1 ? argv[1] : "head.vdb", &arm, 1000.0, error, sizeof error);
+      palpate_load_virtual(argc > 1 ? argv[1] : "head.vdb", &arm, 1000.0, error, sizeof error);
   if (hand == NULL) {
     fprintf(stderr, "%s\n", error);
     return 2;

@@ -34,8 +34,10 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
   return HD_CALLBACK_CONTINUE;
 }
 
-int main() try {
-  palpate::Servo servo(infoOfArm(), 1000.0);
+int main(int argc, char**) try {
+  // With an argument, as in the test, the loop runs in virtual time. With an arm, keep `real` true.
+  const bool real = argc < 2;
+  palpate::Servo servo(infoOfArm(), 1000.0, real);
   servo.publish(ball());
   for (int i = 0; i <= 639; ++i) onServo(&servo);
   std::printf("openhaptics: force %.2f N, fault: %s\n", hd_shape::sent[1],
