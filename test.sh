@@ -64,6 +64,9 @@ if [ -n "$long" ]; then
     tests/lint.sh --all
     echo "== the packages on an empty Debian"
     tests/scenes/packages_test.sh build/release || [ $? -eq 77 ]
+    echo "== the first command on another Debian"
+    other=$(. /etc/os-release && [ "$VERSION_CODENAME" = trixie ] && echo bookworm || echo trixie)
+    tests/debian_test.sh "$other" || [ $? -eq 77 ]
 fi
 
 export PALPATE_CASES=${PALPATE_CASES:-10%}

@@ -19,7 +19,7 @@ megabytes() { du -sm --one-file-system "$root" | cut -f1; }
 quietly() { "$@" >>"$place/log" 2>&1 || { tail -40 "$place/log"; exit 1; }; }
 
 # The mirror from which this machine gets its packages.
-from=$(apt-get indextargets --format '$(SITE)' 'Created-By: Packages' | grep -v security | head -1)
+from=$(apt-get indextargets --format '$(SITE)' 'Created-By: Packages' | awk '!/security/ && !n++')
 quietly debootstrap --variant=minbase --include=sudo,ca-certificates "$release" "$root" "$from"
 cp -rL /etc/apt/apt.conf.d/. "$root/etc/apt/apt.conf.d/"
 cp -L /etc/resolv.conf "$root/etc/" 2>/dev/null || true
