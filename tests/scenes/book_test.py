@@ -68,7 +68,7 @@ class Pages(unittest.TestCase):
         self.run_page("your_flow.md", r"contact +stream: ", r"mode +tip: vortex_tube")
 
     def test_commands_of_page_your_arm_succeed(self):
-        self.run_page("your_arm.md", r"profiles: polhem, ", r"status +fault in 3000 ticks",
+        self.run_page("your_arm.md", r"profiles: polhem, ", r"status +1 fault, force off for 3000 ms",
                       complaint=r"^palpate: feel: the force was cut: the position jumped")
 
     def test_commands_of_page_your_script_succeed(self):

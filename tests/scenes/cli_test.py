@@ -802,6 +802,17 @@ class Feel(Case):
         run("feel", ball, "--device", f"path:{away}", status=1)
 
     @suite.smoke
+    def test_a_slow_rate_is_remarked_on_once(self):
+        ball = self.dir / "ball.vdb"
+        at = ("--at", "-0.06,0,0")
+        for words in (("feel", ball, "--seconds", 2), ("press", ball, *at, "--along", "0.01,0,0"),
+                      ("explain", ball, *at, "--push", "-.001,0,0")):
+            said = run(*words, "--rate", 10, statuses=(0, 1, 4)).stderr
+            self.assertEqual(said.count(f"palpate: {words[0]}: --rate: at 10 Hz a hand at 0.1 m/s moves 10 mm "
+                                        "between two ticks: "), 1, said)
+            self.assertNotIn("--rate", run(*words, "--rate", 500, statuses=(0, 4)).stderr)
+
+    @suite.smoke
     def test_the_report_ends_with_a_command_that_explains_the_largest_force(self):
         place = self.dir / "it's a ball.vdb"
         place.write_bytes((self.dir / "ball.vdb").read_bytes())
@@ -811,12 +822,14 @@ class Feel(Case):
         self.assertGreater(felt["most"]["force"], 2.0)
         self.assertEqual(felt["most"]["mode"], felt["felt"][0]["mode"])
         self.assertEqual(len(felt["felt"][0]["at"]), 3)
-        last = run("feel", place).stdout.splitlines()[-1]
+        before, last = run("feel", place).stdout.splitlines()[-2:]
+        self.assertRegex(before, r"^strongest [\d.]+ N after [\d.]+ s.*, mainly from .* \(spring [\d.]+ N.*\): "
+                         "to explain it, run:$")
         words = shlex.split(last)
         self.assertEqual(words[:3], ["palpate", "explain", str(place)])
         told = json.loads(run(*words[1:], "--json").stdout)
-        self.assertAlmostEqual(math.hypot(*told["modes"][0]["load"]), felt["most"]["force"],
-                               delta=0.1 * felt["most"]["force"])
+        self.assertAlmostEqual(math.hypot(*told["balance"]["spring"]), felt["most"]["spring"],
+                               delta=0.02 * felt["most"]["spring"])
         os.remove(place)
 
     @suite.smoke
@@ -836,8 +849,8 @@ class Feel(Case):
         self.assertGreater(felt["most"]["time"], 0.5)
         line = run("feel", scene).stdout.splitlines()[-1]
         told = json.loads(run(*shlex.split(line)[1:], "--json").stdout)
-        self.assertAlmostEqual(math.hypot(*told["modes"][0]["load"]), felt["most"]["force"],
-                               delta=0.1 * felt["most"]["force"])
+        self.assertAlmostEqual(math.hypot(*told["balance"]["spring"]), felt["most"]["spring"],
+                               delta=0.02 * felt["most"]["spring"])
         os.remove(scene)
 
     @suite.smoke
@@ -1291,6 +1304,12 @@ class Devices(Case):
             file = Path(folder) / "mine.json"
             file.write_text(json.dumps(mine))
             self.refused("devices", file, says="correct torque_constant")
+            for joint in mine["kinematics"]["joints"]:
+                joint["torque_constant"] = 2.59
+            file.write_text(json.dumps(mine))
+            noted = run("devices", file).stderr
+            self.assertEqual(noted.count("\n"), 1, noted)
+            self.assertIn("/kinematics/joints/0/torque_constant: 2.59 N m per unit of current_a is above 1", noted)
         self.refused("devices", "polhm", says='did you mean "polhem"?')
         self.refused("devices", "woodenhaptics",
                      says="this name is incomplete, and fits woodenhaptics-v2015 or woodenhaptics-v2019")

@@ -569,7 +569,7 @@ class NearParts(Touch):
                      says="near 70 of the scene's 70 parts; a report covers at most 64")
         self.refused("press", row, "--at", "0,0,0.021", "--along", "2,0,0", "--speed", 1,
                      says="a report covers at most 64 volumes")
-        self.assertIn("near 4 of its 70", run("press", row, "--at", "0,0,0.021", "--along",
+        self.assertIn("near 4 of the scene's 70", run("press", row, "--at", "0,0,0.021", "--along",
                                               "0.15,0,0", "--speed", 1).stderr)
 
     @suite.smoke

@@ -301,7 +301,7 @@ class Recorded(Case):
 
         replay = f"replay:{a}"
         refused("feel", self.scene, "--device", replay, "--realtime", says="leave out --realtime")
-        refused("feel", self.scene, "--device", replay, "--device", "simulated", says="alone")
+        refused("feel", self.scene, "--device", replay, "--device", "simulated", says="only with other recorded hands")
         refused("feel", self.scene, "--device", f"{replay}@9", says="it ends at 0.099 s")
         refused("feel", self.scene, "--device", f"{replay}@x", says="a.rec@x: it cannot be read")
         refused("feel", self.scene, "--device", f"replay:{self.scene}", says="it is not a recording")
@@ -342,6 +342,7 @@ class Recorded(Case):
             _, rows = rows_of(self.dir / "a.rec")
             first = rows["tick"][rows["fault"] != 0][0]
             self.assertEqual(first, 1551 if word == "late" else 1501, word)
+            self.assertIn(f"\nstatus    1 fault, force off for {3001 - first} ms", done.stdout)
             self.assertTrue((rows["force"][rows["fault"] != 0] == 0).all())
             # The fault is in the recorded input, so the replay repeats it.
             run("feel", self.scene, "--device", f"replay:{self.dir / 'a.rec'}", "--record",

@@ -218,6 +218,42 @@ wait
         self.assertGreater(image[round(y), round(x), :3].mean() - image[round(y), 20, :3].mean(), 0.1)
         self.assertTrue(told["bars"])
 
+    def test_a_patient_is_seen_from_the_front(self):
+        """From the front, +x in RAS, the patient's right, is on the left of the picture."""
+        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.03,0.06,0\n0.1,0.03,0.06,0\n", encoding="utf-8")
+        values = [7 - math.dist((x, y, z), (8, 8, 8)) for z in range(17) for y in range(17) for x in range(17)]
+        for space, left in (("space: right-anterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)", True),
+                            ("spacings: 1 1 1", False)):
+            with self.subTest(space=space):
+                (self.dir / "ball.nrrd").write_text(
+                    f"NRRD0004\ntype: float\ndimension: 3\n{space}\nsizes: 17 17 17\nencoding: ascii\n\n"
+                    + "\n".join(map(str, values)) + "\n", encoding="utf-8")
+                subprocess.run([PALPATE, "import", "ball.nrrd", "own.vdb"], cwd=self.dir, check=True,
+                               capture_output=True)
+                self.scene.write_text(json.dumps({
+                    "palpate": 1, "volumes": {"ball": {"file": "own.vdb", "place": {"fit": 0.1}}},
+                    "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "solid": "above", "strength": 1}]}),
+                    encoding="utf-8")
+                self.still("--device", "path:path.csv", "--picture", "still.png")
+                pixels = self.told()["pixels"]
+                self.assertEqual(pixels["probe"][0] < pixels["centre"][0], left)
+                (self.dir / "own.vdb").unlink()
+
+    def test_the_label_of_the_force_is_inside_the_picture(self):
+        """The arrow of 13 N leaves the picture at the top."""
+        scene = json.loads(json.dumps(SCENE))
+        scene["modes"][0]["strength"] = 30
+        self.write_scene(scene)
+        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.001,0,0.06\n1,0.001,0,0.014\n", encoding="utf-8")
+        self.still("--device", "path:path.csv", "--picture", "still.png")
+        told = self.told()
+        self.assertGreater(told["force"][2], 10)
+        wide, high = told["size"]
+        self.assertGreater(told["pixels"]["tip"][1], high)
+        left, bottom, right, top = told["newtons"]
+        self.assertGreater(right - left, 60)
+        self.assertTrue(0 <= left and 0 <= bottom and right <= wide - 600 and top <= high, told["newtons"])
+
     def test_axial_vectors_and_vortex_cores_are_drawn(self):
         for made, modes, colours in (
                 ("fibres", [{"name": "fibres", "mode": "follow", "of": "field", "strength": 1}], 200),
@@ -558,6 +594,26 @@ class Drawn(Window):
         self.until("the force on", lambda t: not t["status"][0].startswith("FORCE OFF"))
         feel.send_signal(signal.SIGINT)
         feel.wait(PATIENCE)
+
+    def test_a_run_in_a_window_is_recorded_and_names_the_mouse(self):
+        feel = self.start("--seconds", "1", "--record", "a.rec", "--summary", "s.json")
+        self.ends_well(feel)
+        self.assertEqual(json.loads((self.dir / "s.json").read_text(encoding="utf-8"))["device"], "mouse")
+        with open(self.dir / "a.rec", "rb") as recording:
+            self.assertEqual(json.loads(recording.readline())["device"]["name"], "mouse")
+        again = subprocess.run([PALPATE, "feel", "a.rec", "--device", "replay:a.rec", "--record", "b.rec"],
+                               cwd=self.dir, text=True, capture_output=True, check=False)
+        self.assertIn(again.returncode, (0, 1, 4), again.stderr)
+        self.assertIn("device mouse, ", again.stdout)
+        subprocess.run([PALPATE, "compare", "a.rec", "b.rec"], cwd=self.dir, check=True, capture_output=True)
+
+    def test_a_window_is_not_larger_than_the_screen(self):
+        self.env.update(PALPATE_VIEW_WIDTH="3000", PALPATE_VIEW_HEIGHT="2000")
+        feel = self.start("--seconds", "900")
+        window = self.window()
+        self.assertEqual(self.told()["size"], [1100, 684])
+        self.close(window)
+        self.ends_well(feel)
 
     def test_a_recorded_hand_is_shown_at_the_requested_speed(self):
         (self.dir / "path.csv").write_text(

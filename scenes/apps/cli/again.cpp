@@ -10,21 +10,30 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kGrid = 1e-5;  // [m]: resolution of coordinates in options
+constexpr double kWordsGrid = 1e-5;   // [m]: resolution of coordinates in text
+constexpr double kOptionGrid = 1e-7;  // [m]: in options; 0.05 mN at 500 N/m
 
-Vec3 roundedTo(const Vec3& p) {
-  return (p / kGrid).array().round().matrix() * kGrid;
+Vec3 roundedTo(double grid, const Vec3& p) {
+  return (p / grid).array().round().matrix() * grid;
+}
+
+std::string listOf(const Vec3& p, int digits) {
+  std::string text;
+  for (int i = 0; i < 3; ++i) {
+    text += fmt::format("{}{:.{}g}", i == 0 ? "" : ",", p[i] == 0.0 ? 0.0 : p[i], digits);
+  }
+  return text;
+}
+
+/// Formats a position for an option, rounded to kOptionGrid.
+std::string optionWords(const Vec3& p) {
+  return listOf(roundedTo(kOptionGrid, p), 9);
 }
 
 }  // namespace
 
 std::string placeWords(const Vec3& p) {
-  std::string text;
-  for (int i = 0; i < 3; ++i) {
-    const double value = std::round(p[i] / kGrid) * kGrid;
-    text += fmt::format("{}{:.5g}", i == 0 ? "" : ",", value == 0.0 ? 0.0 : value);
-  }
-  return text;
+  return listOf(roundedTo(kWordsGrid, p), 5);
 }
 
 std::optional<Again> againOf(const Most& most, const Scene& scene) {
@@ -41,10 +50,10 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
   const Vec3 into = pressed.norm() > 0.0 ? Vec3(pressed.normalized()) : Vec3::Zero();
   Again best;
   double least = std::numeric_limits<double>::infinity();
-  for (const double before : {1e-3, 5e-4, 2e-3, 1e-4, 0.0, 4e-3, 6e-3, 8e-3, 12e-3}) {
+  for (const double before : {1e-3, 5e-4, 2e-3, 1e-4, 1e-5, 0.0, 4e-3, 6e-3, 8e-3, 12e-3}) {
     Again again;
-    again.at = roundedTo(proxy - before * into);
-    again.push = roundedTo(probe - again.at);
+    again.at = roundedTo(kOptionGrid, proxy - before * into);
+    again.push = roundedTo(kOptionGrid, probe - again.at);
     double off = 0.0;
     if (scene.id == most.scene) {
       constexpr double kTick = 1e-3;  // [s]: default tick of `palpate explain`
@@ -61,13 +70,15 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
     best = again;
   }
   constexpr double kAlike = 0.1;
-  if (least > kAlike * most.stiffness * pressed.norm()) return std::nullopt;
+  const double spring = most.stiffness * pressed.norm();
+  if (least > kAlike * spring) return std::nullopt;
+  if (spring > 0.0) best.off = least / spring;
   return best;
 }
 
 std::string explainLine(const std::string& scene, const Again& again) {
-  return fmt::format("palpate explain {} --at {} --push {}", shellWord(scene), placeWords(again.at),
-                     placeWords(again.push));
+  return fmt::format("palpate explain {} --at {} --push {}", shellWord(scene),
+                     optionWords(again.at), optionWords(again.push));
 }
 
 }  // namespace palpate::cli

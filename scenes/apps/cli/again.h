@@ -8,12 +8,14 @@
 
 namespace palpate::cli {
 
-/// Formats a position [m] for an option, rounded to 0.01 mm: "0.012,0,-0.00351".
+/// Formats a position [m], rounded to 0.01 mm: "0.012,0,-0.00351".
 [[nodiscard]] std::string placeWords(const Vec3& p);
 
+/// The options of a command that reproduces a tick.
 struct Again {
   Vec3 at = Vec3::Zero();    ///< Option --at: position at which the hand rests before the tick [m].
   Vec3 push = Vec3::Zero();  ///< Option --push: move of the hand from `at` within the tick [m].
+  double off = 0.0;          ///< Difference of the spring's force, as a share of the tick's.
 };
 
 /// Returns a hand's motion that reproduces `most` in one tick, with moving volumes at their pose of
@@ -22,7 +24,8 @@ struct Again {
 /// force, or no value if this force differs by over 10 %.
 [[nodiscard]] std::optional<Again> againOf(const Most& most, const Scene& scene);
 
-/// Returns "palpate explain SCENE --at x,y,z --push x,y,z". SCENE is quoted for a shell.
+/// Returns "palpate explain SCENE --at x,y,z --push x,y,z", with coordinates rounded to 100 nm.
+/// SCENE is quoted for a shell.
 [[nodiscard]] std::string explainLine(const std::string& scene, const Again& again);
 
 }  // namespace palpate::cli

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <string>
 
+#include "palpate/scenes/apps/cli/slow_rate.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/apps/common/explain_tick.h"
 #include "palpate/scenes/apps/common/say.h"
@@ -144,6 +145,7 @@ struct ExplainOptions {
 
 int explain(const ExplainOptions& options) {
   checkRate("--rate", options.rate);
+  noteSlowRate("explain", options.rate);
   const Vec3 at = readVector("--at", options.at);
   const Vec3 push = readVector("--push", options.push);
   checkReach("--push", at + push);

@@ -17,19 +17,22 @@
 #include "palpate/scenes/apps/cli/watcher.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/apps/common/finder.h"
+#include "palpate/scenes/apps/common/front.h"
 #include "palpate/scenes/library/scene_file.h"
 
 namespace palpate::cli {
 namespace {
 
-DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const HandTarget& target,
-                            Window* window, IgtlServer* igtl) {
+DeviceOptions deviceOptions(const FeelOptions& options, const BuiltScene& built,
+                            const HandTarget& target, Window* window, IgtlServer* igtl) {
   DeviceOptions asked;
   asked.rate = options.rate;
   asked.target = target;
   // The hand starts in front of all volumes, as seen from the camera of the window.
-  Vec3 start = bounds.centre();
-  start.y() = bounds.lower.y() - 0.1 * bounds.size().maxCoeff();
+  const Box& bounds = built.bounds;
+  const Vec3 front = frontOf(built);
+  const double half = 0.5 * front.cwiseAbs().dot(bounds.size());
+  const Vec3 start = bounds.centre() + (half + 0.1 * bounds.size().maxCoeff()) * front;
   if (window != nullptr) asked.mouse = window->mouse(start);
   const auto& names = options.devices;
   // A hand of the device igtl follows the client of the OpenIGTLink server.
@@ -62,24 +65,26 @@ HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, Ordered
   return target;
 }
 
-void record(Hand& hand, const std::string& place, double rate, RecordedScene first) {
+void record(Hand& hand, const FeelOptions& options, std::size_t h, RecordedScene first) {
+  const std::string place = placeOf(options.record, h);
   checkReplaceable(place);
-  RecordedSetting setting{hand.device->info(), rate, {}};
+  RecordedSetting setting{hand.device->info(), options.rate, {}};
+  setting.device.name = deviceName(options.devices[h], hand.device->info());
   // A replayed hand keeps the force limits of the recorded run.
   const bool again = dynamic_cast<const ReplayDevice*>(hand.device.get()) != nullptr;
-  if (!again) setting.device.limits = limitsInLoop(hand.device->info(), rate);
+  if (!again) setting.device.limits = limitsInLoop(hand.device->info(), options.rate);
   setting.about = dump({{"version", kVersion}, {"commit", commit()}, {"machine", machineJson()}});
   hand.recorder = std::make_unique<Recorder>(place, setting);
   hand.log.recorder = hand.recorder.get();
   hand.recorder->expect(std::move(first));
 }
 
-std::vector<std::unique_ptr<Device>> openDevices(const FeelOptions& options, const Box& bounds,
-                                                 const HandTarget& target, Window* window,
-                                                 IgtlServer* igtl) {
+std::vector<std::unique_ptr<Device>> openDevices(const FeelOptions& options,
+                                                 const BuiltScene& built, const HandTarget& target,
+                                                 Window* window, IgtlServer* igtl) {
   std::vector<std::unique_ptr<Device>> devices;
   for (const std::string& name : options.devices) {
-    devices.push_back(openDevice(name, deviceOptions(options, bounds, target, window, igtl)));
+    devices.push_back(openDevice(name, deviceOptions(options, built, target, window, igtl)));
   }
   return devices;
 }
@@ -100,7 +105,7 @@ void prepareRecordings(Hands& hands, const FeelOptions& options, const SceneInpu
   if (options.record.empty()) return;
   const std::string scene = recordedScene(from.file, from.text, from.spec, {}, built.windows);
   for (std::size_t h = 0; h < hands.size(); ++h) {
-    record(*hands[h], placeOf(options.record, h), options.rate, {built.scene->id, scene});
+    record(*hands[h], options, h, {built.scene->id, scene});
   }
 }
 
@@ -156,8 +161,8 @@ int feel(FeelOptions options) {
       targetOf(options, plays ? buildScene(coarsely(spec, built), {}) : built, search);
   // After this call, an interrupt lowers the forces and the run still writes its results.
   noteInterrupts();
-  std::vector<std::unique_ptr<Device>> devices = openDevices(
-      options, built.bounds, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);
+  std::vector<std::unique_ptr<Device>> devices =
+      openDevices(options, built, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);
   std::vector<const Device*> rendered;
   rendered.reserve(devices.size());
   for (const auto& device : devices) rendered.push_back(device.get());
@@ -316,6 +321,8 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_flag("--passive", options->passive,
                  "Never give the hand more energy than it has put in (docs/passivity.md)");
   verb->add_flag("--watch", options->watch, "Reload and redraw the scene file when it changes");
+  verb->add_option("--record", options->record,
+                   "Records inputs and outputs of each tick; --device replay:FILE runs them again");
   verb->add_option("--trace", options->trace, "Writes a CSV, one row a tick");
   verb->add_option("--summary", options->summary, "Writes the summary as JSON");
   addIgtl(*verb, *options);

@@ -8,6 +8,7 @@
 #include "palpate/devices/recording/replay_device.h"
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/cli/picture.h"
+#include "palpate/scenes/apps/cli/slow_rate.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/apps/common/touch.h"
 #include "palpate/scenes/network/sites/site.h"
@@ -16,7 +17,7 @@ namespace palpate::cli {
 namespace {
 
 void checkTimes(const FeelOptions& options) {
-  const double slowest = options.realtime ? 500.0 : 10.0;
+  const double slowest = options.realtime ? kSlowRate : 10.0;
   const double fastest = options.realtime ? 20000.0 : 100000.0;
   if (!(options.rate >= slowest && options.rate <= fastest)) {
     throw Error("--rate",
@@ -141,6 +142,10 @@ bool isSimulated(const std::string& device) {
   return device == "simulated" || device.rfind("simulated:", 0) == 0;
 }
 
+std::string deviceName(const std::string& option, const DeviceInfo& device) {
+  return option == "mouse" || option == "igtl" ? option : device.name;
+}
+
 std::string placeOf(const std::string& asked, std::size_t hand) {
   if (asked.empty() || hand == 0) return asked;
   std::filesystem::path place(asked);
@@ -182,6 +187,9 @@ void checkFeelOptions(const FeelOptions& options) {
                 remedyWithoutRealtime(options, "--reengage"));
   }
   checkIgtl(options);
+  // A replay uses the recorded rate, which the user cannot change.
+  const bool replayed = std::any_of(options.devices.begin(), options.devices.end(), isReplay);
+  if (!replayed) noteSlowRate(options.window ? "view" : "feel", options.rate);
 }
 
 double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,

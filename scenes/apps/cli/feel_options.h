@@ -21,6 +21,10 @@ inline constexpr double kMostFeelSeconds = 1e6;  ///< Longest duration of a run 
 /// Returns true if the value of --device is a simulated arm, with or without a simulated failure.
 [[nodiscard]] bool isSimulated(const std::string& device);
 
+/// Returns the name of a device in results: its own name, or "mouse" or "igtl" for a simulated arm
+/// that a mouse or a client leads. `option` is the value of --device.
+[[nodiscard]] std::string deviceName(const std::string& option, const DeviceInfo& device);
+
 /// Returns the output file of a hand: for `asked` = "T.csv", T.csv, T.2.csv, T.3.csv and so on.
 [[nodiscard]] std::string placeOf(const std::string& asked, std::size_t hand);
 

@@ -1,6 +1,7 @@
 #include "palpate/scenes/apps/cli/feel_results.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <fstream>
 #include <optional>
@@ -12,6 +13,7 @@
 
 #include "palpate/engine/version.h"
 #include "palpate/scenes/apps/cli/again.h"
+#include "palpate/scenes/apps/cli/feel_options.h"
 #include "palpate/scenes/apps/cli/room.h"
 
 namespace palpate::cli {
@@ -21,13 +23,37 @@ OrderedJson mostOf(const Hand& hand, const Scene& scene) {
   const Most most = hand.log.felt.most();
   if (!(most.force > 0.0)) return nullptr;
   const std::optional<Again> again = againOf(most, scene);
+  const double spring = most.stiffness * (most.proxy - most.probe).norm();
   return {{"force", most.force},
+          {"spring", spring},
+          {"damper", scene.coupling.damping > 0.0 ? most.wanted - spring : 0.0},
+          {"limiter", most.force - most.wanted},
           {"mode", most.mode},
           {"time", most.time},
           {"probe", toJson(most.probe)},
           {"proxy", toJson(most.proxy)},
           {"at", again ? toJson(again->at) : OrderedJson()},
-          {"push", again ? toJson(again->push) : OrderedJson()}};
+          {"push", again ? toJson(again->push) : OrderedJson()},
+          {"off", again ? OrderedJson(again->off) : OrderedJson()}};
+}
+
+/// Example: "spring 2.1 N, damper +0.3 N, limiter -0.4 N"; without a share that is too small to
+/// feel.
+std::string shareWords(const OrderedJson& most) {
+  constexpr double kLeast = 1e-3;  // [N]
+  std::string text = fmt::format("spring {} N", rounded(most["spring"].get<double>()));
+  for (const char* key : {"damper", "limiter"}) {
+    const auto share = most[key].get<double>();
+    if (std::abs(share) >= kLeast) text += fmt::format(", {} {:+.4g} N", key, share);
+  }
+  return text;
+}
+
+/// `off`: Again::off.
+std::string explains(double off) {
+  constexpr double kSame = 0.02;
+  if (off <= kSame) return ": to explain it, run:";
+  return fmt::format(": to explain a force within {:.0f} % of it, run:", std::ceil(100.0 * off));
 }
 
 Legible timeWords(const OrderedJson& summary) {
@@ -64,18 +90,19 @@ bool endRecording(const Run& run, std::size_t h) {
   return lost == 0 && hand.recorder->trouble().empty();
 }
 
-OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneSpec& spec,
-                      const Scene& scene) {
+OrderedJson summaryOf(const Run& run, std::size_t h) {
+  const FeelOptions& options = run.options;
+  const Hand& hand = *run.hands[h];
   OrderedJson summary;
   summary["version"] = kVersion;
   summary["commit"] = commit();
-  summary["scene"] = spec.source;
-  summary["device"] = hand.device->info().name;
+  summary["scene"] = run.spec.source;
+  summary["device"] = deviceName(options.devices[h], hand.device->info());
   summary["clock"] = options.realtime ? "real" : "virtual";
   const OrderedJson counted = hand.log.felt.summary();
   for (const auto& [key, value] : counted.items()) summary[key] = value;
-  summary["most"] = mostOf(hand, scene);
-  summary["room"] = roomFor(hand.device->info(), options.rate, stiffestCoupling(spec));
+  summary["most"] = mostOf(hand, *run.scene);
+  summary["room"] = roomFor(hand.device->info(), options.rate, stiffestCoupling(run.spec));
   if (options.realtime) {
     summary["realtime"] = hand.granted;
   } else {
@@ -90,7 +117,7 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
           const std::string& scene) {
   say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
       rounded(summary["seconds"].get<double>()), rounded(options.rate),
-      options.realtime ? "in real time" : "in virtual time", hand.device->info().name,
+      options.realtime ? "in real time" : "in virtual time", summary["device"].get<std::string>(),
       summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
   sayRoom(summary["room"], 10, options.verbose);
   if (options.realtime) say("{}", timeWords(summary));
@@ -102,18 +129,17 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
   const bool again = !most["at"].is_null();
   // Felt::add counts the force in a fast move half, so this force may not be the largest one.
   const bool larger = summary["force_max"].get<double>() > most["force"].get<double>();
-  say("strongest {} N after {} s{}, mainly from {}{}\n", rounded(most["force"].get<double>()),
+  say("strongest {} N after {} s{}, mainly from {} ({}){}\n", rounded(most["force"].get<double>()),
       rounded(most["time"].get<double>()), larger ? " (a force in a fast move counts half)" : "",
-      most["mode"].get<std::string>(), again ? ": to explain it, run:" : "");
+      most["mode"].get<std::string>(), sentence(shareWords(most)),
+      again ? explains(most["off"].get<double>()) : "");
   if (again) say("{}\n", sentence(explainLine(scene, {place("at"), place("push")})));
 }
 
 void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   const FeelOptions& options = run.options;
   std::vector<OrderedJson> felt;
-  for (const auto& hand : run.hands) {
-    felt.push_back(summaryOf(options, *hand, run.spec, *run.scene));
-  }
+  for (std::size_t h = 0; h < run.hands.size(); ++h) felt.push_back(summaryOf(run, h));
   OrderedJson summary = felt[0];
   if (!search.is_null()) summary["search"] = search;
   if (felt.size() > 1) summary["hands"] = felt;

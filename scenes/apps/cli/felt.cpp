@@ -12,17 +12,6 @@ namespace {
 
 constexpr double kStep = 1.02;  // Ratio of the upper to the lower bound of a bin
 
-/// Lists how many ticks had each status other than converged; empty if all converged.
-std::string troublesOf(const OrderedJson& statuses) {
-  std::string troubles;
-  for (const auto& [status, count] : statuses.items()) {
-    if (status == wordFor(StepStatus::kConverged) || count.get<std::int64_t>() == 0) continue;
-    troubles += fmt::format("{}{} in {} ticks", troubles.empty() ? "" : ", ", status,
-                            count.get<std::int64_t>());
-  }
-  return troubles;
-}
-
 Legible modeWords(const OrderedJson& mode) {
   Legible text = words("contact   {}: ", mode["mode"].get<std::string>());
   if (mode["touches"].get<int>() == 0) return text += words("none\n");
@@ -131,7 +120,8 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;
   if (forces.most <= 0.0 || worth <= most_.worth) return;
   const std::size_t main = forces.main;
-  most_ = {worth, size, tick.time, tick.probe, r.proxy, r.stiffness, tick.scene, main, {}};
+  most_ = {worth,           size,       tick.time, tick.probe, r.proxy, r.stiffness,
+           r.wanted.norm(), tick.scene, main,      {}};
   const int motion = main < felt->own ? felt->motion_of[main] : -1;
   if (motion >= 0) most_.pose = state.bodies()[static_cast<std::size_t>(motion)].pose;
 }
@@ -144,6 +134,7 @@ void Felt::countTick(const Telemetry& tick) noexcept {
   last_time_ = tick.time;
   if (tick.fault != fault_) ++faults_[static_cast<std::size_t>(tick.fault)];
   fault_ = tick.fault;
+  cut_ += static_cast<std::int64_t>(tick.fault != Fault::kNone);
   ++statuses_[static_cast<std::size_t>(r.status)];
   closed_form_ += static_cast<std::int64_t>(r.solver == SolverKind::kClosedForm);
   limited_ += static_cast<std::int64_t>(r.limited);
@@ -269,9 +260,16 @@ Most Felt::most() const {
   Most most;
   for (const auto& felt : scenes_) {
     if (!(most_.force > 0.0) || felt->id != most_.scene) continue;
-    most = {most_.force, most_.time,      most_.probe,
-            most_.proxy, most_.stiffness, felt->names[most_.mode],
-            felt->id,    nullptr,         most_.pose};
+    most = {most_.force,
+            most_.time,
+            most_.probe,
+            most_.proxy,
+            most_.stiffness,
+            most_.wanted,
+            felt->names[most_.mode],
+            felt->id,
+            nullptr,
+            most_.pose};
     const int motion = most_.mode < felt->own ? felt->motion_of[most_.mode] : -1;
     if (motion >= 0) most.motion = felt->motions[static_cast<std::size_t>(motion)];
   }
@@ -377,13 +375,10 @@ Legible Felt::words() const {
   text += cli::words("balance   {} % closed form, {} iterations a tick; error at most {} m\n",
                      rounded(100.0 * static_cast<double>(closed_form_) / ticks), mean("iterations"),
                      rounded(bound_max_));
-  std::int64_t faults = 0;
-  for (std::size_t i = 1; i < kFaults; ++i) faults += faults_[i];
   text += cli::words(
-      "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {} ticks; {} "
-      "faults\n",
-      rounded(force_max_), kStrong, rounded(100.0 * static_cast<double>(strong_) / ticks), limited_,
-      faults);
+      "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {} ticks\n",
+      rounded(force_max_), kStrong, rounded(100.0 * static_cast<double>(strong_) / ticks),
+      limited_);
   if (coarse_ > 0) {
     text += cli::words(
         "coarse    coarser data replaced missing data, or another frame replaced a missing frame, "
@@ -402,6 +397,23 @@ Legible Felt::words() const {
   if (tank_ != TankUse::kOff) text += tankWords(s["tank"], ticks);
   for (const auto& mode : s["felt"]) text += modeWords(mode);
   return text;
+}
+
+std::string Felt::troublesOf(const OrderedJson& statuses) const {
+  std::string troubles;
+  std::int64_t faults = 0;
+  for (std::size_t i = 1; i < kFaults; ++i) faults += faults_[i];
+  if (faults > 0) {
+    troubles = fmt::format("{} fault{}, force off for {} ms", faults, faults == 1 ? "" : "s",
+                           std::llround(1e3 * static_cast<double>(cut_) / rate_));
+  }
+  for (const auto& [status, count] : statuses.items()) {
+    const auto ticks = count.get<std::int64_t>();
+    if (status == wordFor(StepStatus::kConverged) || ticks == 0) continue;
+    if (status == wordFor(StepStatus::kFault)) continue;
+    troubles += fmt::format("{}{} in {} ticks", troubles.empty() ? "" : ", ", status, ticks);
+  }
+  return troubles;
 }
 
 Legible Felt::partsWords(const OrderedJson& parts) const {

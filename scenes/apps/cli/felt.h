@@ -45,6 +45,7 @@ struct Most {
   Vec3 probe = Vec3::Zero();  ///< [m]
   Vec3 proxy = Vec3::Zero();  ///< [m]
   double stiffness = 0.0;     ///< [N/m]
+  double wanted = 0.0;        ///< Force of spring and damper, before the limiter [N].
   std::string mode;
   std::uint64_t scene = 0;  ///< Scene::id of the tick.
   MotionPtr motion;         ///< Motion of the mode's volume; null: at rest.
@@ -117,6 +118,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     Vec3 probe = Vec3::Zero();
     Vec3 proxy = Vec3::Zero();
     double stiffness = 0.0;
+    double wanted = 0.0;
     std::uint64_t scene = 0;
     std::size_t mode = 0;
     Pose pose;
@@ -140,6 +142,9 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
                TickForces& forces) noexcept;
   void countMode(ModeFelt& mode, double held, const ModeTick& tick) const noexcept;
+  /// Lists how often and how long faults cut the force, and how many ticks had each other status.
+  /// Empty if all ticks converged without a fault.
+  [[nodiscard]] std::string troublesOf(const OrderedJson& statuses) const;
   [[nodiscard]] Legible partsWords(const OrderedJson& parts) const;
   [[nodiscard]] Legible tankWords(const OrderedJson& tank, double ticks) const;
   [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);
@@ -158,6 +163,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double last_time_ = 0.0;
   Fault fault_ = Fault::kNone;
   std::array<std::int64_t, kFaults> faults_{};  ///< Number of times that each fault cut the force.
+  std::int64_t cut_ = 0;                        ///< Ticks in which a fault cut the force.
   std::array<std::int64_t, kStepStatuses> statuses_{};
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;

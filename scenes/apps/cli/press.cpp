@@ -9,6 +9,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/loop/telemetry.h"
 #include "palpate/scenes/apps/cli/picture.h"
+#include "palpate/scenes/apps/cli/slow_rate.h"
 #include "palpate/scenes/apps/common/touch.h"
 
 namespace palpate::cli {
@@ -398,6 +399,7 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
 
 int press(const PressOptions& options) {
   checkRate("--rate", options.rate);
+  noteSlowRate("press", options.rate);
   if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
   const Way way = wayOf(options);
   const auto trial = [&](const BuiltScene& built) {

@@ -52,7 +52,9 @@ std::string roomWords(const OrderedJson& room) {
   const auto newtons = [&](const char* key) { return rounded(room[key].get<double>()) + " N/m"; };
   const std::string asked = newtons("stiffness");
   const std::string name = room["device"].get<std::string>();
-  const std::string arm = name == "simulated" ? "the simulated arm" : name;
+  // A recording names a hand that the mouse or 3D Slicer leads by its leader.
+  const bool simulated = name == "simulated" || name == "mouse" || name == "igtl";
+  const std::string arm = simulated ? "the simulated arm" : name;
   if (swingsUp(room)) {
     return fmt::format(
         "stiffness {}: unstable on {}, even while held: use {}", asked, arm,

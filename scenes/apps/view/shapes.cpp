@@ -28,6 +28,7 @@
 #include <vtkVolume.h>
 #include <vtkVolumeProperty.h>
 
+#include "palpate/scenes/apps/common/front.h"
 #include "palpate/scenes/apps/view/sampled.h"
 
 namespace palpate::view {
@@ -128,7 +129,8 @@ Colour onScale(double share) {
   return mixed;
 }
 
-Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine_(fine) {
+Shapes::Shapes(const BuiltScene& built, bool fine)
+    : bounds_(built.bounds), front_(cli::frontOf(built)), fine_(fine) {
   addGraph(built.scene->graph, fine);
   seeThrough();
   const auto& parts = built.scene->parts;

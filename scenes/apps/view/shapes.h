@@ -50,6 +50,8 @@ class Shapes {
   void moveTo(double time);
   [[nodiscard]] bool moves() const noexcept;
   [[nodiscard]] const Box& bounds() const noexcept { return bounds_; }
+  /// Returns the horizontal unit vector from the centre to the viewer of the first picture.
+  [[nodiscard]] const Vec3& front() const noexcept { return front_; }
 
   struct Entry {
     std::string name;  ///< Name of the mode or the volume.
@@ -102,6 +104,7 @@ class Shapes {
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;
+  Vec3 front_;
   bool fine_ = false;
   bool bodies_ = true;
 };

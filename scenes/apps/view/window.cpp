@@ -332,10 +332,22 @@ void ViewWindow::frame() {
   }
 }
 
+void ViewWindow::fitToScreen() {
+  const int* screen = window_->GetScreenSize();
+  if (screen == nullptr || screen[0] <= 0 || screen[1] <= 0) return;
+  const int* size = window_->GetSize();
+  // The desktop's bars and the window's title take about a tenth of the height.
+  const int width = std::min(size[0], screen[0]);
+  const int height = std::min(size[1], 9 * screen[1] / 10);
+  window_->SetSize(width, height);
+  layOut();
+}
+
 void ViewWindow::run(double every, const std::string& shot, const std::string& told_file) {
   interactor_ = vtkSmartPointer<vtkRenderWindowInteractor>::New();
   interactor_->SetInteractorStyle(nullptr);
   interactor_->SetRenderWindow(window_);
+  fitToScreen();
   events_ = std::make_unique<Events>(*this);
   interactor_->Initialize();
   sight_.emplace(reinterpret_cast<std::uintptr_t>(window_->GetGenericWindowId()));

@@ -75,6 +75,7 @@ class ViewWindow {
   void fillPanel();
   [[nodiscard]] std::vector<std::string> notes() const;
   void layOut();
+  void fitToScreen();  ///< Shrinks the window to the screen, before it is shown.
   void furnish();
   /// Shows the modes of a new scene. Modes that are in both scenes keep requested gains.
   void follow(const LiveScene& modes);

@@ -72,7 +72,9 @@ void ViewWindow::resetCamera() {
   const double size = std::max(1e-6, box.size().norm());
   vtkCamera& camera = *scene_->GetActiveCamera();
   // The camera is about 20 degrees right of the scene's front and above it. z points up.
-  const Vec3 from = centre + 1.65 * size * Vec3(0.35, -0.87, 0.35);
+  const Vec3& front = shapes_->front();
+  const Vec3 right = Vec3::UnitZ().cross(front);
+  const Vec3 from = centre + 1.65 * size * (0.35 * right + 0.87 * front + 0.35 * Vec3::UnitZ());
   camera.SetFocalPoint(centre.x(), centre.y(), centre.z());
   camera.SetPosition(from.x(), from.y(), from.z());
   camera.SetViewUp(0.0, 0.0, 1.0);
@@ -194,7 +196,14 @@ void ViewWindow::drawFrame() {
   newtons_->SetVisibility(felt);
   if (felt) {
     newtons_->SetInput(fmt::format("{:.2f} N", force.norm()).c_str());
-    newtons_->SetPosition(at[0] + 8.0, at[1] + 6.0);
+    // Keeps the whole text in the picture, beside the panel.
+    double text[2];  // NOLINT(modernize-avoid-c-arrays): VTK takes a C array
+    newtons_->GetSize(hidden_, text);
+    const int* size = window_->GetSize();
+    const double right = size[0] * hidden_->GetViewport()[2] - text[0];
+    const double top = size[1] - text[1];
+    newtons_->SetPosition(std::clamp(at[0] + 8.0, 0.0, std::max(0.0, right)),
+                          std::clamp(at[1] + 6.0, 0.0, std::max(0.0, top)));
   }
   // If the panel is not drawn, the window keeps the panel's previous picture.
   side_->SetDraw(panel_fresh_ ? 1 : 0);

@@ -32,6 +32,10 @@ Told ViewWindow::told() const {
   told["pixels"]["proxy"] = pixel({tick_.proxy[0], tick_.proxy[1], tick_.proxy[2]});
   told["pixels"]["tip"] = pixel(overlay_->tip());
   told["pixels"]["centre"] = pixel(shapes_->bounds().centre());
+  double text[2];  // NOLINT(modernize-avoid-c-arrays): VTK takes a C array
+  newtons_->GetSize(hidden_, text);
+  const double* corner = newtons_->GetPosition();
+  told["newtons"] = {corner[0], corner[1], corner[0] + text[0], corner[1] + text[1]};
   told["bars"] = Told::array();
   for (const Bar& bar : bars_) {
     told["bars"].push_back({{"name", bar.name},
