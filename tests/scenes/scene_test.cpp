@@ -186,9 +186,9 @@ TEST_CASE("the schema and the reader of scenes accept and refuse the same files"
       {"/volumes/true/place/repeat", 1, "/volumes/true/place/repeat: 1 is not true or false"},
       {"/volumes/head/place/repeat", true, "\"repeat\" needs keyframes"},
       {"/volumes/flow/place/keyframes", Json::parse(R"([{"time": 0}])"), "moves with it"},
-      {"/fields/speed", Json::object(), "give one of magnitude"},
-      {"/fields/speed/curl", "flow", "give one of magnitude"},
-      {"/fields/way/q", "flow", "give one of magnitude"},
+      {"/fields/speed", Json::object(), "give one of them"},
+      {"/fields/speed/curl", "flow", "give one of them"},
+      {"/fields/way/q", "flow", "give one of them"},
       {"/fields/core/lambda2", 2, "/fields/core/lambda2: 2 is not a text"},
       {"/fields/core/lamda2", "flow", "did you mean \"lambda2\"?"},
       {"/modes", Json::object(), "/modes: it is not a list"},
@@ -494,7 +494,7 @@ TEST_CASE("a derived field is computed at load only if a mode needs its derivati
   wall.kind = ModeKind::kIsosurface;
   wall.of = "speed";
   spec.graph.modes = {wall};
-  CHECK_THROWS_WITH(buildScene(spec), Contains("/modes/0/of") && Contains("is derived"));
+  CHECK_THROWS_WITH(buildScene(spec), Contains("/modes/0/of") && Contains("is a derived field"));
 }
 
 TEST_CASE("a scene file with invalid JSON or duplicate keys is rejected", "[scene]") {

@@ -124,7 +124,7 @@ TEST_CASE("a scene's play settings are read, checked and completed with defaults
   const BuiltScene little = built(scene, folder.path());
   CHECK(little.sequences.at("ball")->state().slots == 5);
   REQUIRE(little.notes.size() == 1);
-  CHECK_THAT(little.notes[0], Contains("5 of its 6 frames") && Contains("it needs 6"));
+  CHECK_THAT(little.notes[0], Contains("5 of the sequence's 6 frames") && Contains("needs 6"));
   scene["play"] = Json::object();
   scene["volumes"]["ball"] = {{"file", "ball_000.vdb"}};
   CHECK(refusal(scene, folder.path()) == "taken");

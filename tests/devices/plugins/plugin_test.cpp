@@ -289,7 +289,7 @@ TEST_CASE("the state that a plug-in reports makes the arm not ready or sets a fa
   CHECK_FALSE(with(PALPATE_PLUGIN_READY).ready);
   CHECK(fake.arm->whyNotReady().find("hold it") != std::string::npos);
   CHECK_FALSE(with(PALPATE_PLUGIN_HELD).ready);
-  CHECK(fake.arm->whyNotReady().find("home it") != std::string::npos);
+  CHECK(fake.arm->whyNotReady().find("home the arm") != std::string::npos);
   CHECK(with(kGood | PALPATE_PLUGIN_HOT).fault == Fault::kTemperature);
   CHECK(with(kGood | PALPATE_PLUGIN_UNPOWERED).fault == Fault::kPower);
   CHECK(with(kGood | PALPATE_PLUGIN_OPEN).fault == Fault::kSwitch);
