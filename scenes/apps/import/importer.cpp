@@ -390,11 +390,11 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
       (imported.made.active == 0 ? constant : out.grids).push_back(std::move(imported));
     }
   }
-  const auto isScalar = [](const Imported& imported) {
+  const auto is_scalar = [](const Imported& imported) {
     return imported.made.grid->isType<openvdb::FloatGrid>();
   };
-  if (keepsEmptySurface(options) && constant.size() == 1 && isScalar(constant.front()) &&
-      std::none_of(out.grids.begin(), out.grids.end(), isScalar)) {
+  if (keepsEmptySurface(options) && constant.size() == 1 && is_scalar(constant.front()) &&
+      std::none_of(out.grids.begin(), out.grids.end(), is_scalar)) {
     out.grids.push_back(std::move(constant.front()));
     constant.clear();
   }
