@@ -432,6 +432,7 @@ TEST_CASE("a hand that drifts slowly along one surface is stopped by the next on
   const auto b = std::get<ScalarPtr>(fieldOf({makeBall(20.0, 1.0)}, right));
   GraphSpec skins = skinOf("a");
   skins.modes[0].friction = 0.0;
+  skins.modes[0].strength = 30.0;
   skins.modes.push_back(skins.modes[0]);
   skins.modes[1].of = "b";
   Hand hand(makeScene(skins, {{"a", a}, {"b", b}}));

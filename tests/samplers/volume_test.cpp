@@ -720,7 +720,7 @@ TEST_CASE("grids of whole numbers, bools and masks are described by their values
     CHECK(range("large") == std::array{-20000.0, 0.0, -10000.0, 0.0});
     CHECK(range("bools") == std::array{1.0, 1.0, 1.0, 0.0});
     CHECK(range("mask") == std::array{1.0, 1.0, 1.0, 0.0});
-    for (const GridInfo& info : infos) CHECK(info.refusal.find("of type") != std::string::npos);
+    for (const GridInfo& info : infos) CHECK(info.refusal.find("its type") != std::string::npos);
   }
 }
 
