@@ -238,7 +238,7 @@ class Trouble(Case):
                               env={**os.environ, "PMI_RANK": "1", "PMI_SIZE": "2"}, capture_output=True, text=True,
                               timeout=PATIENCE)
         self.assertEqual(done.returncode, 2)
-        self.assertIn("another MPI", done.stderr)
+        self.assertIn("different MPI libraries", done.stderr)
         self.assertFalse((self.dir / "many").exists())
 
     def test_an_invalid_value_of_the_last_rank_is_reported(self):
