@@ -455,7 +455,8 @@ class Window(Case):
 
     def do(self, *words):
         done = subprocess.run(["xdotool", *map(str, words)], env=self.env, text=True,
-                              capture_output=True, timeout=PATIENCE, check=True)
+                              capture_output=True, timeout=PATIENCE, check=False)
+        self.assertEqual(done.returncode, 0, f"xdotool {words}: {done.stderr} {self.told()}")
         return done.stdout.split()
 
     def close(self, window):
