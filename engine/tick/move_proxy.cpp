@@ -186,13 +186,20 @@ bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexc
 
 /// Ends the slice without a reading if the reading of an earlier tick still serves. It does if only
 /// the hand has moved since then, only surfaces without friction hold the proxy, and the balance is
-/// within the tolerance of the place of that reading. The path from that place is swept. Returns
-/// false, with `now` unchanged, if properties must be read.
+/// within the tolerance of the place of that reading. The scene's finest voxel counts, because a
+/// mode without a contact may begin there. Fields that stream or play data are read in every tick.
+/// The path from that place is swept. Returns false, with `now` unchanged, if properties must be
+/// read.
 bool stay(Tick& tick, Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
+  const Graph& graph = tick.scene.graph;
+  if (!tick.proxy.arrived || !graph.attentive.empty()) return false;
   const Vec3 read_at = tick.proxy.position - tick.proxy.beyond;
-  const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
-  if (!tick.proxy.arrived || b.surfaces == 0 || b.surfaces != b.primitives.size() ||
+  double voxel = now.voxel;
+  for (const FieldFrame& frame : graph.scalar_frames) voxel = std::min(voxel, frame.voxel);
+  for (const FieldFrame& frame : graph.vector_frames) voxel = std::min(voxel, frame.voxel);
+  const double tolerance = tick.scene.step.tolerance_voxels * voxel;
+  if (b.surfaces == 0 || b.surfaces != b.primitives.size() ||
       !((now.to.target - read_at).norm() <= tolerance) || now.follows || !now.to.found ||
       !steady(tick, now)) {
     return false;
@@ -357,12 +364,12 @@ bool moveProxy(Tick& tick, double time) noexcept {
     tick.probe = hand - (slices - slice) * came;
     proxy.offset = proxy.position - tick.probe;
     last = follow(tick, slices - slice);
+    proxy.arrived = last == Slice::kArrived;
   }
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     settle(mode, proxy.position, last == Slice::kArrived, memory);
   });
   bodies.arrive();
-  proxy.arrived = last == Slice::kArrived;
   const bool stayed = !on.any && tick.report.primitives == 0 && proxy.offset.isZero(0.0);
   proxy.free_ticks = stayed ? proxy.free_ticks + 1 : 0;
   return last != Slice::kSpoilt;
