@@ -40,8 +40,9 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
 /// In space u is the quadratic B-spline through the nodes. Its slope is continuous, and its
 /// curvature across the lattice's faces is zero. Beyond the faces, u is that of the nearest point
 /// on them. In time u is the cubic Hermite curve through the frames, with slopes of parabolas
-/// through three frames: the rate is continuous. Where the times are uneven, the slopes are limited
-/// so that u does not overshoot. Outside of the frames' times, u is constant, or repeats.
+/// through three frames: the rate is continuous. In a frame between uneven intervals the slope is
+/// limited, so that u does not overshoot there. Outside of the frames' times, u is constant, or
+/// repeats.
 ///
 /// Throws SceneError, with `path` and the faulty part (/times/2): no frame; times that do not
 /// ascend or differ in number from the frames; a repeated warp that does not end as it begins; a

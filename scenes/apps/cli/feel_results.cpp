@@ -26,7 +26,7 @@ OrderedJson mostOf(const Hand& hand, const Scene& scene) {
   const double spring = most.stiffness * (most.proxy - most.probe).norm();
   return {{"force", most.force},
           {"spring", spring},
-          {"damper", scene.coupling.damping > 0.0 ? most.wanted - spring : 0.0},
+          {"others", most.wanted - spring},
           {"limiter", most.force - most.wanted},
           {"mode", most.mode},
           {"time", most.time},
@@ -37,15 +37,16 @@ OrderedJson mostOf(const Hand& hand, const Scene& scene) {
           {"off", again ? OrderedJson(again->off) : OrderedJson()}};
 }
 
-/// Example: "spring 2.1 N, damper +0.3 N, limiter -0.4 N"; without a share that is too small to
-/// feel.
+/// Example: "spring 2.1 N, damper and others +0.3 N, limiter -0.4 N"; without a share that is too
+/// small to feel.
 std::string shareWords(const OrderedJson& most) {
   constexpr double kLeast = 1e-3;  // [N]
   std::string text = fmt::format("spring {} N", rounded(most["spring"].get<double>()));
-  for (const char* key : {"damper", "limiter"}) {
-    const auto share = most[key].get<double>();
-    if (std::abs(share) >= kLeast) text += fmt::format(", {} {:+.4g} N", key, share);
-  }
+  const auto add = [&](const char* name, double share) {
+    if (std::abs(share) >= kLeast) text += fmt::format(", {} {:+.4g} N", name, share);
+  };
+  add("damper and others", most["others"].get<double>());
+  add("limiter", most["limiter"].get<double>());
   return text;
 }
 
