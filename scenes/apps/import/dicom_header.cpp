@@ -16,6 +16,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/dicom_bytes.h"
+#include "palpate/scenes/apps/import/header_checks.h"
 #include "palpate/scenes/apps/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -208,10 +209,7 @@ std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames)
 }  // namespace
 
 bool isDicom(const fs::path& path) {
-  std::array<char, 4096> begin{};
-  std::ifstream in(path, std::ios::binary);
-  in.read(begin.data(), begin.size());
-  return beginsAsDicom({begin.data(), static_cast<std::size_t>(in.gcount())});
+  return beginsAsDicom(firstBytesOf(path));
 }
 
 File headerOf(const fs::path& path) {

@@ -3,37 +3,24 @@
 #include <array>
 #include <cctype>
 #include <cstdint>
-#include <fstream>
 #include <string_view>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/dicom_bytes.h"
+#include "palpate/scenes/apps/import/header_checks.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/unpacked.h"
 
 namespace palpate::importer {
 namespace {
 
-constexpr std::size_t kBeginning = 4096;  ///< [bytes]
-
 std::string beginningOf(const std::filesystem::path& file) {
-  std::string text(kBeginning, '\0');
+  constexpr std::size_t kBytes = 4096;
+  std::string text(kBytes, '\0');
   Unpacked in(file, file);
-  text.resize(in.readSome(text.data(), kBeginning));
-  return text;
-}
-
-/// Returns the first bytes of a file as they are stored; "" if it is unreadable or not a regular
-/// file.
-std::string storedBeginningOf(const std::filesystem::path& file) {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(file, error)) return "";
-  std::string text(kBeginning, '\0');
-  std::ifstream in(file, std::ios::binary);
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
+  text.resize(in.readSome(text.data(), kBytes));
   return text;
 }
 
@@ -249,7 +236,10 @@ void refuseZarr(const std::filesystem::path& folder) {
 }
 
 void refuseNeuroglancer(const std::filesystem::path& folder) {
-  if (!isNeuroglancer(storedBeginningOf(folder / "info"))) return;
+  const std::filesystem::path info = folder / "info";
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(info, ignored)) return;
+  if (!isNeuroglancer(firstBytesOf(info))) return;
   throw VolumeError(
       folder.string(),
       "the folder is a neuroglancer precomputed volume, which palpate does not import",
@@ -266,7 +256,8 @@ void refusePictures(const std::filesystem::path& folder) {
   for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
     std::error_code ignored;
     if (entry->is_directory(ignored)) return;
-    const std::string bytes = storedBeginningOf(entry->path());
+    if (!entry->is_regular_file(ignored)) continue;
+    const std::string bytes = firstBytesOf(entry->path());
     if (isDicom(bytes)) return;
     found[0] = found[0] || isPng(bytes);
     found[1] = found[1] || isTiff(bytes);

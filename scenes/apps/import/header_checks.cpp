@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <fstream>
+#include <ios>
 #include <limits>
 #include <system_error>
 
@@ -83,6 +86,14 @@ void checkHeld(const std::filesystem::path& header, const std::filesystem::path&
                                 "header is wrong",
                                 calledBy(header, data), std::max(held, 0.0), std::ceil(least)),
                     "copy or export the file again, or correct the header");
+}
+
+std::string firstBytesOf(const std::filesystem::path& file) {
+  std::string bytes(4096, '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  bytes.resize(static_cast<std::size_t>(in.gcount()));
+  return bytes;
 }
 
 }  // namespace palpate::importer

@@ -17,6 +17,9 @@ namespace palpate::importer {
 [[nodiscard]] double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
                              double bytes);
 
+/// Returns the first bytes of a file, at most 4096, as they are stored; "" if it is unreadable.
+[[nodiscard]] std::string firstBytesOf(const std::filesystem::path& file);
+
 /// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if it is
 /// unreadable or, unless `follow`, if it or its link's target is outside the header's folder.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,

@@ -109,17 +109,8 @@ Content readXml(const Request& request) {
   return content;
 }
 
-std::string beginOf(const std::filesystem::path& file) {
-  constexpr std::size_t kBytes = 4096;
-  std::string text(kBytes, '\0');
-  std::ifstream in(file, std::ios::binary);
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  return text;
-}
-
 bool isCollection(const std::filesystem::path& file) {
-  const std::string text = beginOf(file);
+  const std::string text = firstBytesOf(file);
   const auto at = text.find("<VTKFile");
   if (at == std::string::npos) return false;
   const std::string tag = text.substr(at, text.find('>', at) - at);
@@ -236,7 +227,7 @@ class ListReader final : public Reader {
 
  private:
   vtkSmartPointer<vtkDataObject> readData(const std::filesystem::path& file) const {
-    if (beginOf(file).starts_with("# vtk DataFile")) {
+    if (firstBytesOf(file).starts_with("# vtk DataFile")) {
       return readLegacyData(file, request_.progress)->GetOutput();
     }
     return readXmlData(file, request_.progress);
