@@ -103,9 +103,10 @@ vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file
   }
   if (solid->GetNumberOfIds() == 0) return nullptr;
   if (flat > 0) notes.push_back(fmt::format("{} cells without volume were skipped", flat));
-  if (hidden > 0)
+  if (hidden > 0) {
     notes.push_back(
         fmt::format("{} cells were skipped, which the file marks as hidden or duplicate", hidden));
+  }
 
   vtkSmartPointer<vtkDataSet> out = mesh;
   if (flat + hidden > 0) {

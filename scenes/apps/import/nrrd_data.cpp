@@ -78,9 +78,10 @@ void NrrdData::checkWords(std::FILE* in) const {
   int length = 0;
   for (int c = std::fgetc(in); c != EOF; c = std::fgetc(in)) {
     length = std::isspace(c) != 0 ? 0 : length + 1;
-    if (length > kLongest)
+    if (length > kLongest) {
       refuse("the text has a word of more than 500 characters, too long for a number",
              kNrrdDamaged);
+    }
   }
   std::fseek(in, start, SEEK_SET);
 }
