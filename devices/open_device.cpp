@@ -2,10 +2,12 @@
 
 #include <fstream>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
 
+#include "palpate/devices/arm/tested_arms.h"
 #include "palpate/devices/hid/open_arm.h"
 #include "palpate/devices/plugins/plugin_process.h"
 #include "palpate/devices/recording/csv.h"
@@ -111,17 +113,21 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   host.stop = options.stop;
   if (options.passive) host.tank = TankUse::kAct;
   host.refill = options.refill;
-  auto arm = openAnyArm(name, host).device;
+  OpenedArm opened = openAnyArm(name, host);
+  auto arm = std::move(opened.device);
   if (options.passive && !arm->traits().drives) {
     throw Error("--passive", arm->info().name + " gives no force", "leave out --passive");
   }
   if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
-    throw Error(
-        "--passive",
-        "the friction of " + arm->info().name +
-            " is not known at every joint, or is smaller than the error of its measurement or the "
-            "force steps of its motors",
-        "run palpate devices --test " + name + "; if the arm has passed, leave out --passive");
+    if (!isTested(opened.identity)) {
+      throw Error("--passive", "the friction of " + arm->info().name + " is not known",
+                  "run palpate devices --test " + name);
+    }
+    throw Error("--passive",
+                "the friction of " + arm->info().name +
+                    " is not known at every joint, or is smaller than the error of its measurement "
+                    "or the force steps of its motors",
+                "leave out --passive");
   }
   const double most = arm->info().output_rate;
   if (options.say && options.rate > most && most > 0.0) {
@@ -130,7 +136,8 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
     if (most >= kSlowest) {
       remedy = fmt::format("use --rate {} to send all of them", most);
     } else if (options.rate > kSlowest) {
-      remedy = fmt::format("use --rate {}, the lowest, to send more of them", kSlowest);
+      remedy = fmt::format(
+          "use --rate {}, the lowest rate: then the arm gets a larger share of them", kSlowest);
     }
     options.say(fmt::format("{} takes {} forces per second, and the loop computes {}: {}",
                             arm->info().name, most, options.rate, remedy));

@@ -309,7 +309,7 @@ class JsonObject {
   struct Relation {
     std::string key;
     std::string other;
-    bool needed;  ///< True: the key is required. False: the key is forbidden.
+    bool needed;  ///< If `key` is present, `other` is required (true) or forbidden (false).
     const char* why;
     const char* remedy;
   };

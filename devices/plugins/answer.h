@@ -9,7 +9,7 @@
 #include <cstring>
 #include <exception>
 
-#include "palpate/devices/plugins/plugin.h"
+#include "plugin.h"
 
 namespace palpate_plugins {
 

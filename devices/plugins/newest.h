@@ -9,7 +9,7 @@
 #include <ctime>
 #include <type_traits>
 
-#include "palpate/devices/plugins/plugin.h"
+#include "plugin.h"
 
 namespace palpate_plugins {
 

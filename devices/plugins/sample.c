@@ -1,8 +1,9 @@
-/* A sample plug-in: a simulated arm, to be read, copied and changed (docs/plugins.md). C99 with the
- * compiler's own atomics; needs libc and libm.
+/* A sample plug-in: two simulated arms, to be read, copied and changed (docs/plugins.md). C99 with
+ * the compiler's own atomics; needs libc and libm.
  *
- * The tip is a mass on a spring and a damper about the slow path of a hand; the force moves the
- * tip. The simulation advances by the host's clock, and only when the host reads.
+ * The tip of S1 is a mass on a spring and a damper about the slow path of a hand; the force moves
+ * the tip. Nobody holds S2, which has a counterweight, so it passes palpate devices --test. The
+ * simulation advances by the host's clock, and only when the host reads.
  */
 #include <math.h>
 #include <stddef.h>
@@ -15,6 +16,7 @@
 static const double kMass = 0.1;                /* [kg] */
 static const double kSpring = 30.0;             /* [N/m] */
 static const double kDamper = 2.0;              /* [N s/m] */
+static const double kFriction = 1.0;            /* Of an arm that nobody holds [N s/m]. */
 static const double kWeight = 0.3;              /* [N] */
 static const double kPeak = 4.0;                /* [N] */
 static const double kContinuous = 1.5;          /* Force that the motors can hold forever [N]. */
@@ -30,6 +32,7 @@ typedef struct arm {
   palpate_plugin_weight weight;
   palpate_plugin_heat heat;
   int open;
+  int held; /* A hand holds the tip. */
   int ready;
   int stopped; /* Access only by __atomic: stop is called on any thread. */
   int64_t began;
@@ -76,7 +79,7 @@ static void forceNow(arm* a, double out[3]) {
   size = off ? 0.0 : a->given * size;
   a->hot +=
       ((size / kContinuous) * (size / kContinuous) - a->hot) * 1e-9 * (double)kPeriod / kHeating;
-  out[2] += off ? -kWeight : (a->share - 1.0) * kWeight;
+  if (a->held) out[2] += off ? -kWeight : (a->share - 1.0) * kWeight;
 }
 
 static void step(arm* a) {
@@ -84,7 +87,8 @@ static void step(arm* a) {
   double force[3];
   forceNow(a, force);
   for (int i = 0; i < 3; ++i) {
-    const double pull = force[i] - kSpring * a->offset[i] - kDamper * a->speed[i];
+    const double pull = force[i] - (a->held ? kSpring * a->offset[i] + kDamper * a->speed[i]
+                                            : kFriction * a->speed[i]);
     a->speed[i] += pull / kMass * dt;
     a->offset[i] += a->speed[i] * dt;
   }
@@ -93,7 +97,7 @@ static void step(arm* a) {
 
 static void measure(const arm* a, palpate_plugin_reading* r) {
   const double t = 1e-9 * (double)(a->at - a->began);
-  const double w = 0.5; /* The hand's path: a slow circle of 2 cm [rad/s]. */
+  const double w = a->held ? 0.5 : 0.0; /* The hand's path: a slow circle of 2 cm [rad/s]. */
   r->state = a->ready ? PALPATE_PLUGIN_READY : 0;
   r->taken = a->at;
   r->position[0] = a->offset[0] + 0.02 * sin(w * t);
@@ -193,7 +197,7 @@ static double given(palpate_plugin_device* device) {
 
 static const void* extensionOf(palpate_plugin_device* device, const char* name) {
   const arm* a = (const arm*)device;
-  if (strcmp(name, PALPATE_PLUGIN_WEIGHT) == 0) return &a->weight;
+  if (strcmp(name, PALPATE_PLUGIN_WEIGHT) == 0) return a->held ? &a->weight : NULL;
   if (strcmp(name, PALPATE_PLUGIN_HEAT) == 0) return &a->heat;
   return NULL;
 }
@@ -224,6 +228,7 @@ static palpate_plugin_device* openArm(const char* serial, char* error, size_t ro
                                           readArm,       writeArm, stopArm, closeArm, extensionOf};
     const palpate_plugin_weight weight = {sizeof weight, 0, carry, 2.0};
     const palpate_plugin_heat heat = {sizeof heat, 0, given};
+    a->held = i == 0;
     a->device = device;
     a->weight = weight;
     a->heat = heat;

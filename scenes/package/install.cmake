@@ -38,8 +38,18 @@ if(NOT PALPATE_ENGINE_ONLY)
     FILES_MATCHING PATTERN "*.md" PATTERN "*.png")
   install(FILES ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${PROJECT_SOURCE_DIR}/README.md
     DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT doc)
-  install(FILES ${PROJECT_SOURCE_DIR}/devices/plugins/sample.c ${PROJECT_SOURCE_DIR}/devices/plugins/plugin.h
+  # What docs/plugins.md tells to copy and to compile.
+  set(plugin_sources ${PROJECT_SOURCE_DIR}/devices/plugins)
+  install(FILES ${plugin_sources}/sample.c ${plugin_sources}/plugin.h ${plugin_sources}/answer.h ${plugin_sources}/newest.h
+      ${plugin_sources}/openhaptics.cpp ${plugin_sources}/dhd.cpp ${plugin_sources}/nifalcon.cpp
+      ${PROJECT_SOURCE_DIR}/devices/hid/known_arms.json
     DESTINATION ${CMAKE_INSTALL_DOCDIR}/plugins COMPONENT doc)
+  # The programs that docs/embed.md, packages.md and notebook.md explain.
+  set(shown_programs ${PROJECT_SOURCE_DIR}/tests/scenes)
+  install(DIRECTORY ${shown_programs}/embed ${shown_programs}/host ${shown_programs}/host_c ${shown_programs}/host_engine
+    DESTINATION ${CMAKE_INSTALL_DOCDIR}/programs COMPONENT doc)
+  install(FILES ${PROJECT_SOURCE_DIR}/scenes/bindings/python/session.py
+    DESTINATION ${CMAKE_INSTALL_DOCDIR}/programs COMPONENT doc)
   install(FILES ${here}/palpate-limits.conf
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   # A user runs this script once, to make keys for sites.

@@ -441,7 +441,7 @@ TEST_CASE("a PID device is sent only the magnitudes that have changed", "[hid][p
   CHECK(sent({NAN, 0.0, 0.0}) == 0);
 }
 
-TEST_CASE("a PID device gets a decrease on one axis before an increase on another axis",
+TEST_CASE("a PID device gets a smaller force on one axis before a larger force on another axis",
           "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);

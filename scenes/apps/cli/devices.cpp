@@ -509,6 +509,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   verb->add_option(
       "--test", options->test,
       "Tests an arm, for example hid:polhem: rates, encoder steps, friction, motor signs");
+  verb->add_flag("--virtual", options->virtual_arm,
+                 "Runs the test on a simulated arm, to see a test that passes; saves nothing");
   CLI::Option* watched =
       verb->add_option("--watch", options->watch,
                        "Shows an arm's reports live: fields, joints, tip, flags; sends no force");
@@ -526,12 +528,17 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(
       "Example:\n  palpate devices mine\n  palpate devices --watch hid:mine\n"
-      "  palpate devices --test hid:polhem");
+      "  palpate devices --virtual\n  palpate devices --test hid:polhem");
   verb->callback([=, &body] {
     body = [=] {
       if (!options->test.empty() && !options->profile.empty()) {
         throw Error(options->profile, "--test already names an arm",
                     "leave out the profile or --test");
+      }
+      if (options->virtual_arm && (!options->test.empty() || !options->watch.empty() ||
+                                   !options->profile.empty() || options->ruler)) {
+        throw Error("--virtual", "the simulated arm has no other name, and nobody can move it",
+                    "leave out --test, --watch, --ruler and the profile");
       }
       if (!options->watch.empty()) {
         if (!options->test.empty() || !options->profile.empty() || options->json) {
@@ -541,7 +548,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
         return watch(*options);
       }
       if (!options->profile.empty()) return show(*options);
-      return options->test.empty() ? list(*options) : testArm(*options);
+      if (options->virtual_arm || !options->test.empty()) return testArm(*options);
+      return list(*options);
     };
   });
 }

@@ -128,7 +128,9 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {
     throw Error("--device", "\"" + options.device + "\" does not name a profile",
-                "write hid:PROFILE, hid:PROFILE@SERIAL or hid:FILE.json");
+                "write hid:PROFILE, hid:PROFILE@SERIAL or hid:FILE.json; for another arm leave out "
+                "--device, "
+                "and give --mass, --viscous, --coulomb and --delay");
   }
   const HidProfile profile =
       namedProfile(*name, [](const std::string& note) { complain("stability: " + note); });

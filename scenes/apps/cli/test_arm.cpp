@@ -16,6 +16,7 @@
 #include "palpate/devices/arm/tested_arms.h"
 #include "palpate/devices/open_device.h"
 #include "palpate/devices/plugins/plugin_process.h"
+#include "palpate/devices/simulated/virtual_arm.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/loop/haptic_loop.h"
 #include "palpate/engine/loop/realtime.h"
@@ -39,7 +40,8 @@ struct Tested {
 };
 
 /// Sends zero force until the user presses Enter; ignores keys pressed before. Returns the tip's
-/// position [m], or no value after an interrupt or the end of standard input.
+/// position [m], or no value after an interrupt. Throws Error at the end of standard input: without
+/// a user, the arm must not move.
 std::optional<Vec3> atEnter(Arm& arm) {
   (void)tcflush(STDIN_FILENO, TCIFLUSH);
   for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
@@ -49,7 +51,10 @@ std::optional<Vec3> atEnter(Arm& arm) {
     pollfd keys{STDIN_FILENO, POLLIN, 0};
     if (poll(&keys, 1, 0) <= 0) continue;
     char key = 0;
-    if (::read(STDIN_FILENO, &key, 1) != 1) return std::nullopt;
+    if (::read(STDIN_FILENO, &key, 1) != 1) {
+      throw Error("--test", "standard input has ended, and nobody has pressed Enter",
+                  "run the test in a terminal, with a user at the arm");
+    }
     if (key != '\n') continue;
     const bool old = hand.age > arm.info().watch.stale;
     if (!hand.ready || hand.fault != Fault::kNone || old || !hand.position.allFinite()) {
@@ -73,9 +78,13 @@ struct Ruled {
 };
 
 /// Lets the user move the tip by a ruler's length along each movable axis. Each move starts at the
-/// end of the last one. Returns no value if the user skips or ends the measurement.
+/// end of the last one. Returns no value if the length is 0, or after an interrupt.
 std::optional<Ruled> measureWays(Arm& arm, double ruler) {
-  if (ruler == 0.0) return std::nullopt;
+  if (ruler == 0.0) {
+    complain("devices: hold the tip at the centre of its workspace, and press Enter");
+    (void)atEnter(arm);
+    return std::nullopt;
+  }
   const ArmAxes axes = axesWithin(arm.traits().moves);
   Ruled ruled;
   std::string ways;
@@ -133,12 +142,12 @@ class GuardianSays {
   Pulse guard_;
 };
 
-/// Runs the test in real time, with force limiter and guardian.
-Tested run(Arm& arm, Guardian& guardian, double force) {
+/// Runs the test with force limiter and guardian, in real time or in the time of a simulated arm.
+Tested run(Arm& arm, Guardian& guardian, double force, bool simulated) {
   LoopWatch watch;
   if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
-  const StayAwake awake(true);
-  (void)becomeRealtime({}, awake);
+  const StayAwake awake(!simulated);
+  if (!simulated) (void)becomeRealtime({}, awake);
   SelfTestParams params;
   params.axes = axesWithin(arm.read().drives);
   params.down = arm.traits().down_W;
@@ -157,8 +166,9 @@ Tested run(Arm& arm, Guardian& guardian, double force) {
   const std::int64_t begin = nowNs();
   std::int64_t last = begin - kPeriod;
   for (std::int64_t i = 0; !test.done() && interrupted == 0; ++i) {
-    sleepUntil(begin + i * kPeriod);
-    const std::int64_t now = nowNs();
+    const std::int64_t due = begin + i * kPeriod;
+    if (!simulated) sleepUntil(due);
+    const std::int64_t now = simulated ? due : nowNs();
     const double t = 1e-9 * static_cast<double>(now - begin);
     const double dt = 1e-9 * static_cast<double>(now - last);
     last = now;
@@ -362,12 +372,14 @@ int testArm(const DevicesOptions& options) {
   host.tests = true;
   // The test moves the arm by centimetres only, after it has asked the user to let go.
   host.carries = kMostForce;
-  const auto [arm, identity] = openAnyArm(options.test, host);
+  const auto [arm, identity] = options.virtual_arm ? OpenedArm{makeVirtualArm(), ArmIdentity{}}
+                                                   : openAnyArm(options.test, host);
   if (!arm->traits().drives) {
     throw Error("--test", arm->info().name + " gives no force", "name an arm that gives force");
   }
   const std::optional<Ruled> ruled =
-      measureWays(*arm, options.ruler.value_or(rulerFor(arm->traits())));
+      options.virtual_arm ? std::nullopt
+                          : measureWays(*arm, options.ruler.value_or(rulerFor(arm->traits())));
   if (interrupted != 0) return kInterrupted;
   if (ruled && !ruled->trouble.empty()) {
     complain("devices: " + ruled->trouble);
@@ -381,11 +393,15 @@ int testArm(const DevicesOptions& options) {
                              ? "the largest force of the arm"
                              : "because the arm has not passed a test yet"));
   }
-  complain(
-      fmt::format("devices: let go of the arm within a second{}: the test pushes it with at most "
-                  "{} N by a few centimetres for about 25 s; Ctrl-C ends the test",
-                  arm->traits().carries ? " (its motors carry its weight)" : "", force));
-  Tested tested = run(*arm, guardian, force);
+  if (options.virtual_arm) {
+    if (!options.json) say("arm        simulated, in simulated time; nobody holds it\n");
+  } else {
+    complain(
+        fmt::format("devices: let go of the arm within a second{}: the test pushes it with at most "
+                    "{} N by a few centimetres for about 25 s; Ctrl-C ends the test",
+                    arm->traits().carries ? " (its motors carry its weight)" : "", force));
+  }
+  Tested tested = run(*arm, guardian, force, options.virtual_arm);
   if (ruled) tested.result.scale = ruled->scale;
   const bool passed = tested.fault == Fault::kNone && tested.not_ready.empty() &&
                       tested.result.problems.empty() && interrupted == 0;
@@ -398,8 +414,15 @@ int testArm(const DevicesOptions& options) {
   if (!options.json) sayRoom(roomOf(r, *arm), 11, options.verbose);
   complainOf(tested);
   if (interrupted != 0) return kInterrupted;
+  if (options.virtual_arm) {
+    if (passed && !options.json) say("passed     a real arm that passes is saved as tested\n");
+    return passed ? kDone : kEndedEarly;
+  }
   if (!passed) {
     forgetTest(identity);
+    complain(
+        fmt::format("devices: the arm has not passed: it stays limited to at most {} N and {} N/m",
+                    kUntestedForce, kUntestedStiffness));
     return kEndedEarly;
   }
   remember(identity, r, ruled.has_value(), options.json);

@@ -3,6 +3,8 @@
 
 #include <catch2/catch.hpp>
 
+#include "palpate/devices/arm/self_test.h"
+#include "palpate/engine/safety/limit_force.h"
 #include "tests/devices/plugins/plugin_host.h"
 #include "tests/support/counters.h"
 
@@ -119,6 +121,48 @@ TEST_CASE("the sample plug-in's arm moves with the force until the arm is stoppe
   goOn(host, 1, 0.0, 0.0, 0.0);
   goOn(host, 1000, 0.6, 0.0, 0.0);
   CHECK(pushed(host) == Approx(0.02).margin(1e-4));
+}
+
+TEST_CASE("the sample plug-in's arm S2 moves only while a force pushes it", "[plugin]") {
+  PluginHost host(kSample);
+  REQUIRE(host.open("S2"));
+  REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
+  goOn(host, 1000, 0.0, 0.0, 0.0);
+  for (const double x : host.reading.position) CHECK(x == 0.0);
+  goOn(host, 100, 0.5, 0.0, 0.0);
+  const double there = host.reading.position[0];
+  CHECK(there > 5e-3);
+  goOn(host, 2000, 0.0, 0.0, 0.0);
+  CHECK(host.reading.position[0] > there);
+  CHECK(std::abs(host.reading.velocity[0]) < 1e-6);
+  CHECK(host.reading.position[2] == 0.0);  // it has no weight
+}
+
+TEST_CASE("the sample plug-in's arm S2 passes the self-test", "[plugin]") {
+  PluginHost host(kSample);
+  REQUIRE(host.open("S2"));
+  REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
+  palpate::SelfTest self(palpate::SelfTestParams{});
+  palpate::LimiterState limiter;
+  const palpate::ForceLimits limits{0.5, 100.0};
+  for (int i = 0; i < 60000 && !self.done(); ++i) {
+    PluginHost::now() += kMillisecond;
+    REQUIRE(host.read() == PALPATE_PLUGIN_OK);
+    palpate::HandState hand;
+    hand.position = palpate::Vec3(host.reading.position);
+    const palpate::Vec3 wanted = self.next(hand, 1e-3 * i, limiter.sent);
+    const palpate::Vec3 force =
+        palpate::limitForce(wanted, palpate::Vec3::Zero(), 1e-3, limits, limiter).force;
+    REQUIRE(host.write(force.x(), force.y(), force.z()) == PALPATE_PLUGIN_OK);
+  }
+  REQUIRE(self.done());
+  const palpate::SelfTestResult result = self.result();
+  for (const std::string& problem : result.problems) UNSCOPED_INFO(problem);
+  CHECK(result.problems.empty());
+  for (const palpate::AxisResult& axis : result.axes) {
+    CHECK(axis.mass == Approx(0.1).epsilon(0.1));
+    CHECK(axis.viscous == Approx(1.0).epsilon(0.1));
+  }
 }
 
 TEST_CASE("the sample plug-in's watchdog ends a force that is not renewed for 50 ms", "[plugin]") {
