@@ -9,7 +9,7 @@ namespace palpate {
 /// Scheme, host and port of an address, in the form that libcurl gives them.
 struct HttpOrigin {
   std::string scheme;  ///< "http" or "https".
-  std::string host;    ///< Name or number of the machine.
+  std::string host;    ///< Host name or IP address.
   std::string port;    ///< Never empty.
 
   /// Returns true if scheme, host and port are equal.

@@ -48,7 +48,7 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
   if (!fs::is_directory(folder, error)) {
     throw Error(folder.string(), "it exists already and is not a folder", "name another place");
   }
-  const std::string remedy = "remove it, or name another folder";
+  const std::string remedy = "remove the folder, or name another one";
   if (fs::exists(folder / kBrickManifestFile, error)) {
     if (BrickManifest::read(folder).identity() == identity) return Found::kFinished;
     throw Error(folder.string(),
@@ -69,7 +69,8 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
   for (const auto& one : fs::directory_iterator(folder, error)) {
     const std::string name = one.path().filename().string();
     if (name != ".partial" && name != ".zgroup") {
-      throw Error(folder.string(), "it exists already and contains \"" + name + "\"", remedy);
+      throw Error(folder.string(), "it exists already and contains \"" + name + "\"",
+                  "name another folder");
     }
   }
   return Found::kNothing;

@@ -133,6 +133,10 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
     for (auto& leaf : column) grid->tree().addLeaf(leaf.release());
     column.clear();
   }
+  if (grid->empty()) {
+    throw VolumeError(array.name, "all its values equal the background, so no voxel has data",
+                      "give another background, such as 0");
+  }
   grid->setName(array.name);
   if (array.level_set) grid->setGridClass(openvdb::GRID_LEVEL_SET);
   try {

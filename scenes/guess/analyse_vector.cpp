@@ -116,7 +116,11 @@ VectorAnalysis analyseVector(const SuggestInput& input) {
               std::max(1.0, static_cast<double>(flow.speed.size()));
   std::sort(flow.speed.begin(), flow.speed.end());
   std::sort(flow.curl.begin(), flow.curl.end());
-  flow.core = coreOf(samples, kStill * fastest, percentile(flow.curl, 95.0));
+  // The cores of vortices often fill less of a flow than the shear around them.
+  for (const double percent : {95.0, 99.0}) {
+    const double least = percentile(flow.curl, percent);
+    flow.core = std::max(flow.core, coreOf(samples, kStill * fastest, least));
+  }
   return flow;
 }
 

@@ -78,7 +78,8 @@ struct VectorAnalysis {
   std::vector<float> curl;
   /// |O|^2 / |J|^2 with the Jacobian J and its antisymmetric part O: 0.5 in shear, 1 in a rotation.
   double turning = 0.0;
-  /// `turning` where the curl is in its highest 5 %: near 1 in the core of a vortex.
+  /// The larger `turning` of two sets, where the curl is in its highest 5 % and in its highest 1 %:
+  /// near 1 in the core of a vortex.
   double core = 0.0;
   double unit = 0.0;  ///< Fraction of the flow's vectors with length 1.
 };
@@ -95,7 +96,7 @@ enum class Likeness : std::uint8_t {
 /// Returns true if a scalar is such a function of another grid, its component or its magnitude.
 [[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other, Likeness likeness);
 
-/// Results of analysing several scalars together. Fractions are scalars within 0 and 1.
+/// Results of analysing several scalars together. Fractions are scalars with values from 0 to 1.
 struct SumAnalysis {
   /// True if nearly everywhere the scalars are fractions with a sum of at most 1.
   bool is_at_most_one = false;

@@ -352,7 +352,8 @@ Json followFlow(const Candidate& flow, const std::string& speed) {
   return makeMode("along " + flow.name, "follow", flow.name, {{"by", speed}},
                   strengthBySpeed(flow.vector),
                   fmt::format("The hand moves freely along the stream, and a force resists motion "
-                              "across it. The strength grows with the speed. The median speed is "
+                              "across it. The strength grows with the speed. The median "
+                              "speed, without still places, is "
                               "{}{}. A first guess.",
                               rounded(median, median), flow.unit()));
 }
@@ -394,8 +395,7 @@ Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity) {
   const double most = percentile(flow.curl, 95.0);
   return drag("vortices", vorticity, {{rounded(middle, most), 0}, {rounded(most, most), 0.3}},
               "A drag where the stream turns or shears. It is zero below the median of the "
-              "vorticity. At the edge of the data the vorticity is not accurate, because it uses "
-              "values beyond the edge.");
+              "vorticity.");
 }
 
 }  // namespace palpate::guess

@@ -155,7 +155,7 @@ std::vector<JsonObject<PlaceSpec>> placesWith(const JsonObject<PlaceSpec>& motio
   };
   const auto centred = [&](JsonObject<PlaceSpec> rows) {
     return rows.with(motion).refuse({"rotation_wxyz", "translate"},
-                                    "this key applies only to a place by \"scale\"",
+                                    "this key applies only to a place with \"scale\"",
                                     "remove this key, or replace \"fit\" or \"unit\" by \"scale\", "
                                     "in metres per unit of the file");
   };
@@ -191,7 +191,7 @@ JsonType<PlaceSpec> placeType() {
                   "a volume that is placed like another volume moves with it",
                   "remove this key, or place the volume by fit, unit or scale")
           .refuse(
-              {"rotation_wxyz", "translate"}, "this key applies only to a place by \"scale\"",
+              {"rotation_wxyz", "translate"}, "this key applies only to a place with \"scale\"",
               "remove this key, or replace \"like\" by \"scale\", in metres per unit of the file"));
   return JsonObject<PlaceSpec>()
       .chooseByKey(std::move(kinds))

@@ -103,6 +103,21 @@ def test_integers_that_a_double_cannot_hold_exactly_give_a_warning():
             palpate.volume(np.where(np.eye(4)[:, :, None] > 0, np.array(value, dtype), np.array(7, dtype)))
 
 
+def test_a_mask_that_becomes_the_background_gives_a_warning():
+    mask = np.zeros((20, 20, 20), "u1")
+    mask[:, :, :15] = 1
+    with pytest.warns(UserWarning, match="cut: its highest value is the median of its faces"):
+        assert palpate.volume(mask, name="cut").info["active_voxels"] == 2000
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert palpate.volume(mask, background=0).info["active_voxels"] == 6000
+        mask[1:, 1:, 1:] = 0
+        mask[5:10, 5:10, 5:10] = 1
+        assert palpate.volume(mask[1:, 1:, 1:]).info["active_voxels"] == 125
+    with pytest.raises(palpate.Error, match="all its values equal the background"):
+        palpate.volume(np.ones((5, 5, 5)))
+
+
 def test_the_matrix_of_a_nifti_image_defines_the_axes_of_an_array():
     affine = np.array([[0, -2, 0], [1, 0, 0], [0, 0, 3]], float)
     values = np.random.default_rng(2).normal(size=(5, 6, 7))

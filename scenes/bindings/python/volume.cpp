@@ -68,6 +68,17 @@ void warnOfRounding(const py::array& values, const std::string& name) {
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
+/// Warns if the highest value has become the background, as for a mask that touches most faces.
+void warnOfBackground(const py::array& values, const Volume& volume) {
+  const double most = values.attr("max")().cast<double>();
+  if (!(most > volume.info().highest)) return;
+  const std::string warning =
+      volume.info().name +
+      ": its highest value is the median of its faces, so it is the background " +
+      "and has no data: give background=, such as 0, if it is matter";
+  if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+}
+
 /// Returns floats and doubles unchanged, others as floats if exact, otherwise as doubles.
 py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
@@ -127,8 +138,10 @@ std::shared_ptr<const Volume> volumeOf(const py::object& given, const py::object
   array.name = name;
   array.level_set = level_set;
   array.background = background;
-  return aside([array, options = optionsOf(fill, smooth)] { return makeVolume(array, options); },
-               values);
+  auto volume = aside(
+      [array, options = optionsOf(fill, smooth)] { return makeVolume(array, options); }, values);
+  if (!vector && !level_set && !background && !fill) warnOfBackground(values, *volume);
+  return volume;
 }
 
 std::shared_ptr<const Volume> loadFrom(const std::filesystem::path& file, const std::string& grid,
