@@ -171,6 +171,9 @@ class Make(Case):
                     self.assertTrue(found[at]["can_be_felt"])
                     self.assertEqual(found[at]["active_voxels"], grid["active_voxels"])
                     self.assertEqual(found[at]["source"], f"palpate make {name}")
+            if name == "wind-tunnel":  # the vortices of the wing's tips fill 1 % of the air
+                modes = json.loads(run("scene", out).stdout)["modes"]
+                self.assertIn("vortex_tube", [mode["mode"] for mode in modes])
             self.assertIn(name, run("make", "--help").stdout)
             self.assertIn(grids[0], run("make", name, out).stdout)  # again, over the existing file
             os.remove(out)
@@ -771,6 +774,12 @@ class Feel(Case):
         shutil.rmtree(place)
         os.remove(precious)
 
+    def test_a_hand_that_begins_inside_a_solid_is_reported(self):
+        path = self.dir / "inside.csv"
+        path.write_text("t,x,y,z\n0,0,0,0\n1,0.001,0,0\n", encoding="utf-8")
+        said = run("feel", self.dir / "ball.vdb", "--device", f"path:{path}", status=4).stderr
+        self.assertIn("it began inside the solid of ", said)
+
     @suite.smoke
     def test_a_run_without_force_is_reported(self):
         scene = self.dir / "high.json"
@@ -1281,6 +1290,17 @@ class Devices(Case):
         self.refused("devices", "--test", "simulated", says="is not the name of an arm")
         self.refused("devices", "--test", "hid:polhem", "--force", 9, says="at most 3")
         self.refused("devices", "--test", "hid:polhem", says="no plugged-in arm fits this name")
+
+    @suite.smoke
+    def test_the_virtual_arm_passes_its_test_and_is_measured_as_it_was_made(self):
+        told = json.loads(run("devices", "--virtual", "--json").stdout)
+        self.assertTrue(told["passed"])
+        for axis in told["axes"]:  # ArmParams
+            self.assertAlmostEqual(axis["mass"], 0.1, delta=0.005)
+            self.assertAlmostEqual(axis["viscous"], 0.5, delta=0.1)
+            self.assertAlmostEqual(axis["coulomb"], 0.02, delta=0.015)
+        self.assertRegex(run("devices", "--virtual").stdout, r"(?m)^passed ")
+        self.refused("devices", "--virtual", "--ruler", 0.1, says="nobody can move it")
 
     @suite.smoke
     def test_watching_invalid_arms_is_refused(self):

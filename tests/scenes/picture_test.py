@@ -375,6 +375,14 @@ class Pictures(Case):
         self.assertEqual(words.count("L"), 2)
         self.assertIn("body [HU]", words)
         self.assertTrue(re.search(r"slices through the place of the largest force", "\n".join(words)))
+        # The force is drawn over the depth, with the modes' names where they begin to hold, yield and end.
+        self.assertIn("depth of the hand [mm]", words)
+        self.assertNotIn("time [s]", words)
+        told = json.loads(run("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0", "--json").stdout)
+        touched = [mode["mode"] for mode in told["modes"] if mode["touched_at"] is not None]
+        self.assertTrue(touched)
+        for name in touched:
+            self.assertTrue([w for w in words if re.search(rf"(^|, ){re.escape(name)}(,|$)", w)], (name, words))
 
 
 if __name__ == "__main__":

@@ -22,9 +22,11 @@ std::string describe(const TransferSpec& transfer, const std::string& unit, cons
   // A constant strength acts only at points where the field named by the key `by` has data.
   const bool mask = is_strength && transfer.factors.size() == 1 && !by.empty();
   for (const TransferSpec::Factor& factor : transfer.factors) {
+    // The unit follows the first factor; the others have none.
+    const std::string in = text.empty() && !unit.empty() ? " " + unit : "";
     if (!text.empty()) text += " times ";
     if (factor.curve.isConstant()) {
-      text += rounded(factor.curve.knots().front().second);
+      text += rounded(factor.curve.knots().front().second) + in;
       if (mask) text += " where " + by + " has data";
       continue;
     }
@@ -32,11 +34,14 @@ std::string describe(const TransferSpec& transfer, const std::string& unit, cons
     for (const auto& [input, output] : factor.curve.knots()) {
       curve += (curve.empty() ? "" : ", ") + rounded(input) + " -> " + rounded(output);
     }
-    text += "(" + curve + ")";
+    text += "(";
+    text += curve;
+    text += ")";
+    text += in;
     const std::string& reads = factor.by.empty() ? by : factor.by;
     if (!reads.empty()) text += " by " + reads;
   }
-  return unit.empty() ? text : text + " " + unit;
+  return text;
 }
 
 std::string describe(const GuideSpec& guide, const std::string& in) {
@@ -207,6 +212,11 @@ OrderedJson volumeOf(const std::string& name, const FieldPtr& field, const Scene
   const auto places = instancesOf(spec, name);
   if (places > 0) volume["instances"] = places;
   volume["metres_per_unit"] = frame.metres_per_unit;
+  if (const auto placed = built.placements.find(name); placed != built.placements.end()) {
+    const Placement& place = placed->second;
+    const Vec3 centre = place.rotation.transpose() * place.translate / -place.scale;
+    volume["at_hand_origin"] = toJson(centre);
+  }
   volume["voxel"] = frame.voxel;
   volume["bounds"] = {toJson(frame.bounds.lower), toJson(frame.bounds.upper)};
   const auto motion = built.motions.find(name);
@@ -249,8 +259,8 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
 }
 
 std::string placeText(const OrderedJson& at) {
-  return fmt::format("({}, {}, {})", rounded(at[0].get<double>()), rounded(at[1].get<double>()),
-                     rounded(at[2].get<double>()));
+  return fmt::format("({}, {}, {})", rounded(at[0].get<double>() + 0.0),
+                     rounded(at[1].get<double>()), rounded(at[2].get<double>()));
 }
 
 std::string edgeRemark(const OrderedJson& edge) {
@@ -311,6 +321,11 @@ void sayVolume(const std::string& name, const OrderedJson& volume) {
   }
   say("voxel {} mm, {} mm per unit of the file", rounded(1e3 * volume["voxel"].get<double>()),
       rounded(1e3 * volume["metres_per_unit"].get<double>()));
+  if (volume.contains("at_hand_origin")) {
+    const OrderedJson& at = volume["at_hand_origin"];
+    say("; 0, 0, 0 of the hand is {}, {}, {} of the file", rounded(at[0].get<double>() + 0.0),
+        rounded(at[1].get<double>() + 0.0), rounded(at[2].get<double>() + 0.0));
+  }
   if (volume.contains("instances")) {
     say(" (of the first of {} instances)", volume["instances"].get<std::size_t>());
   }

@@ -89,7 +89,14 @@ void printBalance(const OrderedJson& json) {
                                       : "inactive",
       text(limiter["peak"]), text(limiter["growth"]));
   say("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
-  say("force     {} N, magnitude {} N\n", text(force["sent"]), text(force["size"]));
+  say("force     {} N, magnitude {} N", text(force["sent"]), text(force["size"]));
+  if (told(force["damper"]) || limiter["slewed"].get<bool>()) {
+    const OrderedJson& spring = balance["spring"];
+    const double size =
+        std::hypot(spring[0].get<double>(), spring[1].get<double>(), spring[2].get<double>());
+    say(" in this tick; {} N by the spring, once the hand rests there", rounded(size));
+  }
+  say("\n");
 }
 
 void printSteps(const OrderedJson& steps) {

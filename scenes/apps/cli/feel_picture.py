@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Draws a run of `palpate feel`: JSON on standard input, a picture on standard output.
+"""Draws a run of `palpate feel` or `palpate press`: JSON on standard input, a picture on standard output.
 
 The argument is the format, png, pdf or svg. With --check, the script only checks whether matplotlib is installed.
 """
@@ -23,6 +23,7 @@ from matplotlib.patheffects import Stroke, Normal  # noqa: E402
 WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.2, 0.45, 0.45, 4.5, 3.0
 GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
 TITLE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.36, 0.4, 1.1, 0.15
+NAMES = 0.65          # above the force over depth
 ROBUST = (0.5, 99.5)  # percentiles of the values that are drawn black and white
 FAR = 0.1             # distance from a slice at which the path is palest, as a fraction of the longest side
 FAINT = 0.2
@@ -57,6 +58,10 @@ def grey_range(slices):
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
 
 
+def shortened(text, most=30):
+    return text if len(text) <= most else text[:most - 3] + "..."
+
+
 def longest_of(field):
     """Returns the 98th percentile of the lengths of the vectors in the slices; 0 if there are none."""
     lengths = [math.hypot(*v) for piece in field["slices"] for line in piece.get("vectors", [])
@@ -78,7 +83,7 @@ def path_mark(alpha):
 
 
 class Picture:
-    """A row of three slices for each field, and the force over time."""
+    """A row of three slices for each field, and the force over time or over the depth of a press."""
 
     def __init__(self, data):
         self.data = data
@@ -108,7 +113,8 @@ class Picture:
         columns = 3 if longest < 45 else 2 if longest < 70 else 1
         legend = LINE * math.ceil(len(marks) / columns) + 0.1
         first = TITLE + legend
-        self.height = first + row * len(fields) + 0.1 + TIME + LABELS + NOTE
+        above = NAMES if data["press"] and data["press"]["marks"] else 0.1
+        self.height = first + row * len(fields) + above + TIME + LABELS + NOTE
         self.figure = plt.figure(figsize=(WIDTH, self.height))
         for number, field in enumerate(fields):
             self.draw_field(number + 1, field, first + number * row + ROW_TITLE)
@@ -116,8 +122,9 @@ class Picture:
             height = len(fields) * row - ROW_TITLE - LABELS
             bar = self.axes(FORCE_BAR, first + ROW_TITLE, BAR, height)
             self.figure.colorbar(self.forces_map(), cax=bar, label="force on the hand [N]")
-        top = first + len(fields) * row + 0.1
-        self.draw_time(self.axes(LEFT, top, PANELS + 2 * GAP, TIME))
+        top = first + len(fields) * row + above
+        draw = self.draw_depth if data["press"] else self.draw_time
+        draw(self.axes(LEFT, top, PANELS + 2 * GAP, TIME))
         self.draw_legend(marks, columns)
         where = "through the place of the largest force" if data["felt"] else "through the middle"
         self.figure.text(LEFT / WIDTH, 1 - 0.06 / self.height, f"{data['scene']}: slices {where}",
@@ -264,6 +271,36 @@ class Picture:
             ax.set_xlim(self.time[0], self.time[-1])
         ax.set_xlabel("time [s]", labelpad=1)
         ax.set_ylabel("force on the hand [N]")
+        ax.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
+        ax.grid(linewidth=0.3, alpha=0.5)
+
+    def draw_depth(self, ax):
+        """Draws the force along the path of a press over the hand's depth, and names what happens at which depth."""
+        press = self.data["press"]
+        for key, colour, style, label in (("in", BLUE, "-", "moving in"), ("out", RED, "--", "moving out")):
+            rows = np.array(press[key], dtype=float).reshape(-1, 2)
+            ax.plot(1e3 * rows[:, 0], rows[:, 1], color=colour, linestyle=style, linewidth=0.9, label=label)
+        deepest = max(row[0] for row in press["in"] + press["out"])
+        ax.set_xlim(0.0, 1e3 * deepest)
+        places = []  # depths with the names of all that happens there
+        for mark in sorted(press["marks"], key=lambda mark: mark["depth"]):
+            if places and mark["depth"] - places[-1][0] < 0.02 * deepest:
+                places[-1][1].append(mark["name"])
+            else:
+                places.append((mark["depth"], [mark["name"]]))
+        for depth, _ in places:
+            ax.axvline(1e3 * depth, color="0.4", linestyle=":", linewidth=0.8)
+        if places:
+            # Above the axes, so that no name covers a number or the curve.
+            names = ax.secondary_xaxis("top")
+            names.set_xticks([1e3 * depth for depth, _ in places])
+            texts = names.set_xticklabels([shortened(", ".join(said)) for _, said in places], fontsize=6, rotation=20,
+                                          ha="left", rotation_mode="anchor")
+            for text in texts:
+                text.set_parse_math(False)
+            names.tick_params(length=2, pad=1)
+        ax.set_xlabel("depth of the hand [mm]", labelpad=1)
+        ax.set_ylabel("force along the path [N]")
         ax.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
         ax.grid(linewidth=0.3, alpha=0.5)
 

@@ -156,8 +156,9 @@ void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   if (options.json) return sayJson(summary);
   if (options.trace == "-" || options.summary == "-") return;
   if (!search.is_null()) {
-    say("search    {} probe rays, {} with contact; the hand's path visits {} places; {} ms\n",
-        search["rays"].get<int>(), search["met"].get<int>(), search["visits"].get<int>(),
+    say("search    {} probe rays, {} with contact; the hand's path visits {}; {} ms\n",
+        search["rays"].get<int>(), search["met"].get<int>(),
+        counted(search["visits"].get<int>(), "place", "places"),
         rounded(search["ms"].get<double>()));
   }
   for (std::size_t h = 0; h < run.hands.size(); ++h) {
@@ -226,9 +227,16 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
   });
   const bool lost = run.window != nullptr && run.window->lost();
   if (nothing && !lost && !cut) {
-    complain(
-        "feel: the hand felt no force: it touched no active mode: run palpate check to see where "
-        "the volumes are");
+    std::string solid;
+    for (const auto& hand : hands) {
+      if (solid.empty()) solid = hand->log.felt.inside();
+    }
+    complain(solid.empty()
+                 ? "feel: the hand felt no force: it touched no active mode: run palpate check to "
+                   "see where the volumes are"
+                 : fmt::format("feel: the hand felt no force: it began inside the solid of {}, and "
+                               "a surface holds only a hand that comes from outside: begin outside",
+                               Legible(solid).text()));
   }
   if (cut_short || interrupted != 0) return kInterrupted;
   return statusOf(run, nothing, lost, kept);

@@ -15,13 +15,15 @@ constexpr double kStep = 1.02;  // Ratio of the upper to the lower bound of a bi
 Legible modeWords(const OrderedJson& mode) {
   Legible text = words("contact   {}: ", mode["mode"].get<std::string>());
   if (mode["touches"].get<int>() == 0) return text += words("none\n");
-  text += words("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
-                mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
+  text += words("{} s in {}, up to {} N", rounded(mode["seconds"].get<double>()),
+                counted(mode["touches"].get<int>(), "touch", "touches"),
+                rounded(mode["held_max"].get<double>()));
   const OrderedJson& at = mode["at"];
   text += words(" at {} m",
                 placeWords({at[0].get<double>(), at[1].get<double>(), at[2].get<double>()}));
   if (mode["pushed_through"].get<int>() > 0) {
-    text += words(", pushed through {} times", mode["pushed_through"].get<int>());
+    text +=
+        words(", pushed through {}", counted(mode["pushed_through"].get<int>(), "time", "times"));
   }
   return text += words("\n");
 }
@@ -236,6 +238,7 @@ void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const no
   if (side == Side::kYielded && tick.last != Side::kYielded) ++mode.yields;
   tick.last = side;
   mode.impulse += held;
+  if (side == Side::kInside && held < kNewtons) ++mode.inside;
   if (held < kNewtons) return;
   if (held > mode.held) {
     mode.held = held;
@@ -246,6 +249,15 @@ void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const no
     ++mode.touches;
   }
   mode.last_active = now;
+}
+
+std::string Felt::inside() const {
+  for (const auto& felt : scenes_) {
+    for (std::size_t i = 0; i < felt->modes.size(); ++i) {
+      if (felt->modes[i].inside > 0) return felt->names[i];
+    }
+  }
+  return {};
 }
 
 bool Felt::anything() const {

@@ -379,7 +379,8 @@ void Picture::add(const Telemetry& tick) {
   stride_ *= 2;
 }
 
-void Picture::draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt) {
+void Picture::draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,
+                   const OrderedJson& press) {
   std::vector<Telemetry> touches;
   std::copy_if(ticks_.begin(), ticks_.end(), std::back_inserter(touches),
                [](const Telemetry& t) { return t.report.force.norm() >= kTouched; });
@@ -397,12 +398,14 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built, const Felt& f
       complain(fmt::format("picture: the parts are not drawn: {}", e.what()));
     }
     if (drawn) {
-      draw(some, *drawn, felt);
+      draw(some, *drawn, felt, press);
       return;
     }
   }
   const Drawing drawing(spec, built, felt, touches);
-  script_.draw(drawing.json(ticks_), file_, path_.string(), {format_});
+  OrderedJson json = drawing.json(ticks_);
+  json["press"] = press;
+  script_.draw(json, file_, path_.string(), {format_});
   file_.commit();
 }
 

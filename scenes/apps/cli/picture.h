@@ -1,4 +1,5 @@
-/// Draws the picture of a run: the path over the volumes' slices and the force over time.
+/// Draws the picture of a run: the path over the volumes' slices, and the force over time or over
+/// the depth of a press.
 #pragma once
 
 #include <filesystem>
@@ -25,7 +26,10 @@ class Picture {
   explicit Picture(const std::string& path);
   void add(const Telemetry& tick);
   /// Draws the picture. Throws Error. If it throws, it leaves no file.
-  void draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt);
+  /// @param press  Null, or the curve of a press, which replaces the force over time: "in" and
+  ///   "out" are rows of depth [m] and force [N], "marks" are events with a name and a depth.
+  void draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,
+            const OrderedJson& press = nullptr);
 
  private:
   std::filesystem::path path_;

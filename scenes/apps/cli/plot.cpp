@@ -58,7 +58,8 @@ File opened(const std::string& path) {
   return file;
 }
 
-/// Returns a title for each trace. A title that occurs several times gets a number.
+/// Returns a title for each trace. From its second occurrence on, a title gets a number: "a", "a
+/// (2)".
 std::vector<std::string> titlesOf(const std::vector<std::string>& traces) {
   std::vector<std::string> titles;
   std::vector<std::string> stems;

@@ -15,6 +15,7 @@
 namespace palpate::cli {
 namespace {
 
+constexpr double kLoad = 0.05;      // [N]: drags yield at smaller loads all the time
 constexpr double kMostSteps = 1e6;  // Largest number of steps in one direction
 
 struct PressOptions {
@@ -167,7 +168,8 @@ class Curve {
     last_stiffness_ = r.stiffness;
   }
 
-  /// Returns the slope of a line fitted between the first force and the first yield [N/m].
+  /// Returns the slope of a line fitted between the first force and the first yield of a load of at
+  /// least 50 mN [N/m]; empty if the force does not rise.
   [[nodiscard]] std::optional<double> slope() const;
 
   const Scene& scene_;
@@ -190,7 +192,9 @@ std::optional<double> Curve::slope() const {
   constexpr double kNewtons = 1e-6;
   double first_yield = std::numeric_limits<double>::infinity();
   for (const ModePressed& mode : modes_) {
-    if (mode.yield) first_yield = std::min(first_yield, mode.yield->depth);
+    if (mode.yield && mode.yield->force.value_or(0.0) >= kLoad) {
+      first_yield = std::min(first_yield, mode.yield->depth);
+    }
   }
   double n = 0.0;
   double x = 0.0;
@@ -207,7 +211,8 @@ std::optional<double> Curve::slope() const {
   }
   const double spread = n * xx - x * x;
   if (n < 3.0 || !(spread > 0.0)) return std::nullopt;
-  return (n * xy - x * y) / spread;
+  const double slope = (n * xy - x * y) / spread;
+  return slope > 0.0 ? std::optional<double>(slope) : std::nullopt;
 }
 
 OrderedJson orNull(const std::optional<double>& value) {
@@ -344,11 +349,39 @@ void printPress(const OrderedJson& json) {
                         : yielded ? of(json["stiffness"]) + " N/m up to the first yield"
                                   : of(json["stiffness"]) + " N/m on the way in");
   for (const OrderedJson& mode : json["modes"]) printPressed(mode);
-  say("energy    {} J in, {} J returned: hysteresis {} J\n", of(json["work_in"]),
-      of(json["work_out"]), of(json["hysteresis"]));
+  say("energy    the hand gave {} J on the way in and got back {} J on the way out; {} J were "
+      "lost\n",
+      of(json["work_in"]), of(json["work_out"]), of(json["hysteresis"]));
   say("          {} J given to the hand (passive: at most {} J); {} J added by the proxy's own "
       "motion\n",
       of(json["net_energy"]), of(json["net_energy_bound"]), of(json["injected_energy"]));
+}
+
+/// Returns the curve for the picture: at most 4,000 rows, and where each mode begins to hold,
+/// yields and ends.
+OrderedJson drawnCurve(const Curve& curve, const OrderedJson& summary) {
+  constexpr std::size_t kMostRows = 4000;
+  const std::size_t every = curve.rows().size() / kMostRows + 1;
+  OrderedJson json;
+  json["in"] = json["out"] = OrderedJson::array();
+  for (std::size_t i = 0; i < curve.rows().size(); i += every) {
+    const Row& row = curve.rows()[i];
+    json[row.in ? "in" : "out"].push_back({row.depth, row.force_along});
+  }
+  json["marks"] = OrderedJson::array();
+  const auto mark = [&](const OrderedJson& mode, const char* event, const OrderedJson& depth) {
+    if (depth.is_null()) return;
+    const std::string name = sentence(mode["mode"].get<std::string>()).text();
+    json["marks"].push_back({{"name", name + event}, {"depth", depth}});
+  };
+  for (const OrderedJson& mode : summary["modes"]) {
+    mark(mode, "", mode["touched_at"]);
+    const OrderedJson& yield = mode["yield"];
+    const bool bore = !yield.is_null() && !yield["force"].is_null();
+    if (bore && yield["force"].get<double>() >= kLoad) mark(mode, " yields", yield["depth"]);
+    mark(mode, " ends", mode["let_go_at"]);
+  }
+  return json;
 }
 
 Way wayOf(const PressOptions& options) {
@@ -433,7 +466,6 @@ int press(const PressOptions& options) {
     file->write(csv(curve.rows()));
     file->commit();
   }
-  if (picture) picture->draw(opened.told, opened.built, felt);
   const OrderedJson summary = curve.summary(options, opened.spec.source);
   if (options.json) {
     sayJson(summary);
@@ -441,6 +473,8 @@ int press(const PressOptions& options) {
     printTable(curve, way.steps);
     printPress(summary);
   }
+  // Last, so that a picture that cannot be drawn leaves the results.
+  if (picture) picture->draw(opened.told, opened.built, felt, drawnCurve(curve, summary));
   if (good) return kDone;
   complain("press: the force was cut: a sample or a force was not finite: correct the volume");
   return kEndedEarly;
@@ -463,7 +497,7 @@ void addPress(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   verb->add_option("--csv", options->csv, "Writes the curve, one row a tick; - is standard output");
   verb->add_option("--picture", options->picture,
-                   "Draws the path over slices and the force over time: .png, .pdf or .svg");
+                   "Draws the path over slices and the force over depth: .png, .pdf or .svg");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
       "Example:\n  palpate press head.json --at 0,0,0.06 --along 0,0,-0.02 --csv curve.csv");

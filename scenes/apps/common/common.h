@@ -41,6 +41,10 @@ extern volatile std::sig_atomic_t interrupted;
 
 /// Returns the shortest text that converts back to the same double; empty if it is not finite.
 [[nodiscard]] std::string number(double value);
+/// Returns a number with its noun: "1 touch", "2 touches".
+[[nodiscard]] inline std::string counted(int count, const char* one, const char* more) {
+  return std::to_string(count) + " " + (count == 1 ? one : more);
+}
 /// Returns the number with four significant digits.
 [[nodiscard]] std::string rounded(double value);
 [[nodiscard]] OrderedJson toJson(const Vec3& v);

@@ -132,7 +132,8 @@ class Plan {
     return best;
   }
 
-  /// Adds a visit: approach, press, stroke, withdraw. The path follows a slow volume.
+  /// Adds a visit: approaches, then strokes, presses and rests at each stop, then withdraws. The
+  /// path moves with a volume that is slow (ride).
   void visit(const ProbeRay& ray, std::size_t mode, const std::vector<double>& top) {
     ride(mode);
     scout_.lift();

@@ -1,25 +1,31 @@
-/// Finds the side from which a viewer first looks at a scene.
+/// Finds the directions of a patient, and the side from which a viewer first looks at a scene.
 #pragma once
+
+#include <optional>
 
 #include "palpate/scenes/guess/metadata.h"
 #include "palpate/scenes/library/build_scene.h"
 
 namespace palpate::cli {
 
-/// Returns the horizontal unit vector from the scene's centre to the viewer, in W. If a volume has
-/// the space of a patient (RAS), the vector points to the patient's front (anterior) at the first
-/// such volume's place. Otherwise, and if the patient faces up or down, the vector is -y.
-[[nodiscard]] inline Vec3 frontOf(const BuiltScene& built) {
+/// Returns the rotation from a patient's space (RAS) to W, of the first volume in such a space.
+[[nodiscard]] inline std::optional<Mat3> patientOf(const BuiltScene& built) {
   for (const auto& [name, volume] : built.volumes) {
     const auto placement = built.placements.find(name);
     if (!volume || placement == built.placements.end() || !metadataOf(*volume).ras) continue;
-    Vec3 front = placement->second.rotation * Vec3::UnitY();
-    front.z() = 0.0;
-    constexpr double kLeast = 0.3;  // a shorter vector points mainly up or down
-    if (front.norm() >= kLeast) return front.normalized();
-    break;
+    return placement->second.rotation;
   }
-  return -Vec3::UnitY();
+  return std::nullopt;
+}
+
+/// Returns the horizontal unit vector from the scene's centre to the viewer, in W. It points to the
+/// patient's front (anterior). Without a patient, or if the patient faces up or down, it is -y.
+[[nodiscard]] inline Vec3 frontOf(const BuiltScene& built) {
+  constexpr double kLeast = 0.3;  // a shorter vector points mainly up or down
+  const std::optional<Mat3> patient = patientOf(built);
+  Vec3 front = patient ? Vec3(*patient * Vec3::UnitY()) : Vec3(-Vec3::UnitY());
+  front.z() = 0.0;
+  return front.norm() >= kLeast ? Vec3(front.normalized()) : Vec3(-Vec3::UnitY());
 }
 
 }  // namespace palpate::cli
