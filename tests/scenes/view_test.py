@@ -237,6 +237,17 @@ wait
                 self.still("--device", "path:path.csv", "--picture", "still.png")
                 pixels = self.told()["pixels"]
                 self.assertEqual(pixels["probe"][0] < pixels["centre"][0], left)
+                letters = self.told()["letters"]
+                self.assertEqual(sorted(letters), list("AILPRS") if left else [])
+                if left:
+                    self.assertLess(letters["R"][0], pixels["centre"][0])
+                    self.assertGreater(letters["L"][0], pixels["centre"][0])
+                    self.assertGreater(letters["S"][1], pixels["centre"][1])
+                    self.assertLess(letters["I"][1], pixels["centre"][1])
+                    image = imread(self.dir / "still.png")
+                    x, y = letters["S"][0], self.told()["size"][1] - 1 - letters["S"][1]
+                    near_s = image[round(y) - 12:round(y) + 12, round(x) - 12:round(x) + 12, :3]
+                    self.assertGreater(int((near_s.min(axis=2) > 0.8).sum()), 20)
                 (self.dir / "own.vdb").unlink()
 
     def test_the_label_of_the_force_is_inside_the_picture(self):
@@ -664,10 +675,16 @@ class Drawn(Window):
             plain = part.max(axis=2) - part.min(axis=2) < 0.02
             return int((plain & (part.mean(axis=2) < 0.05)).sum()), int((plain & (part.mean(axis=2) > 0.9)).sum())
 
-        self.until_shown("a ball", window, lambda image: grey(image)[1] < 195)
+        def skin(image):
+            """Returns the number of pixels of the line of the skin."""
+            part = image[:, :390, :3]
+            return int(((part[..., 0] > 0.7) & (part[..., 1] > 0.5) & (part[..., 2] < 0.3)).sum())
+
+        self.until_shown("a ball", window, lambda image: grey(image)[1] < 195 and skin(image) == 0)
         self.do("key", "--window", window, "s")
         self.until("slices", lambda told: told["sliced"] == "ball")
-        self.until_shown("slices", window, lambda image: grey(image)[0] > 39 and grey(image)[1] > 1950)
+        self.until_shown("slices", window, lambda image: grey(image)[0] > 39 and grey(image)[1] > 1950
+                         and skin(image) > 30)
         self.do("key", "--window", window, "s")
         self.until("none", lambda told: told["sliced"] == "")
         self.until_shown("no slices", window, lambda image: grey(image)[1] < 195)

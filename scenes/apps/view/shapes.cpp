@@ -1,13 +1,17 @@
 #include "palpate/scenes/apps/view/shapes.h"
 
 #include <algorithm>
+#include <optional>
 #include <random>
 #include <utility>
 
 #include <fmt/format.h>
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <vtkActor.h>
+#include <vtkBillboardTextActor3D.h>
 #include <vtkCellArray.h>
+#include <vtkClipPolyData.h>
 #include <vtkColorTransferFunction.h>
 #include <vtkFixedPointVolumeRayCastMapper.h>
 #include <vtkFloatArray.h>
@@ -25,6 +29,7 @@
 #include <vtkProperty.h>
 #include <vtkRegularPolygonSource.h>
 #include <vtkSphereSource.h>
+#include <vtkTextProperty.h>
 #include <vtkVolume.h>
 #include <vtkVolumeProperty.h>
 
@@ -50,6 +55,9 @@ constexpr std::array<Colour, 6> kBodies{{{0.87, 0.74, 0.64},
                                          {0.66, 0.72, 0.66},
                                          {0.80, 0.78, 0.62},
                                          {0.64, 0.68, 0.76}}};
+/// Colours of the lines of surfaces on grey slices.
+constexpr std::array<Colour, 4> kLines{
+    {{1.00, 0.80, 0.00}, {0.25, 0.90, 0.50}, {1.00, 0.40, 0.75}, {0.40, 0.75, 1.00}}};
 /// Colour scale with even steps for every kind of colour vision (similar to the map cividis).
 constexpr std::array<Colour, 5> kScale{{{0.00, 0.13, 0.30},
                                         {0.26, 0.31, 0.42},
@@ -100,6 +108,42 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
     if (property >= 0 && read.gradient == property) return read.field;
   }
   return -1;
+}
+
+/// Returns a copy of a surface without the parts where the mode's strength is zero: a patient
+/// without the table. Factors that a derived field sets are not looked at.
+vtkSmartPointer<vtkPolyData> feltPart(const Graph& graph, const Transfer& strength,
+                                      vtkPolyData& surface) {
+  auto kept = vtkSmartPointer<vtkPolyData>::New();
+  kept->ShallowCopy(&surface);
+  for (const Transfer::Factor& factor : strength.factors) {
+    const int by = scalarFieldOf(graph, factor.scalar);
+    if (by < 0) continue;
+    const ScalarField& field = *graph.scalar_fields[static_cast<std::size_t>(by)];
+    auto felt = vtkSmartPointer<vtkFloatArray>::New();
+    felt->SetNumberOfTuples(kept->GetNumberOfPoints());
+    tbb::parallel_for(tbb::blocked_range<vtkIdType>(0, kept->GetNumberOfPoints()),
+                      [&](const tbb::blocked_range<vtkIdType>& points) {
+                        FieldCache cache;
+                        field.reset(cache);
+                        for (vtkIdType i = points.begin(); i != points.end(); ++i) {
+                          Vec3 p;
+                          kept->GetPoint(i, p.data());
+                          const ScalarSample sample = field.sample(p, cache);
+                          const bool is_felt = sample.inside && factor.curve(sample.value) > 0.0;
+                          felt->SetValue(i, is_felt ? 1.0F : 0.0F);
+                        }
+                      });
+    kept->GetPointData()->SetScalars(felt);
+    auto clip = vtkSmartPointer<vtkClipPolyData>::New();
+    clip->SetInputData(kept);
+    clip->SetValue(0.5);
+    clip->Update();
+    kept = vtkSmartPointer<vtkPolyData>::New();
+    kept->ShallowCopy(clip->GetOutput());
+  }
+  kept->GetPointData()->SetScalars(nullptr);
+  return kept;
 }
 
 /// Moves the points of a mesh to their positions at a time [s].
@@ -153,6 +197,32 @@ Shapes::Shapes(const BuiltScene& built, bool fine)
   box->GetProperty()->SetColor(0.45, 0.45, 0.45);
   box->GetProperty()->LightingOff();
   add(box, When::kAlways, nullptr);
+  if (const std::optional<Mat3> patient = cli::patientOf(built)) addLetters(*patient);
+}
+
+void Shapes::addLetters(const Mat3& patient) {
+  constexpr std::array<std::array<const char*, 2>, 3> kLetters{
+      {{"L", "R"}, {"P", "A"}, {"I", "S"}}};
+  constexpr double kOutside = 1.06;  // distance from the centre, relative to that of the bounds
+  constexpr int kFont = 16;          // [pixels]; pictures have two pixels for one of the window
+  for (int axis = 0; axis < 3; ++axis) {
+    const Vec3 along = patient.col(axis);
+    const double reach = 0.5 * along.cwiseAbs().dot(bounds_.size());
+    for (std::size_t end = 0; end < 2; ++end) {
+      const double sign = end == 0 ? -1.0 : 1.0;
+      const Vec3 at = bounds_.centre() + sign * kOutside * reach * along;
+      letters_.push_back({kLetters[static_cast<std::size_t>(axis)][end], at});
+      auto text = vtkSmartPointer<vtkBillboardTextActor3D>::New();
+      text->SetInput(letters_.back().letter.c_str());
+      text->SetPosition(at.x(), at.y(), at.z());
+      text->GetTextProperty()->SetFontSize(fine_ ? 2 * kFont : kFont);
+      text->GetTextProperty()->SetBold(1);
+      text->GetTextProperty()->SetColor(0.92, 0.92, 0.92);
+      text->GetTextProperty()->SetJustificationToCentered();
+      text->GetTextProperty()->SetVerticalJustificationToCentered();
+      add(text, When::kAlways, nullptr);
+    }
+  }
 }
 
 void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion) {
@@ -221,7 +291,7 @@ void Shapes::addGraph(const Graph& graph, bool fine) {
     const std::string& name = graph.mode_names[i];
     const Mode& mode = graph.modes[i];
     if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) {
-      addSurface(graph, static_cast<std::size_t>(iso->skin.field), iso->level, name, fine);
+      addSurface(graph, *iso, name, fine);
     } else if (const auto* surface = std::get_if<SurfaceMode>(&mode)) {
       addCloud(graph, i, false, static_cast<std::size_t>(surface->skin.field), surface->strength,
                surface->skin.value, name);
@@ -243,8 +313,10 @@ void Shapes::addGraph(const Graph& graph, bool fine) {
   }
 }
 
-void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
-                        const std::string& name, bool fine) {
+void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const std::string& name,
+                        bool fine) {
+  const auto field = static_cast<std::size_t>(mode.skin.field);
+  const double level = mode.level;
   const ScalarField& of = *graph.scalar_fields[field];
   const std::string key = fmt::format("surface {} {}", of.id(), level);
   if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
@@ -259,12 +331,11 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     contour->ComputeGradientsOff();
     contour->ComputeScalarsOff();
     contour->Update();
-    if (contour->GetOutput()->GetNumberOfCells() == 0) return false;
+    const auto kept = feltPart(graph, mode.strength, *contour->GetOutput());
+    if (kept->GetNumberOfCells() == 0) return false;
     auto actor = actorOf(contour->GetOutputPort());
     // Frees the image and the contour filter: the mapper gets its own copy of the surface.
     contour->SetInputData(nullptr);
-    auto kept = vtkSmartPointer<vtkPolyData>::New();
-    kept->ShallowCopy(contour->GetOutput());
     static_cast<vtkPolyDataMapper*>(actor->GetMapper())->SetInputData(kept);
     vtkProperty* look = actor->GetProperty();
     look->SetColor(colour[0], colour[1], colour[2]);
@@ -297,6 +368,7 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
   }
   ++surfaces_;
   legend_.push_back({name, colour});
+  levels_.push_back({name, of.id(), level, kLines[levels_.size() % kLines.size()]});
 }
 
 void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std::size_t field,

@@ -67,6 +67,23 @@ class Shapes {
     MotionPtr motion;
   };
   [[nodiscard]] const std::vector<Volume>& volumes() const noexcept { return volumes_; }
+  /// A letter for a direction of the patient, at the side of the scene's bounds: L, R, P, A, I or
+  /// S.
+  struct Letter {
+    std::string letter;
+    Vec3 at;  ///< [m]
+  };
+  /// Returns six letters, or none if no volume has the space of a patient.
+  [[nodiscard]] const std::vector<Letter>& letters() const noexcept { return letters_; }
+  /// A surface of the scene, which slices of its field show as a line.
+  struct Level {
+    std::string name;         ///< Name of its entry in the legend.
+    std::uint64_t field = 0;  ///< ScalarField::id()
+    double value = 0.0;
+    Colour
+        colour{};  ///< Colour of the line, which differs from grey more than that of the surface.
+  };
+  [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
   /// Shows or hides surfaces and clouds, which would cover the slices.
   void showBodies(bool on);
   /// Returns notes about parts that are not drawn, one line each.
@@ -86,12 +103,13 @@ class Shapes {
     vtkSmartPointer<vtkPoints> rest = nullptr;  ///< Points of this mesh in the rest pose.
   };
   void addGraph(const Graph& graph, bool fine);
-  void addSurface(const Graph& graph, std::size_t field, double level, const std::string& name,
+  void addSurface(const Graph& graph, const IsosurfaceMode& mode, const std::string& name,
                   bool fine);
   void addCloud(const Graph& graph, std::size_t mode, bool of_vector, std::size_t field,
                 const Transfer& strength, int own, const std::string& name);
   void addStreams(const Graph& graph, std::size_t field, Along along, const std::string& name);
   void addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name);
+  void addLetters(const Mat3& patient);
   void add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion);
   /// Makes each surface translucent that encloses another surface.
   void seeThrough();
@@ -99,6 +117,8 @@ class Shapes {
   std::vector<Shape> shapes_;
   std::vector<Entry> legend_;
   std::vector<Volume> volumes_;
+  std::vector<Letter> letters_;
+  std::vector<Level> levels_;
   std::vector<std::string> notes_;
   std::vector<std::string> known_;  ///< Shapes that were drawn, so that none is drawn twice.
   std::size_t surfaces_ = 0;

@@ -13,6 +13,15 @@ namespace {
 
 constexpr int kSide = 160;  ///< Number of points along each side of a slice.
 
+/// Returns true if the value `level` lies between a point of a slice and the next point to the
+/// right or above.
+bool crosses(const std::vector<double>& values, std::size_t point, double level) {
+  constexpr std::size_t kRow = kSide;
+  const bool above = values[point] > level;
+  const bool right = (point + 1) % kRow != 0 && (values[point + 1] > level) != above;
+  return right || (point + kRow < values.size() && (values[point + kRow] > level) != above);
+}
+
 }  // namespace
 
 Slices::Slices(vtkRenderer& renderer) {
@@ -36,7 +45,7 @@ Slices::Slices(vtkRenderer& renderer) {
 }
 
 void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, double low,
-                  double high) {
+                  double high, const std::vector<Shapes::Level>& levels) {
   const Box& box = field.frame().bounds;
   const Vec3 place = pose.toRest(at).cwiseMax(box.lower).cwiseMin(box.upper);
   auto matrix = vtkSmartPointer<vtkMatrix4x4>::New();
@@ -46,6 +55,7 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
   }
   FieldCache cache;
   field.reset(cache);
+  std::vector<double> values(static_cast<std::size_t>(kSide) * kSide);
   for (int axis = 0; axis < 3; ++axis) {
     Slice& slice = slices_[static_cast<std::size_t>(axis)];
     const int u = (axis + 1) % 3;
@@ -61,15 +71,25 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
     slice.plane->SetOrigin(corner.x(), corner.y(), corner.z());
     slice.plane->SetPoint1(right.x(), right.y(), right.z());
     slice.plane->SetPoint2(top.x(), top.y(), top.z());
-    auto* out = static_cast<unsigned char*>(slice.image->GetScalarPointer());
+    std::size_t next = 0;
     for (int j = 0; j < kSide; ++j) {
       for (int i = 0; i < kSide; ++i) {
         const Vec3 p = corner + (i + 0.5) / kSide * across + (j + 0.5) / kSide * up;
-        const double value = field.sample(p, cache).value;
-        const double share = std::clamp((value - low) / (high - low), 0.0, 1.0);
-        const auto grey = static_cast<unsigned char>(std::isfinite(value) ? 255.0 * share : 0.0);
-        for (int c = 0; c < 3; ++c) *out++ = grey;
+        values[next++] = field.sample(p, cache).value;
       }
+    }
+    auto* out = static_cast<unsigned char*>(slice.image->GetScalarPointer());
+    for (std::size_t at_point = 0; at_point < values.size(); ++at_point) {
+      const double value = values[at_point];
+      const double share = std::clamp((value - low) / (high - low), 0.0, 1.0);
+      Colour colour;
+      colour.fill(std::isfinite(value) ? share : 0.0);
+      for (const Shapes::Level& level : levels) {
+        if (level.field == field.id() && crosses(values, at_point, level.value)) {
+          colour = level.colour;
+        }
+      }
+      for (const double c : colour) *out++ = static_cast<unsigned char>(255.0 * c);
     }
     slice.image->Modified();
     slice.actor->SetUserMatrix(matrix);

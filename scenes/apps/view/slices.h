@@ -1,7 +1,9 @@
-/// Draws a field's grey values on three planes through a point, parallel to a volume's sides.
+/// Draws a field's grey values and surfaces on three planes through a point, parallel to a volume's
+/// sides.
 #pragma once
 
 #include <array>
+#include <vector>
 
 #include <vtkActor.h>
 #include <vtkImageData.h>
@@ -11,6 +13,7 @@
 
 #include "palpate/engine/field/field.h"
 #include "palpate/engine/field/placement.h"
+#include "palpate/scenes/apps/view/shapes.h"
 
 namespace palpate::view {
 
@@ -19,7 +22,9 @@ class Slices {
   explicit Slices(vtkRenderer& renderer);
 
   /// Draws a field in `pose` on planes through `at` [m], `low` black, `high` white, in a few ms.
-  void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high);
+  /// The levels of this field are lines.
+  void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high,
+            const std::vector<Shapes::Level>& levels);
   void hide();
 
  private:

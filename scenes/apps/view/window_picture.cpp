@@ -48,7 +48,8 @@ void ViewWindow::drawSlices() {
   for (std::size_t i = 0; i < volumes.size(); ++i) {
     const Pose pose = volumes[i].motion ? volumes[i].motion->poseAbout(proxy, tick_.time) : Pose{};
     if (sliced_ == i) {
-      slices_->show(*std::get<0>(volumes[i].field), pose, proxy, grey_.first, grey_.second);
+      slices_->show(*std::get<0>(volumes[i].field), pose, proxy, grey_.first, grey_.second,
+                    shapes_->levels());
       drawn = true;
     }
     const auto* flow = std::get_if<std::shared_ptr<const VectorField>>(&volumes[i].field);
@@ -74,7 +75,7 @@ void ViewWindow::resetCamera() {
   // The camera is about 20 degrees right of the scene's front and above it. z points up.
   const Vec3& front = shapes_->front();
   const Vec3 right = Vec3::UnitZ().cross(front);
-  const Vec3 from = centre + 1.65 * size * (0.35 * right + 0.87 * front + 0.35 * Vec3::UnitZ());
+  const Vec3 from = centre + 1.75 * size * (0.35 * right + 0.87 * front + 0.35 * Vec3::UnitZ());
   camera.SetFocalPoint(centre.x(), centre.y(), centre.z());
   camera.SetPosition(from.x(), from.y(), from.z());
   camera.SetViewUp(0.0, 0.0, 1.0);
@@ -234,9 +235,15 @@ void ViewWindow::fillPanel() {
   content.rows = rows_;
   content.legend = shapes_->legend();
   if (sliced_) {
-    content.legend.insert(
-        content.legend.begin(),
-        {"slices of " + shapes_->volumes()[*sliced_].name, {}, grey_.first, grey_.second, true});
+    const Shapes::Volume& volume = shapes_->volumes()[*sliced_];
+    for (const Shapes::Level& level : shapes_->levels()) {
+      if (level.field != std::get<0>(volume.field)->id()) continue;
+      for (Shapes::Entry& entry : content.legend) {
+        if (entry.name == level.name) entry.colour = level.colour;
+      }
+    }
+    content.legend.insert(content.legend.begin(),
+                          {"slices of " + volume.name, {}, grey_.first, grey_.second, true});
   }
   content.status = statusOf(tick_, options_.reengage);
   if (stalled_ && !over_) {

@@ -67,6 +67,8 @@ Told ViewWindow::told() const {
   told["sliced"] = sliced_ ? shapes_->volumes()[*sliced_].name : "";
   told["legend"] = Told::array();
   for (const auto& entry : shapes_->legend()) told["legend"].push_back(entry.name);
+  told["letters"] = Told::object();
+  for (const auto& [letter, at] : shapes_->letters()) told["letters"][letter] = pixel(at);
   told["notes"] = notes();
   return told;
 }
