@@ -99,8 +99,7 @@ TEST_CASE("Q and lambda2 do not depend on the choice of axes", "[flow]") {
 }
 
 TEST_CASE(
-    "a non-finite Jacobian gives a NaN lambda2 and a zero or non-finite vector gives a zero unit "
-    "vector",
+    "lambda2 of a non-finite Jacobian is NaN, and unit() of a zero or non-finite vector is zero",
     "[flow]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinite = std::numeric_limits<double>::infinity();

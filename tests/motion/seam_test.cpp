@@ -214,7 +214,7 @@ TEST_CASE("a seam of two volumes that move together gives the same forces as a s
   CHECK(moved.back <= 0.01);
 }
 
-TEST_CASE("a solid that is 3.2 voxels away from the proxy does not change its path, bit for bit",
+TEST_CASE("a solid 3.2 voxels from the proxy leaves the proxy's path unchanged, bit for bit",
           "[motion][seam]") {
   const Block ground{1.0, 100.0};
   // A wall 3.2 voxels above the proxy's path must have no effect.

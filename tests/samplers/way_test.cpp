@@ -338,7 +338,8 @@ TEST_CASE("a trace along axial vectors of random sign does not turn back", "[sam
   }
 }
 
-TEST_CASE("crossings and traces allocate no memory", "[samplers][motion][realtime]") {
+TEST_CASE("the search for a surface and the trace of a stream allocate no memory",
+          "[samplers][motion][realtime]") {
   const FieldPtr rough = fieldOf(noise(12));
   const FieldPtr curls = fieldOf(curlyGrid(Transform::createLinearTransform(1.0)));
   const auto a = std::make_unique<FieldCache>();

@@ -283,7 +283,7 @@ class Verbs(Case):
         ball = self.dir / "ball.vdb"
         out, _ = self.brick("there", "ball.vdb")
         self.refused("brick", ball, out, "--half", says="it contains bricks of another input, of other "
-                     "options, or of another version of palpate or zstd: remove it, or name another folder")
+                     "options, or of another version of palpate or zstd: remove the folder, or name another one")
         self.refused("brick", self.dir / "linear.vdb", self.dir / "n", says="more than one grid")
         self.refused("brick", self.dir / "nan.vdb", self.dir / "n", says="NaN")
         self.refused("brick", ball, ball, says="it exists already and is not a folder")
