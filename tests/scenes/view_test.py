@@ -678,7 +678,7 @@ class Drawn(Window):
         def skin(image):
             """Returns the number of pixels of the line of the skin."""
             part = image[:, :390, :3]
-            return int(((part[..., 0] > 0.7) & (part[..., 1] > 0.5) & (part[..., 2] < 0.3)).sum())
+            return int(((part[..., 0] > 0.9) & (part[..., 1] > 0.7) & (part[..., 2] < 0.3)).sum())
 
         self.until_shown("a ball", window, lambda image: grey(image)[1] < 195 and skin(image) == 0)
         self.do("key", "--window", window, "s")

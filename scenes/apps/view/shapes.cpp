@@ -6,12 +6,10 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <vtkActor.h>
 #include <vtkBillboardTextActor3D.h>
 #include <vtkCellArray.h>
-#include <vtkClipPolyData.h>
 #include <vtkColorTransferFunction.h>
 #include <vtkFixedPointVolumeRayCastMapper.h>
 #include <vtkFloatArray.h>
@@ -34,6 +32,7 @@
 #include <vtkVolumeProperty.h>
 
 #include "palpate/scenes/apps/common/front.h"
+#include "palpate/scenes/apps/view/felt_part.h"
 #include "palpate/scenes/apps/view/sampled.h"
 
 namespace palpate::view {
@@ -108,42 +107,6 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
     if (property >= 0 && read.gradient == property) return read.field;
   }
   return -1;
-}
-
-/// Returns a copy of a surface without the parts where the mode's strength is zero: a patient
-/// without the table. Factors that a derived field sets are not looked at.
-vtkSmartPointer<vtkPolyData> feltPart(const Graph& graph, const Transfer& strength,
-                                      vtkPolyData& surface) {
-  auto kept = vtkSmartPointer<vtkPolyData>::New();
-  kept->ShallowCopy(&surface);
-  for (const Transfer::Factor& factor : strength.factors) {
-    const int by = scalarFieldOf(graph, factor.scalar);
-    if (by < 0) continue;
-    const ScalarField& field = *graph.scalar_fields[static_cast<std::size_t>(by)];
-    auto felt = vtkSmartPointer<vtkFloatArray>::New();
-    felt->SetNumberOfTuples(kept->GetNumberOfPoints());
-    tbb::parallel_for(tbb::blocked_range<vtkIdType>(0, kept->GetNumberOfPoints()),
-                      [&](const tbb::blocked_range<vtkIdType>& points) {
-                        FieldCache cache;
-                        field.reset(cache);
-                        for (vtkIdType i = points.begin(); i != points.end(); ++i) {
-                          Vec3 p;
-                          kept->GetPoint(i, p.data());
-                          const ScalarSample sample = field.sample(p, cache);
-                          const bool is_felt = sample.inside && factor.curve(sample.value) > 0.0;
-                          felt->SetValue(i, is_felt ? 1.0F : 0.0F);
-                        }
-                      });
-    kept->GetPointData()->SetScalars(felt);
-    auto clip = vtkSmartPointer<vtkClipPolyData>::New();
-    clip->SetInputData(kept);
-    clip->SetValue(0.5);
-    clip->Update();
-    kept = vtkSmartPointer<vtkPolyData>::New();
-    kept->ShallowCopy(clip->GetOutput());
-  }
-  kept->GetPointData()->SetScalars(nullptr);
-  return kept;
 }
 
 /// Moves the points of a mesh to their positions at a time [s].
@@ -318,11 +281,13 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
   const auto field = static_cast<std::size_t>(mode.skin.field);
   const double level = mode.level;
   const ScalarField& of = *graph.scalar_fields[field];
-  const std::string key = fmt::format("surface {} {}", of.id(), level);
+  const std::vector<Mask> masks = masksOf(graph, mode);
+  const std::string key = fmt::format("surface {} {}{}", of.id(), level, textOf(masks));
   if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
   known_.push_back(key);
   const Colour colour = kBodies[surfaces_ % kBodies.size()];
   const MotionPtr motion = motionOf(graph, graph.scalar_motions[field]);
+  bool exists = false;
   const auto mesh = [&](int points, When when) {
     auto contour = vtkSmartPointer<vtkFlyingEdges3D>::New();
     contour->SetInputData(sampled(of, points));
@@ -331,7 +296,8 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
     contour->ComputeGradientsOff();
     contour->ComputeScalarsOff();
     contour->Update();
-    const auto kept = feltPart(graph, mode.strength, *contour->GetOutput());
+    exists = exists || contour->GetOutput()->GetNumberOfCells() > 0;
+    const auto kept = feltPart(*contour->GetOutput(), of, level, masks);
     if (kept->GetNumberOfCells() == 0) return false;
     auto actor = actorOf(contour->GetOutputPort());
     // Frees the image and the contour filter: the mapper gets its own copy of the surface.
@@ -357,7 +323,8 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
       static_cast<int>(std::clamp(kPointsPerVoxel * voxels, 48.0, static_cast<double>(most)));
   const double step = voxels / (points - 1);
   if (!mesh(points, When::kFine)) {
-    notes_.push_back(step > 1.0
+    notes_.push_back(exists ? fmt::format("{}: not drawn: its strength is zero on all of it", name)
+                     : step > 1.0
                          ? fmt::format("{}: not drawn: too small, or no surface at {}", name, level)
                          : fmt::format("{}: no surface to draw at the value {}", name, level));
     return;

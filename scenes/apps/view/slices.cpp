@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include <vtkMatrix4x4.h>
 #include <vtkPolyDataMapper.h>
@@ -55,6 +56,9 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
   }
   FieldCache cache;
   field.reset(cache);
+  std::vector<Shapes::Level> own;
+  std::copy_if(levels.begin(), levels.end(), std::back_inserter(own),
+               [&](const Shapes::Level& level) { return level.field == field.id(); });
   std::vector<double> values(static_cast<std::size_t>(kSide) * kSide);
   for (int axis = 0; axis < 3; ++axis) {
     Slice& slice = slices_[static_cast<std::size_t>(axis)];
@@ -84,10 +88,8 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
       const double share = std::clamp((value - low) / (high - low), 0.0, 1.0);
       Colour colour;
       colour.fill(std::isfinite(value) ? share : 0.0);
-      for (const Shapes::Level& level : levels) {
-        if (level.field == field.id() && crosses(values, at_point, level.value)) {
-          colour = level.colour;
-        }
+      for (const Shapes::Level& level : own) {
+        if (crosses(values, at_point, level.value)) colour = level.colour;
       }
       for (const double c : colour) *out++ = static_cast<unsigned char>(255.0 * c);
     }
