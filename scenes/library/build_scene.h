@@ -43,8 +43,8 @@ struct WarpSpec {
 struct PlaceSpec {
   /// Says how the members below determine the place of the volume.
   enum class Kind : std::uint8_t {
-    kFit,   ///< Centred in W; the longest side of the active bounds is `size` metres.
-    kUnit,  ///< Centred in W in true size; one unit of the file is `size` metres.
+    kFit,   ///< As kMap about the centre of the active bounds; `size` is their longest side [m].
+    kUnit,  ///< As kMap about this centre, in true size; one unit of the file is `size` metres.
     kMap,   ///< p_W = translate + R scale p_file, with R from `rotation_wxyz`.
     /// Same transform and motion as the volume `like`, so that both stay aligned.
     kLike,
@@ -54,7 +54,7 @@ struct PlaceSpec {
   double scale = 1.0;      ///< For kMap: scale [m per unit of the file].
   /// Rotation as a quaternion; normalised when it is used.
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};
-  Vec3 translate = Vec3::Zero();  ///< For kMap: translation [m].
+  Vec3 translate = Vec3::Zero();  ///< Translation [m].
   std::string like;               ///< For kLike: name of the other volume.
   /// Poses that move the placed volume; empty: it does not move. Not for kLike.
   std::vector<Keyframe> keyframes;

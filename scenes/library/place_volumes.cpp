@@ -84,35 +84,37 @@ Placement Placer::computeAny(const std::string& name, const PlaceSpec& place,
     }
     return value;
   };
+  const auto rotation = [&]() -> Mat3 {
+    const auto& q = place.rotation_wxyz;
+    const Eigen::Quaterniond given(q[0], q[1], q[2], q[3]);
+    if (!(given.norm() > 1e-6) || !std::isfinite(given.norm())) {
+      throw SceneError(
+          path + "/rotation_wxyz",
+          fmt::format("the quaternion's length {:g} is below 1e-6 or not finite", given.norm()),
+          "give w, x, y, z, such as [1, 0, 0, 0]");
+    }
+    return given.normalized().toRotationMatrix();
+  };
+  if (!place.translate.allFinite()) {
+    throw SceneError(path + "/translate", "the translation is not finite",
+                     "give three finite numbers [m]");
+  }
+  const auto centred = [&](double scale) -> Placement {
+    const Mat3 turn = rotation();
+    const Vec3 centre = volumes_.at(name)->bounds.centre();
+    return {scale, turn, place.translate - turn * (scale * centre)};
+  };
   switch (place.kind) {
     case PlaceSpec::Kind::kFit:
       try {
-        return fitInto(volumes_.at(name)->bounds, positive(place.size, "fit"));
+        return centred(fitInto(volumes_.at(name)->bounds, positive(place.size, "fit")).scale);
       } catch (const VolumeError& e) {
         throw SceneError::within(path, e);
       }
-    case PlaceSpec::Kind::kUnit: {
-      Placement placement;
-      placement.scale = positive(place.size, "unit");
-      placement.translate = -placement.scale * volumes_.at(name)->bounds.centre();
-      return placement;
-    }
-    case PlaceSpec::Kind::kMap: {
-      const auto& q = place.rotation_wxyz;
-      const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
-      if (!(rotation.norm() > 1e-6) || !std::isfinite(rotation.norm())) {
-        throw SceneError(path + "/rotation_wxyz",
-                         fmt::format("the quaternion's length {:g} is below 1e-6 or not finite",
-                                     rotation.norm()),
-                         "give w, x, y, z, such as [1, 0, 0, 0]");
-      }
-      if (!place.translate.allFinite()) {
-        throw SceneError(path + "/translate", "the translation is not finite",
-                         "give three finite numbers [m]");
-      }
-      return {positive(place.scale, "scale"), rotation.normalized().toRotationMatrix(),
-              place.translate};
-    }
+    case PlaceSpec::Kind::kUnit:
+      return centred(positive(place.size, "unit"));
+    case PlaceSpec::Kind::kMap:
+      return {positive(place.scale, "scale"), rotation(), place.translate};
     case PlaceSpec::Kind::kLike:
       break;
   }

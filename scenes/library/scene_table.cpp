@@ -153,11 +153,12 @@ std::vector<JsonObject<PlaceSpec>> placesWith(const JsonObject<PlaceSpec>& motio
       (kind == PlaceSpec::Kind::kMap ? place.scale : place.size) = size;
     };
   };
+  // Both turn about the middle of the volume, and shift it.
   const auto centred = [&](JsonObject<PlaceSpec> rows) {
-    return rows.with(motion).refuse({"rotation_wxyz", "translate"},
-                                    "this key applies only to a place with \"scale\"",
-                                    "remove this key, or replace \"fit\" or \"unit\" by \"scale\", "
-                                    "in metres per unit of the file");
+    return rows.may("rotation_wxyz", rotationType(), &PlaceSpec::rotation_wxyz)
+        .may("translate", vectorType().says("Place of the volume's centre [m]."),
+             &PlaceSpec::translate)
+        .with(motion);
   };
   return {centred(JsonObject<PlaceSpec>().need(
               "fit",
@@ -190,9 +191,9 @@ JsonType<PlaceSpec> placeType() {
           .refuse({"keyframes", "repeat", "warp"},
                   "a volume that is placed like another volume moves with it",
                   "remove this key, or place the volume by fit, unit or scale")
-          .refuse(
-              {"rotation_wxyz", "translate"}, "this key applies only to a place with \"scale\"",
-              "remove this key, or replace \"like\" by \"scale\", in metres per unit of the file"));
+          .refuse({"rotation_wxyz", "translate"},
+                  "a volume that is placed like another volume is turned and shifted like it",
+                  "remove this key, or place the volume by fit, unit or scale"));
   return JsonObject<PlaceSpec>()
       .chooseByKey(std::move(kinds))
       .type()

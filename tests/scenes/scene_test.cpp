@@ -1116,6 +1116,17 @@ TEST_CASE("the reader and the schema accept every mode and material property", "
   const auto& line = std::get<GuideMode>(other.scene->graph.modes[5]);
   CHECK((line.direction - Vec3::UnitY()).norm() < 1e-12);
   CHECK((line.position - Vec3(0, 0.025, 0)).norm() < 1e-12);
+  // A fitted volume turns about its centre, and `translate` is the place of the centre.
+  turned["volumes"]["head"]["place"]["fit"] = 0.1;
+  turned["volumes"]["head"]["place"]["translate"] = {0.01, 0, 0.02};
+  turned["volumes"]["head"]["place"].erase("scale");
+  const BuiltScene fitted = buildScene(parseScene(turned.dump(), "s.json", folder.path()));
+  const Placement& place = fitted.placements.at("head");
+  const Vec3 centre = fitted.volumes.at("head")->info().bounds.centre();
+  CHECK((place(centre) - Vec3(0.01, 0, 0.02)).norm() < 1e-12);
+  const Vec3 along_x = place(centre + Vec3::UnitX()) - place(centre);
+  CHECK((along_x - place.scale * Vec3::UnitY()).norm() < 1e-12);
+  CHECK(place.scale * fitted.volumes.at("head")->info().bounds.size().maxCoeff() == Approx(0.1));
 
   const auto refused = [&](int mode, const char* key, const Json& value, const char* says) {
     Json bad = scene;
