@@ -121,7 +121,8 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
     if (!isTested(opened.identity)) {
       throw Error("--passive", "the friction of " + arm->info().name + " is not known",
-                  "run palpate devices --test " + name);
+                  opened.identity.own.empty() ? "leave out --passive"
+                                              : "run palpate devices --test " + name);
     }
     throw Error("--passive",
                 "the friction of " + arm->info().name +

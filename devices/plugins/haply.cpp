@@ -346,7 +346,8 @@ palpate_plugin_device* openArm(const char* serial, char* error, std::size_t room
   device->buttons = inventory.button_count;
   if (arm->config.origin == Origin::kBase) device->middle_D = kMiddle;
   if (!service->serve(device->line)) {
-    tell(error, room, std::to_string(kMaxArms) + " arms are open, the largest number: close one");
+    tell(error, room,
+         std::to_string(kMaxArms) + " arms are open already, which is the limit: close one");
     return nullptr;
   }
   device->face = {sizeof(palpate_plugin_device),

@@ -22,7 +22,8 @@ struct Recorder::Ring {
     explicit Slot(const Telemetry& tick) noexcept : row(recordedTick(tick)) {}
   };
   explicit Ring(std::size_t room) : slots(room) {}
-  moodycamel::ReaderWriterQueue<Slot> slots;  ///< Does not grow: try_emplace does not allocate.
+  /// Ticks that are not yet written. The queue has a fixed size: try_emplace does not allocate.
+  moodycamel::ReaderWriterQueue<Slot> slots;
 };
 
 Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)

@@ -95,7 +95,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
     known.lag = arm.lag;
   }
   info_.source =
-      "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/balance/coupling.h";
+      "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/safety/limit_force.h";
   position_ = aim_ = target_.at(0.0);
 
   // A force acts `delay` after its reading, so ceil(delay * rate) forces are pending in the queue.

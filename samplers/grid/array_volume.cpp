@@ -134,8 +134,12 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
     column.clear();
   }
   if (grid->empty()) {
-    throw VolumeError(array.name, "all its values equal the background, so no voxel has data",
-                      "give another background, such as 0");
+    throw VolumeError(array.name,
+                      array.vector ? "all its vectors are zero, so no voxel has data"
+                                   : "all its values equal the background, so no voxel has data",
+                      array.vector || array.background
+                          ? "give an array with other values"
+                          : "give an array with other values, or another background, such as 0");
   }
   grid->setName(array.name);
   if (array.level_set) grid->setGridClass(openvdb::GRID_LEVEL_SET);

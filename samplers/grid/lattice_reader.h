@@ -168,8 +168,8 @@ class LatticeReader {
     turn(background_);
   }
 
-  /// Reads the row at p_W, rotated into W. Returns true if there is data. If p_W is NaN or at least
-  /// 1e9 voxels away, the row is that of the background.
+  /// Reads the row at p_W, rotated into W. Returns true if there is data. If p_W is NaN, or at
+  /// least 1e9 voxels from the index origin along an axis, the row is that of the background.
   [[gnu::always_inline]] bool read(const Vec3& p_W, Cache& cache, Row& row) const noexcept {
     Vec3 t;
     if (!locate(p_W, cache, t)) {

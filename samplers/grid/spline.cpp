@@ -179,7 +179,7 @@ const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree
   const std::lock_guard lock(made.mutex);
   if (!made.parts.empty()) return made.parts;
   std::vector<GridData> parts;
-  // Isolated: a thread that waits here might begin a task that waits for the same lock.
+  // Without isolation, a thread that waits here could start a task that waits for the same lock.
   tbb::this_task_arena::isolate([&] {
     for (const Volume::Grid::Part& part : grid.parts) {
       parts.push_back(std::visit(

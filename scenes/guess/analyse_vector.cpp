@@ -117,9 +117,13 @@ VectorAnalysis analyseVector(const SuggestInput& input) {
   std::sort(flow.speed.begin(), flow.speed.end());
   std::sort(flow.curl.begin(), flow.curl.end());
   // The cores of vortices often fill less of a flow than the shear around them.
+  constexpr double kFewest = 30.0;  // voxels in the smaller set; fewer prove no core
   for (const double percent : {95.0, 99.0}) {
-    const double least = percentile(flow.curl, percent);
-    flow.core = std::max(flow.core, coreOf(samples, kStill * fastest, least));
+    if (percent > 95.0 && 0.01 * static_cast<double>(flow.curl.size()) < kFewest) break;
+    const double core = coreOf(samples, kStill * fastest, percentile(flow.curl, percent));
+    if (core <= flow.core) continue;
+    flow.core = core;
+    flow.core_percent = percent;
   }
   return flow;
 }

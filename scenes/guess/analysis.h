@@ -78,9 +78,10 @@ struct VectorAnalysis {
   std::vector<float> curl;
   /// |O|^2 / |J|^2 with the Jacobian J and its antisymmetric part O: 0.5 in shear, 1 in a rotation.
   double turning = 0.0;
-  /// The larger `turning` of two sets, where the curl is in its highest 5 % and in its highest 1 %:
-  /// near 1 in the core of a vortex.
+  /// `turning` where the curl is above its percentile `core_percent`: near 1 in the core of a
+  /// vortex. The percentile is 95 or 99, whichever gives more.
   double core = 0.0;
+  double core_percent = 95.0;
   double unit = 0.0;  ///< Fraction of the flow's vectors with length 1.
 };
 

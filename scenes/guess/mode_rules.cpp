@@ -380,14 +380,14 @@ bool hasVortexCores(const VectorAnalysis& flow) {
 
 Json vortexTube(const Candidate& flow) {
   const double middle = percentile(flow.vector.curl, 50.0);
-  const double most = percentile(flow.vector.curl, 95.0);
+  const double most = percentile(flow.vector.curl, flow.vector.core_percent);
   return makeMode(
       "vortices", "vortex_tube", flow.name, Json::object(),
       curve({{rounded(middle, most), 0}, {rounded(most, most), 1.5}}),
-      "The hand moves freely along and around a vortex, and a force resists motion towards its "
-      "core "
-      "or away from it. The strength grows with the vorticity, from its median to its 95th "
-      "percentile. A first guess.");
+      fmt::format("The hand moves freely along and around a vortex, and a force resists motion "
+                  "towards its core or away from it. The strength grows with the vorticity, from "
+                  "its median to its {:.0f}th percentile. A first guess.",
+                  flow.vector.core_percent));
 }
 
 Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity) {

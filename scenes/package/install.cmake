@@ -38,7 +38,7 @@ if(NOT PALPATE_ENGINE_ONLY)
     FILES_MATCHING PATTERN "*.md" PATTERN "*.png")
   install(FILES ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${PROJECT_SOURCE_DIR}/README.md
     DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT doc)
-  # What docs/plugins.md tells to copy and to compile.
+  # A user copies and compiles these files (docs/plugins.md).
   set(plugin_sources ${PROJECT_SOURCE_DIR}/devices/plugins)
   install(FILES ${plugin_sources}/sample.c ${plugin_sources}/plugin.h ${plugin_sources}/answer.h ${plugin_sources}/newest.h
       ${plugin_sources}/openhaptics.cpp ${plugin_sources}/dhd.cpp ${plugin_sources}/nifalcon.cpp
@@ -47,7 +47,8 @@ if(NOT PALPATE_ENGINE_ONLY)
   # The programs that docs/embed.md, packages.md and notebook.md explain.
   set(shown_programs ${PROJECT_SOURCE_DIR}/tests/scenes)
   install(DIRECTORY ${shown_programs}/embed ${shown_programs}/host ${shown_programs}/host_c ${shown_programs}/host_engine
-    DESTINATION ${CMAKE_INSTALL_DOCDIR}/programs COMPONENT doc)
+    DESTINATION ${CMAKE_INSTALL_DOCDIR}/programs COMPONENT doc
+    PATTERN c_test.sh EXCLUDE PATTERN shapes EXCLUDE)
   install(FILES ${PROJECT_SOURCE_DIR}/scenes/bindings/python/session.py
     DESTINATION ${CMAKE_INSTALL_DOCDIR}/programs COMPONENT doc)
   install(FILES ${here}/palpate-limits.conf
@@ -237,5 +238,5 @@ Volumes of numpy arrays, scenes and hands for scripts.")
 set(CPACK_COMPONENT_HAPLY_DESCRIPTION "\
 Lets palpate drive Haply's Inverse3 through Haply's Inverse Service.")
 set(CPACK_COMPONENT_DOC_DESCRIPTION "\
-The book of palpate, and the C source of a plug-in for an arm of your own.")
+The book of palpate, and the sources of plug-ins and programs that it explains.")
 include(CPack)

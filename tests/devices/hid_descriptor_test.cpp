@@ -78,8 +78,8 @@ TEST_CASE("a HID descriptor gives the direction, number and size of each report"
   CHECK(text(bytes({0x75, 8, 0x95, 2, 0xA4, 0x95, 4, 0x81, 2, 0xB4, 0x81, 2})) == " in0:6");
   CHECK(text(bytes({0x85, 9, 0x75, 8, 0x95, 1, 0x81, 2, 0x85, 7, 0x81, 2, 0x85, 9, 0x81, 2})) ==
         "# in9:2 in7:1");
-  // Items with values of four bytes; a long item, which is skipped; a report without a number
-  // beside numbered reports, which is ignored.
+  // A size in four bytes and a count in two. A long item is skipped. Beside a numbered report, a
+  // report without a number is ignored.
   CHECK(text(bytes({0x77, 8, 0, 0, 0, 0x96, 0x2C, 0x01, 0x81, 2})) == " in0:300");
   CHECK(text(bytes({0xFE, 2, 0x10, 0x85, 0, 0x75, 8, 0x95, 1, 0xB1, 2})) == " feature0:1");
   CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");

@@ -847,7 +847,7 @@ TEST_CASE("a user's profile replaces the shipped one and a broken profile is rep
   CHECK_THAT(notes[1], Contains("b.json: /name: another file in this folder has the name polhem"));
 }
 
-TEST_CASE("every known arm has limits and a source", "[profile]") {
+TEST_CASE("every known arm has limits, and names their source", "[profile]") {
   const auto arms = knownArms();
   CHECK(arms.size() >= 8);
   for (const KnownArm& arm : arms) {

@@ -176,7 +176,7 @@ TEST_CASE("an unusable array is refused with its name", "[volume]") {
   fill.non_finite = NonFinite::kFill;
   CHECK(makeVolume(array, fill)->info().filled == 1);
   std::fill(values.begin(), values.end(), 3.0F);
-  CHECK_THAT(refusal(array), Contains("no active voxel"));
+  CHECK_THAT(refusal(array), Contains("all its values equal the background"));
 }
 
 }  // namespace palpate::array_volume_test

@@ -780,6 +780,15 @@ class Feel(Case):
         said = run("feel", self.dir / "ball.vdb", "--device", f"path:{path}", status=4).stderr
         self.assertIn("it began inside the solid of ", said)
 
+    def test_a_hand_that_enters_a_solid_without_strength_is_not_said_to_begin_inside(self):
+        scene = self.dir / "weak.json"
+        scene.write_text(json.dumps({"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [
+            {"mode": "isosurface", "of": "a", "value": 0, "solid": "below", "strength": 0}]}), encoding="utf-8")
+        path = self.dir / "into.csv"
+        path.write_text("t,x,y,z\n0,0.08,0,0\n1,0,0,0\n", encoding="utf-8")
+        said = run("feel", scene, "--device", f"path:{path}", status=4).stderr
+        self.assertIn("the hand felt no force: it touched no active mode", said)
+
     @suite.smoke
     def test_a_run_without_force_is_reported(self):
         scene = self.dir / "high.json"
@@ -1301,6 +1310,19 @@ class Devices(Case):
             self.assertAlmostEqual(axis["coulomb"], 0.02, delta=0.015)
         self.assertRegex(run("devices", "--virtual").stdout, r"(?m)^passed ")
         self.refused("devices", "--virtual", "--ruler", 0.1, says="nobody can move it")
+
+    def test_a_test_without_a_user_moves_no_arm(self):
+        plugins = self.dir / "plugins"
+        plugins.mkdir(mode=0o755)
+        plugins.chmod(0o755)  # palpate refuses plug-ins in folders that other users can write
+        shutil.copy(BIN.parent / "plugins" / "sample.so", plugins)
+        (plugins / "sample.so").chmod(0o755)
+        for options in ((), ("--ruler", "0")):
+            done = process.run([PALPATE, "devices", "--test", "plugin:sample@S2", "--json", *options], text=True,
+                               env={**os.environ, "PALPATE_PLUGINS": str(plugins), "HOME": str(self.dir)},
+                               stdin=subprocess.DEVNULL, capture_output=True, check=False, timeout=60)
+            self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
+            self.assertIn("nobody has pressed Enter", done.stderr)
 
     @suite.smoke
     def test_watching_invalid_arms_is_refused(self):

@@ -50,8 +50,13 @@ fi
 holds palpate ./usr/share/palpate/examples/prepare
 dpkg-deb -c palpate_*.deb | grep "^-rwx.*examples/prepare$" >/dev/null || fail "prepare cannot be run"
 for page in index.md interfaces.md charts/view.png; do holds palpate-doc "./usr/share/doc/palpate/book/$page"; done
-# A plug-in is compiled with these two files alone.
-for each in sample.c plugin.h answer.h newest.h openhaptics.cpp dhd.cpp nifalcon.cpp known_arms.json; do holds palpate-doc "./usr/share/doc/palpate/plugins/$each"; done
+# What docs/plugins.md and docs/embed.md say that the package has.
+for each in sample.c plugin.h answer.h newest.h openhaptics.cpp dhd.cpp nifalcon.cpp known_arms.json; do
+    holds palpate-doc "./usr/share/doc/palpate/plugins/$each"
+done
+for each in embed/host.c host/main.cpp host_engine/main.cpp session.py; do
+    holds palpate-doc "./usr/share/doc/palpate/programs/$each"
+done
 [ "$(dpkg-deb -f palpate-doc_*.deb Architecture)" = all ] || fail "palpate-doc is for one architecture"
 if [ -e "$1/plugins/haply.so" ]; then holds palpate-haply ./usr/lib/palpate/plugins/haply.so; fi
 # Members of the group realtime get the limits that the loop requests. An administrator's file is kept.

@@ -604,7 +604,7 @@ class NearParts(Touch):
         self.assertIn("off by at most 0.72 N", done.stderr)
         self.assertAlmostEqual(size(json.loads(done.stdout)["balance"]["spring"]), 1.0)
 
-    def test_an_interrupted_explanation_or_press_leaves_no_files(self):
+    def test_an_interrupted_press_or_stability_map_leaves_no_files(self):
         ball = self.dir / "ball.vdb"
         before = sorted(os.listdir(self.dir))
         for words_ in (("press", ball, "--at", "0,0,0.06", "--along", "0,0,-0.1", "--speed", 1e-4,

@@ -111,6 +111,8 @@ def test_a_mask_that_becomes_the_background_gives_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert palpate.volume(mask, background=0).info["active_voxels"] == 6000
+        noise = np.random.default_rng(3).normal(size=(20, 20, 20))
+        assert palpate.volume(noise, smooth=1).info["highest"] < noise.max()
         mask[1:, 1:, 1:] = 0
         mask[5:10, 5:10, 5:10] = 1
         assert palpate.volume(mask[1:, 1:, 1:]).info["active_voxels"] == 125

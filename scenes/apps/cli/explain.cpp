@@ -94,7 +94,7 @@ void printBalance(const OrderedJson& json) {
     const OrderedJson& spring = balance["spring"];
     const double size =
         std::hypot(spring[0].get<double>(), spring[1].get<double>(), spring[2].get<double>());
-    say(" in this tick; {} N by the spring, once the hand rests there", rounded(size));
+    say(" in this tick; {} N by the spring alone", shown(size));
   }
   say("\n");
 }

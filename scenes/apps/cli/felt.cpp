@@ -236,9 +236,9 @@ void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const no
   const std::int64_t now = durations_.count();
   const Side side = sideOf(tick.memory);
   if (side == Side::kYielded && tick.last != Side::kYielded) ++mode.yields;
+  mode.inside = mode.inside || (side == Side::kInside && tick.last == Side::kUnknown);
   tick.last = side;
   mode.impulse += held;
-  if (side == Side::kInside && held < kNewtons) ++mode.inside;
   if (held < kNewtons) return;
   if (held > mode.held) {
     mode.held = held;
@@ -254,7 +254,7 @@ void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const no
 std::string Felt::inside() const {
   for (const auto& felt : scenes_) {
     for (std::size_t i = 0; i < felt->modes.size(); ++i) {
-      if (felt->modes[i].inside > 0) return felt->names[i];
+      if (felt->modes[i].inside) return felt->names[i];
     }
   }
   return {};

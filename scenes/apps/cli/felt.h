@@ -77,7 +77,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
   /// Returns true if a mode contributed to the force in any tick.
   [[nodiscard]] bool anything() const;
-  /// Returns the first mode in whose solid the proxy was without contact; empty if none.
+  /// Returns the first mode in whose solid the proxy was in its first tick; empty if none.
   [[nodiscard]] std::string inside() const;
   [[nodiscard]] Most most() const;
   /// Returns the time integral of each mode's force by name [N s]; parts of a kind are summed.
@@ -90,7 +90,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   struct ModeFelt {
     std::int64_t active = 0;  ///< Ticks in which the mode gave force.
     std::int64_t last_active = -1;
-    std::int64_t inside = 0;   ///< Ticks in which the proxy was in the solid, without a force.
+    bool inside = false;       ///< The proxy was in the solid in its first tick.
     std::int64_t touches = 0;  ///< Contacts after a pause of at least 50 ms without force.
     std::int64_t yields = 0;   ///< Number of times the proxy was pushed through a surface.
     double impulse = 0.0;      ///< Sum of the force's magnitude over all ticks [N].

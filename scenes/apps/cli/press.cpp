@@ -65,6 +65,7 @@ struct Yield {
   /// Load without friction and drag [N]; unset if the proxy has passed the surface in this tick.
   std::optional<double> force;
   double force_along = 0.0;  ///< Hand's force along the path [N]; positive: out.
+  double held = 0.0;         ///< Largest load until then [N].
 };
 
 /// Results of one mode. All members except `held` are of the way in.
@@ -134,7 +135,7 @@ class Curve {
     const bool gone = yielded && !carries;
     const bool yields = gone || holdOf(loads) == Hold::kYields;
     if (yields && mode.ready && !mode.yield) {
-      mode.yield = Yield{row.depth, row.proxy_depth, std::nullopt, row.force_along};
+      mode.yield = Yield{row.depth, row.proxy_depth, std::nullopt, row.force_along, mode.held};
       if (!gone) mode.yield->force = totalOf(bearersOf(loads)).norm();
     }
     mode.ready = mode.ready || !yields;
@@ -192,7 +193,7 @@ std::optional<double> Curve::slope() const {
   constexpr double kNewtons = 1e-6;
   double first_yield = std::numeric_limits<double>::infinity();
   for (const ModePressed& mode : modes_) {
-    if (mode.yield && mode.yield->force.value_or(0.0) >= kLoad) {
+    if (mode.yield && mode.yield->held >= kLoad) {
       first_yield = std::min(first_yield, mode.yield->depth);
     }
   }
@@ -219,6 +220,11 @@ OrderedJson orNull(const std::optional<double>& value) {
   return value ? OrderedJson(*value) : OrderedJson();
 }
 
+/// Returns true if a mode bore at least kLoad before it yielded.
+bool bore(const OrderedJson& yield) {
+  return !yield.is_null() && yield["held"].get<double>() >= kLoad;
+}
+
 OrderedJson report(const std::string& name, const ModePressed& mode) {
   OrderedJson json;
   json["mode"] = name;
@@ -229,7 +235,8 @@ OrderedJson report(const std::string& name, const ModePressed& mode) {
     json["yield"] = {{"depth", mode.yield->depth},
                      {"proxy_depth", mode.yield->proxy_depth},
                      {"force", mode.yield->force ? OrderedJson(*mode.yield->force) : OrderedJson()},
-                     {"force_along", mode.yield->force_along}};
+                     {"force_along", mode.yield->force_along},
+                     {"held", mode.yield->held}};
   }
   json["let_go_at"] = orNull(mode.let_go);
   return json;
@@ -342,9 +349,8 @@ void printPress(const OrderedJson& json) {
   say("force     at most {} N, at {} moving {}; the limiter acted in {} ticks\n",
       of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
       json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
-  const bool yielded =
-      std::any_of(json["modes"].begin(), json["modes"].end(),
-                  [](const OrderedJson& mode) { return !mode["yield"].is_null(); });
+  const bool yielded = std::any_of(json["modes"].begin(), json["modes"].end(),
+                                   [](const OrderedJson& mode) { return bore(mode["yield"]); });
   say("stiffness {}\n", json["stiffness"].is_null() ? "not measured"
                         : yielded ? of(json["stiffness"]) + " N/m up to the first yield"
                                   : of(json["stiffness"]) + " N/m on the way in");
@@ -377,8 +383,7 @@ OrderedJson drawnCurve(const Curve& curve, const OrderedJson& summary) {
   for (const OrderedJson& mode : summary["modes"]) {
     mark(mode, "", mode["touched_at"]);
     const OrderedJson& yield = mode["yield"];
-    const bool bore = !yield.is_null() && !yield["force"].is_null();
-    if (bore && yield["force"].get<double>() >= kLoad) mark(mode, " yields", yield["depth"]);
+    if (bore(yield)) mark(mode, " yields", yield["depth"]);
     mark(mode, " ends", mode["let_go_at"]);
   }
   return json;
@@ -473,11 +478,12 @@ int press(const PressOptions& options) {
     printTable(curve, way.steps);
     printPress(summary);
   }
+  if (!good) {
+    complain("press: the force was cut: a sample or a force was not finite: correct the volume");
+  }
   // Last, so that a picture that cannot be drawn leaves the results.
   if (picture) picture->draw(opened.told, opened.built, felt, drawnCurve(curve, summary));
-  if (good) return kDone;
-  complain("press: the force was cut: a sample or a force was not finite: correct the volume");
-  return kEndedEarly;
+  return good ? kDone : kEndedEarly;
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <optional>
@@ -51,7 +52,9 @@ std::optional<Vec3> atEnter(Arm& arm) {
     pollfd keys{STDIN_FILENO, POLLIN, 0};
     if (poll(&keys, 1, 0) <= 0) continue;
     char key = 0;
-    if (::read(STDIN_FILENO, &key, 1) != 1) {
+    const ssize_t got = ::read(STDIN_FILENO, &key, 1);
+    if (got < 0 && (errno == EINTR || errno == EAGAIN)) continue;
+    if (got != 1) {
       throw Error("--test", "standard input has ended, and nobody has pressed Enter",
                   "run the test in a terminal, with a user at the arm");
     }
@@ -318,6 +321,15 @@ void complainOf(const Tested& tested) {
   }
 }
 
+/// Forgets an earlier test of an arm that has not passed, and says so.
+void notPassed(const ArmIdentity& identity) {
+  forgetTest(identity);
+  complain(
+      fmt::format("devices: the arm has not passed: palpate limits it to at most {} N and {} N/m "
+                  "until it passes",
+                  kUntestedForce, kUntestedStiffness));
+}
+
 /// Stores that an arm has passed, if its scale was measured and its identity is known.
 void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, bool json) {
   if (!ruled) {
@@ -383,7 +395,7 @@ int testArm(const DevicesOptions& options) {
   if (interrupted != 0) return kInterrupted;
   if (ruled && !ruled->trouble.empty()) {
     complain("devices: " + ruled->trouble);
-    forgetTest(identity);
+    notPassed(identity);
     return kEndedEarly;
   }
   const double force = std::min(options.force, arm->info().limits.peak);
@@ -419,10 +431,7 @@ int testArm(const DevicesOptions& options) {
     return passed ? kDone : kEndedEarly;
   }
   if (!passed) {
-    forgetTest(identity);
-    complain(
-        fmt::format("devices: the arm has not passed: it stays limited to at most {} N and {} N/m",
-                    kUntestedForce, kUntestedStiffness));
+    notPassed(identity);
     return kEndedEarly;
   }
   remember(identity, r, ruled.has_value(), options.json);

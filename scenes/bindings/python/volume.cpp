@@ -68,14 +68,14 @@ void warnOfRounding(const py::array& values, const std::string& name) {
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
-/// Warns if the highest value has become the background, as for a mask that touches most faces.
-void warnOfBackground(const py::array& values, const Volume& volume) {
-  const double most = values.attr("max")().cast<double>();
-  if (!(most > volume.info().highest)) return;
+/// Warns if the default background is above all other values, as for a mask that touches most
+/// faces.
+void warnOfBackground(const GridInfo& info) {
+  if (!(info.background > info.highest)) return;
   const std::string warning =
-      volume.info().name +
-      ": its highest value is the median of its faces, so it is the background " +
-      "and has no data: give background=, such as 0, if it is matter";
+      info.name +
+      ": its highest value is the median of its faces, so it is the background and has "
+      "no data: give background=, such as 0, if it is matter";
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
@@ -140,7 +140,7 @@ std::shared_ptr<const Volume> volumeOf(const py::object& given, const py::object
   array.background = background;
   auto volume = aside(
       [array, options = optionsOf(fill, smooth)] { return makeVolume(array, options); }, values);
-  if (!vector && !level_set && !background && !fill) warnOfBackground(values, *volume);
+  if (!vector && !level_set && !background && !fill) warnOfBackground(volume->info());
   return volume;
 }
 

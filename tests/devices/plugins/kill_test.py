@@ -157,20 +157,6 @@ class Kill(unittest.TestCase):
             # Each arm but the odd one was opened by its own serial number.
             self.assertEqual(arm.opens - opens, len(arms) - 1)
 
-    def test_a_test_without_a_user_moves_no_arm(self):
-        place = self.folder / "sample"
-        place.mkdir(mode=0o755)
-        place.chmod(0o755)
-        shutil.copy(Path(PALPATE).parent.parent / "plugins" / "sample.so", place)
-        (place / "sample.so").chmod(0o755)
-        for options in ((), ("--ruler", "0")):
-            with self.subTest(options):
-                done = subprocess.run([PALPATE, "devices", "--test", "plugin:sample@S2", "--json", *options],
-                                      env=dict(os.environ, PALPATE_PLUGINS=str(place), HOME=str(self.folder)),
-                                      stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=60)
-                self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
-                self.assertIn("nobody has pressed Enter", done.stderr)
-
     def check(self, name):
         took = self.blow(name)
         print(f"{name:8} no force after {1e3 * took:6.2f} ms", flush=True)

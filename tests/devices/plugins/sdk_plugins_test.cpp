@@ -186,7 +186,8 @@ TEST_CASE("an SDK's plug-in has the current version, full structs and one factor
   CHECK(bench.host.arm->extension(bench.host.arm, "palpate.other/1") == nullptr);
 }
 
-TEST_CASE("after an SDK's plug-in has listed an arm, it is open or closed as before", "[plugin]") {
+TEST_CASE("an SDK's plug-in that lists an arm leaves the arm open or closed as before",
+          "[plugin]") {
   Bench bench(anySdk());
   bench.host.begin();
   palpate_plugin_found found{};
