@@ -36,7 +36,8 @@ using bench::Clock;
 using openvdb::Vec3d;
 
 constexpr double kMegabyte = 1e6;
-/// Distance of points from the block's edge, where neighbours are missing [voxels].
+/// Least distance of the points from the block's edges [voxels]. At an edge, neighbours are
+/// missing.
 constexpr double kMargin = 16.0;
 
 struct Options {

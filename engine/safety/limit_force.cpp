@@ -50,14 +50,15 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   }
   state.sent.setZero();
 
-  // A force that is not finite becomes zero. Limits that are not positive numbers allow no force.
+  // A force that is not finite becomes zero.
   const double asked = lengthOf(wanted);
   if (!wanted.allFinite() || !std::isfinite(asked)) {
     out.finite = false;
     (void)passTank(Vec3::Zero(), hand, fresh, dt, limits, state.tank);
     return out;
   }
-  // This limit is 1e-12 lower, so that rounding cannot raise the result above the peak.
+  // A peak that is not positive and finite allows no force. A slew that is not positive allows no
+  // growth. The limit is 1e-12 lower, so that rounding cannot raise the result above the peak.
   const double peak =
       limits.peak > 0.0 && std::isfinite(limits.peak) ? limits.peak * (1.0 - 1e-12) : 0.0;
   double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;

@@ -23,8 +23,8 @@ class Bodies {
   void place(const Graph& graph, double time, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
 
   /// Plans the motion of the volumes to `time` [s] and returns the number of slices, at most
-  /// `most`. In each slice a volume moves at most half a voxel, at the proxy and at all places that
-  /// the proxy may reach. If more slices are needed, the report gets kSubstepLimit. `felt[0]`
+  /// `most`. In each slice a volume that the way from the proxy to the hand may meet moves at most
+  /// half a voxel at the proxy. If more slices are needed, the report gets kSubstepLimit. `felt[0]`
   /// is the scene's own graph.
   [[nodiscard]] int plan(std::span<const Felt> felt, double time, const Vec3& proxy,
                          const Vec3& probe, int most,

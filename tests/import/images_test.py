@@ -278,7 +278,7 @@ class Nrrd(Case):
                     self.convert(header, "--follow")
 
     @suite.smoke
-    def test_vectors_of_an_nrrd_file_are_converted_to_ras_like_its_space(self):
+    def test_vectors_of_an_nrrd_file_are_converted_from_its_space_to_ras(self):
         fields = ("space: left-posterior-superior", ORIGIN)
         columns, origin = turned(RAS_FROM_LPS)
         for word in ("vector", "3-vector", "covariant-vector", "3-gradient", "normal", "3-normal"):
@@ -294,7 +294,7 @@ class Nrrd(Case):
         self.holds(self.convert(path), "vector", columns, origin,
                    lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
 
-    def test_integer_vectors_of_an_nrrd_file_are_converted_to_ras_like_its_space(self):
+    def test_integer_vectors_of_an_nrrd_file_are_converted_from_its_space_to_ras(self):
         data = struct.pack("<360B", *(int(c) % 200 for p in INDICES for c in vector(*p)))
         path = self.write("a.nrrd", nrrd(
             "space: LPS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",

@@ -866,7 +866,7 @@ class Refusals(Case):
         self.refused(self.dir / "none.nii", out, says="no such file")
         self.refused(self.dir, out, says="folder")
 
-    def test_an_unknown_array_is_refused_with_the_available_ones(self):
+    def test_the_error_for_an_unknown_array_lists_the_available_arrays(self):
         source = self.write("a.vtk", rectilinear([0, 1, 2], [0, 1], [0, 1]))
         self.refused(source, self.dir / "o.vdb", "--field", "w", says="choose from s, v")
         report = self.imported(source, "--field", "v")

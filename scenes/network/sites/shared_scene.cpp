@@ -14,8 +14,8 @@ namespace palpate {
 namespace {
 
 constexpr std::size_t kLongestName = 200;
-/// Largest difference between a received stamp and the largest known stamp. Otherwise a site could
-/// use the largest possible stamp, and no later edit could replace its edit.
+/// Largest amount by which a received sequence number may exceed the newest known one. Without this
+/// limit, a site could send the largest possible number, and no later edit could replace its edit.
 constexpr std::uint64_t kMostAhead = std::uint64_t{1} << 20U;
 constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;  ///< A double represents it exactly.
 constexpr std::size_t kMostNames = 64;                         ///< Most sites that are reported.
