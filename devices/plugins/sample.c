@@ -2,7 +2,7 @@
  * the compiler's own atomics; needs libc and libm.
  *
  * The tip of S1 is a mass on a spring and a damper about the slow path of a hand; the force moves
- * the tip. Nobody holds S2, which has a counterweight, so it passes palpate devices --test. The
+ * the tip. No hand holds S2, and S2 has a counterweight, so S2 passes palpate devices --test. The
  * simulation advances by the host's clock, and only when the host reads.
  */
 #include <math.h>
@@ -16,7 +16,7 @@
 static const double kMass = 0.1;                /* [kg] */
 static const double kSpring = 30.0;             /* [N/m] */
 static const double kDamper = 2.0;              /* [N s/m] */
-static const double kFriction = 1.0;            /* Of an arm that nobody holds [N s/m]. */
+static const double kFriction = 1.0;            /* Friction of an arm without a hand [N s/m]. */
 static const double kWeight = 0.3;              /* [N] */
 static const double kPeak = 4.0;                /* [N] */
 static const double kContinuous = 1.5;          /* Force that the motors can hold forever [N]. */

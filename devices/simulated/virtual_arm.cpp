@@ -12,8 +12,7 @@ constexpr double kRate = 1000.0;  // [Hz]
 class VirtualArm final : public Arm {
  public:
   VirtualArm()
-      : params_(),
-        arm_(params_, GripParams{0.0, 0.0},
+      : arm_(params_, GripParams{0.0, 0.0},
              {[](double) { return Vec3(Vec3::Zero()); }, std::numeric_limits<double>::max()},
              kRate),
         info_(arm_.info()) {

@@ -1,4 +1,4 @@
-/// A simulated arm that nobody holds, so that a self-test can be tried without hardware.
+/// A simulated arm without a hand: a user can try the self-test without hardware.
 #pragma once
 
 #include <memory>

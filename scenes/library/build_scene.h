@@ -43,8 +43,8 @@ struct WarpSpec {
 struct PlaceSpec {
   /// Says how the members below determine the place of the volume.
   enum class Kind : std::uint8_t {
-    kFit,   ///< As kMap about the centre of the active bounds; `size` is their longest side [m].
-    kUnit,  ///< As kMap about this centre, in true size; one unit of the file is `size` metres.
+    kFit,   ///< Like kMap, about the active bounds' centre; `size` is their longest side [m].
+    kUnit,  ///< Like kMap, about this centre, in true size; a unit of the file is `size` metres.
     kMap,   ///< p_W = translate + R scale p_file, with R from `rotation_wxyz`.
     /// Same transform and motion as the volume `like`, so that both stay aligned.
     kLike,

@@ -22,7 +22,7 @@ std::string describe(const TransferSpec& transfer, const std::string& unit, cons
   // A constant strength acts only at points where the field named by the key `by` has data.
   const bool mask = is_strength && transfer.factors.size() == 1 && !by.empty();
   for (const TransferSpec::Factor& factor : transfer.factors) {
-    // The unit follows the first factor; the others have none.
+    // Only the first factor has a unit.
     const std::string in = text.empty() && !unit.empty() ? " " + unit : "";
     if (!text.empty()) text += " times ";
     if (factor.curve.isConstant()) {
@@ -44,12 +44,18 @@ std::string describe(const TransferSpec& transfer, const std::string& unit, cons
   return text;
 }
 
+/// Returns the three numbers of a vector, and 0 for -0.
+std::string vectorText(const OrderedJson& v) {
+  return fmt::format("{}, {}, {}", rounded(v[0].get<double>() + 0.0),
+                     rounded(v[1].get<double>() + 0.0), rounded(v[2].get<double>() + 0.0));
+}
+
 std::string describe(const GuideSpec& guide, const std::string& in) {
-  const auto vector = [](const Vec3& v) {
-    return fmt::format("{}, {}, {}", rounded(v.x()), rounded(v.y()), rounded(v.z()));
-  };
-  std::string text = fmt::format("{} at {}", wordFor(guide.shape), vector(guide.position));
-  if (guide.shape != PrimitiveKind::kPoint) text += " along " + vector(guide.direction);
+  std::string text =
+      fmt::format("{} at {}", wordFor(guide.shape), vectorText(toJson(guide.position)));
+  if (guide.shape != PrimitiveKind::kPoint) {
+    text += " along " + vectorText(toJson(guide.direction));
+  }
   if (std::isfinite(guide.snap)) text += ", snaps within " + rounded(guide.snap);
   return text + (in.empty() ? " (metres)" : " (in the units of " + in + ")");
 }
@@ -259,8 +265,7 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
 }
 
 std::string placeText(const OrderedJson& at) {
-  return fmt::format("({}, {}, {})", rounded(at[0].get<double>() + 0.0),
-                     rounded(at[1].get<double>()), rounded(at[2].get<double>()));
+  return "(" + vectorText(at) + ")";
 }
 
 std::string edgeRemark(const OrderedJson& edge) {
@@ -322,9 +327,7 @@ void sayVolume(const std::string& name, const OrderedJson& volume) {
   say("voxel {} mm, {} mm per unit of the file", rounded(1e3 * volume["voxel"].get<double>()),
       rounded(1e3 * volume["metres_per_unit"].get<double>()));
   if (volume.contains("at_hand_origin")) {
-    const OrderedJson& at = volume["at_hand_origin"];
-    say("; 0, 0, 0 of the hand is {}, {}, {} of the file", rounded(at[0].get<double>() + 0.0),
-        rounded(at[1].get<double>() + 0.0), rounded(at[2].get<double>() + 0.0));
+    say("; 0, 0, 0 of the hand is {} of the file", vectorText(volume["at_hand_origin"]));
   }
   if (volume.contains("instances")) {
     say(" (of the first of {} instances)", volume["instances"].get<std::size_t>());

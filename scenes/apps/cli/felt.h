@@ -77,7 +77,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
   /// Returns true if a mode contributed to the force in any tick.
   [[nodiscard]] bool anything() const;
-  /// Returns the first mode in whose solid the proxy was in its first tick; empty if none.
+  /// Returns the first mode in whose solid the proxy was in its first tick, or an empty text.
   [[nodiscard]] std::string inside() const;
   [[nodiscard]] Most most() const;
   /// Returns the time integral of each mode's force by name [N s]; parts of a kind are summed.

@@ -129,8 +129,7 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   if (!name || name->profile.empty()) {
     throw Error("--device", "\"" + options.device + "\" does not name a profile",
                 "write hid:PROFILE, hid:PROFILE@SERIAL or hid:FILE.json; for another arm leave out "
-                "--device, "
-                "and give --mass, --viscous, --coulomb and --delay");
+                "--device, and give --mass, --viscous, --coulomb and --delay");
   }
   const HidProfile profile =
       namedProfile(*name, [](const std::string& note) { complain("stability: " + note); });

@@ -321,7 +321,7 @@ void complainOf(const Tested& tested) {
   }
 }
 
-/// Forgets an earlier test of an arm that has not passed, and says so.
+/// Forgets an earlier test of an arm that has not passed, and reports its limits.
 void notPassed(const ArmIdentity& identity) {
   forgetTest(identity);
   complain(

@@ -8,7 +8,7 @@
 
 namespace palpate::cli {
 
-/// Returns the rotation from a patient's space (RAS) to W, of the first volume in such a space.
+/// Returns the rotation to W of the first volume in a patient's space (RAS), if there is one.
 [[nodiscard]] inline std::optional<Mat3> patientOf(const BuiltScene& built) {
   for (const auto& [name, volume] : built.volumes) {
     const auto placement = built.placements.find(name);

@@ -25,23 +25,6 @@ Vec3 onSurface(const ScalarField& field, FieldCache& cache, double level, const 
 
 }  // namespace
 
-std::vector<Mask> masksOf(const Graph& graph, const IsosurfaceMode& mode) {
-  const auto surface = static_cast<std::size_t>(mode.skin.field);
-  std::vector<Mask> masks;
-  for (const Transfer::Factor& factor : mode.strength.factors) {
-    // A factor that the surface's own value sets is the same on all of the surface.
-    if (factor.scalar < 0 || factor.scalar == mode.skin.value) continue;
-    for (const ScalarRead& read : graph.scalar_reads) {
-      if (read.value != factor.scalar) continue;
-      const auto by = static_cast<std::size_t>(read.field);
-      const ScalarField& field = *graph.scalar_fields[by];
-      if (graph.scalar_motions[by] != graph.scalar_motions[surface] || field.attends()) continue;
-      masks.push_back({&field, &factor.curve});
-    }
-  }
-  return masks;
-}
-
 std::string textOf(const std::vector<Mask>& masks) {
   std::string text;
   for (const Mask& mask : masks) {

@@ -7,7 +7,8 @@
 #include <vtkPolyData.h>
 #include <vtkSmartPointer.h>
 
-#include "palpate/engine/scene/scene.h"
+#include "palpate/engine/field/field.h"
+#include "palpate/engine/modes/transfer.h"
 
 namespace palpate::view {
 
@@ -17,8 +18,6 @@ struct Mask {
   const TransferFunction* curve;
 };
 
-/// Returns the masks of an isosurface. They move with the surface, and do not play or stream.
-[[nodiscard]] std::vector<Mask> masksOf(const Graph& graph, const IsosurfaceMode& mode);
 /// Returns a text that differs for different masks.
 [[nodiscard]] std::string textOf(const std::vector<Mask>& masks);
 /// Returns a surface of `field` without the parts where a mask is zero or has no data.

@@ -109,6 +109,22 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
+/// Returns the masks of an isosurface. They move with the surface, and do not play or stream.
+std::vector<Mask> masksOf(const Graph& graph, const IsosurfaceMode& mode) {
+  const auto surface = static_cast<std::size_t>(mode.skin.field);
+  std::vector<Mask> masks;
+  for (const Transfer::Factor& factor : mode.strength.factors) {
+    // A factor that the surface's own value sets is the same on all of the surface.
+    const int read = factor.scalar == mode.skin.value ? -1 : scalarFieldOf(graph, factor.scalar);
+    if (read < 0) continue;
+    const auto by = static_cast<std::size_t>(read);
+    const ScalarField& field = *graph.scalar_fields[by];
+    if (graph.scalar_motions[by] != graph.scalar_motions[surface] || field.attends()) continue;
+    masks.push_back({&field, &factor.curve});
+  }
+  return masks;
+}
+
 /// Moves the points of a mesh to their positions at a time [s].
 void deform(vtkPolyData& mesh, vtkPoints& rest, const Motion& motion, double time) {
   auto moved = vtkSmartPointer<vtkPoints>::New();

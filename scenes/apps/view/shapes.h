@@ -67,21 +67,19 @@ class Shapes {
     MotionPtr motion;
   };
   [[nodiscard]] const std::vector<Volume>& volumes() const noexcept { return volumes_; }
-  /// A letter for a direction of the patient, at the side of the scene's bounds: L, R, P, A, I or
-  /// S.
+  /// A letter for a direction of the patient (L, R, P, A, I, S), at a side of the scene's bounds.
   struct Letter {
     std::string letter;
     Vec3 at;  ///< [m]
   };
-  /// Returns six letters, or none if no volume has the space of a patient.
+  /// Returns six letters; empty without a volume that has the space of a patient.
   [[nodiscard]] const std::vector<Letter>& letters() const noexcept { return letters_; }
   /// A surface of the scene, which slices of its field show as a line.
   struct Level {
     std::string name;         ///< Name of its entry in the legend.
     std::uint64_t field = 0;  ///< ScalarField::id()
     double value = 0.0;
-    Colour
-        colour{};  ///< Colour of the line, which differs from grey more than that of the surface.
+    Colour colour{};  ///< Colour of the line, visible on grey.
   };
   [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
   /// Shows or hides surfaces and clouds, which would cover the slices.
