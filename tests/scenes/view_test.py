@@ -170,7 +170,7 @@ wait
         self.assertEqual((skin["name"], skin["strength"], skin["state"]), ("skin", 3.0, "holds"))
         self.assertAlmostEqual(skin["load"], 500 * math.dist(told["probe"], told["proxy"]), delta=1e-6)
         self.assertEqual((pin["load"], pin["state"]), (0.0, "idle"))
-        # The image shows these things at these positions.
+        # The image shows force, proxy and probe at the reported positions.
         image = imread(self.dir / "still.png")
         self.assertEqual(image.shape[:2][::-1], tuple(told["size"]))
         pixels = told["pixels"]
@@ -288,7 +288,7 @@ wait
                 self.assertGreater(int(yellow.sum()), colours)
 
     def beside(self, server):
-        """Returns an environment without a display, in which Xvfb is another program."""
+        """Returns an environment without a display, in which the script `server` replaces Xvfb."""
         place = self.dir / "bin"
         place.mkdir(exist_ok=True)
         (place / "Xvfb").write_text("#!/bin/sh\n" + server, encoding="utf-8")
@@ -413,14 +413,18 @@ class Window(Case):
     def until(self, what, true):
         """Waits until the window's state satisfies a condition. Returns the state."""
         end = time.monotonic() + PATIENCE
+        ended = None
         while time.monotonic() < end:
+            if ended is None:
+                ended = self.feel.poll()
+                if ended is not None:
+                    end = min(end, time.monotonic() + 10)  # the window may show that the run has ended
             told = self.told()
             if told and true(told):
                 return told
-            if not told and self.feel.poll() is not None:
-                break
             time.sleep(0.03)
-        raise AssertionError(f"never {what}: {self.told()}, {self.said()}")
+        state = "the run continues" if ended is None else f"the run has ended with {ended}"
+        raise AssertionError(f"never {what}: {state}: {self.told()}, {self.said()}")
 
     def until_said(self, words):
         end = time.monotonic() + PATIENCE
@@ -471,9 +475,11 @@ class Window(Case):
         return done.stdout.split()
 
     def close(self, window):
-        """Closes a window with the key q. xdotool complains if the window closes before the key is released."""
+        """Closes a window with the key q, and releases the key: a window that has the focus gets a real key, and it
+        closes before xdotool can release it. The server would repeat the key in the next window."""
         subprocess.run(["xdotool", "key", "--window", window, "q"], env=self.env, timeout=PATIENCE,
                        stderr=subprocess.DEVNULL, check=False)
+        self.do("keyup", "q")
 
     def window(self):
         """Returns the window once it draws."""
@@ -504,7 +510,7 @@ class Window(Case):
             step += 1
             self.do("mousemove", "--window", window, round(x + step % 2), round(y))
             before = self.told()["hand"]
-            # A wheel step is 0.9 mm. In front of the ball there is no need to wait after each step.
+            # A wheel step is 0.9 mm. In front of the ball, several steps are made at once.
             free = int((math.hypot(*before) - RADIUS) / 9e-4) - 3
             if free > 1:
                 self.do("click", "--repeat", free, "--delay", 5, 4)
@@ -518,14 +524,14 @@ class Window(Case):
 
 
 class Drawn(Window):
-    """Tests of the picture while a hand feels. Tests without options share a run, and leave it as they found it."""
+    """Tests of the picture while a hand feels. Tests without options share a run, and restore its first state."""
     COMMON = json.loads(json.dumps(SCENE))
     COMMON["modes"][1]["strength"] = 9e5  # [N]; one more step exceeds the limit
     common = None  # folder and process of the run that tests share
-    busy = False   # a test uses the run, or failed before it gave the run back
+    busy = False   # a test uses the run, or failed before it released the run
 
     def join(self):
-        """Takes the run that tests share. Returns its window. Starts the run if there is none, or if the last test
+        """Uses the run that tests share. Returns its window. Starts the run if there is none, or if the last test
         ended it or failed."""
         kind = type(self)
         if kind.common is not None and kind.busy:
@@ -543,7 +549,7 @@ class Drawn(Window):
         return self.window()
 
     def leave(self, window):
-        """Gives the run back with the first scene, all modes on, and the first view."""
+        """Releases the shared run with the first scene, all modes on, and the first view."""
         self.write_scene(self.COMMON)
         self.do("key", "--window", window, "1", "key", "--window", window, "r")
         self.until("the first scene", lambda t: [(bar["name"], bar["dial"]) for bar in t["bars"]]
@@ -593,7 +599,7 @@ class Drawn(Window):
         words = {row["status"] for row in rows(self.dir / "t.csv") if float(row["t"]) >= cut_after}
         self.assertIn("fault", words)
 
-    def test_the_window_shows_after_late_ticks_when_the_force_will_return(self):
+    def test_after_late_ticks_the_window_shows_when_the_force_will_return(self):
         feel = self.start("--device", "simulated", "--seconds", "900", "--reengage", "5")
         self.window()
         self.until("a tick", lambda told: told["time"] > 0.1)
@@ -641,10 +647,10 @@ class Drawn(Window):
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         self.close(self.window())
         self.ends_well(feel)
-        # At half speed, up to what the view has shown.
+        # At half speed, the trace covers at most half of the elapsed time.
         felt = float(rows(self.dir / "t.csv")[-1]["t"])
         self.assertLess(felt, 0.5 * (time.monotonic() - begun) + 0.1)
-        # A still of the whole recording, with the recording's scene.
+        # Draws a still of the whole recording, with the recording's scene.
         self.still = subprocess.run([PALPATE, "view", "a.rec", "--device", "replay:a.rec", "--picture",
                                      "still.png", "--trace", "t.csv"], cwd=self.dir, env=self.env,
                                     capture_output=True, text=True, timeout=PATIENCE, check=False)
@@ -791,7 +797,7 @@ class Drawn(Window):
         self.env["PALPATE_VIEW_PATIENCE"] = "1e-6"
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
-        # Each move can reduce the detail once. On a busy machine the window can miss a move.
+        # Each move of the mouse can reduce the detail once. On a busy machine the window can miss a move.
         for step in range(40):
             if self.until("at rest", lambda told: not told["coarse"])["detail"] == 4:
                 break
@@ -808,8 +814,8 @@ class Drawn(Window):
 
 
 class Lost(Window):
-    """The window, the display or the loop fails. This class is a separate CTest entry, because it waits more than it
-    computes. Its scene has no surface, so that it draws fast."""
+    """Tests in which the window, the display or the loop fails. This class is a separate CTest entry, because it waits
+    more than it computes. Its scene has no surface, so that it draws fast."""
     SCENE = {**SCENE, "modes": SCENE["modes"][1:]}
 
     def test_without_memory_for_a_window_the_loop_continues(self):
@@ -852,8 +858,8 @@ class Lost(Window):
         self.goes_on(feel)
         self.assertIn("palpate: display: the connection is lost: the window closes\n", self.said())
 
-    def test_a_display_that_refuses_the_connection_is_reported_in_one_line(self):
-        """The test destroys the window."""
+    def test_a_request_that_the_display_rejects_is_reported_in_one_line(self):
+        """The test destroys the window, so the X server rejects the window's next request."""
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.do("windowclose", self.window())
         self.goes_on(feel)
@@ -863,7 +869,7 @@ class Lost(Window):
         self.assertNotIn("X Error", self.said())
 
     def test_moving_the_mouse_over_a_hidden_window_does_not_move_the_hand(self):
-        """VTK requests the focus, which X refuses for hidden windows."""
+        """VTK requests the keyboard focus, which the X server refuses to hidden windows."""
         feel = self.start("--seconds", "900")
         window = self.window()
         child = self.child(feel)
