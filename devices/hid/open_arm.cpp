@@ -39,15 +39,16 @@ HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
   }
 }
 
-/// Returns true for a joint that moves the tip along a fixed direction, metre for metre.
+/// Returns true for a joint that moves the tip along a fixed direction, by 1 m per unit of the
+/// joint.
 bool isSliding(const HidProfile& profile, std::size_t joint) {
   Joints at{};
   for (std::size_t i = 0; i < profile.joints.size(); ++i) at[i] = profile.joints[i].home;
   const Vec3 before = profile.kinematics->at(at).jacobian[joint];
   at[joint] += 0.5;
   const Vec3 after = profile.kinematics->at(at).jacobian[joint];
-  constexpr double kSame = 1e-9;
-  return std::abs(before.norm() - 1.0) < kSame && (after - before).norm() < kSame;
+  constexpr double kRounding = 1e-9;
+  return std::abs(before.norm() - 1.0) < kRounding && (after - before).norm() < kRounding;
 }
 
 /// Reports the first torque constant that seems to be in mN m/A. `say` may be empty.
@@ -66,8 +67,8 @@ void noteTorqueConstant(const HidProfile& profile,
   }
 }
 
-/// Returns a name like FoundArm::nameAs(). If `given` has a file, the name has this file too,
-/// because the profile's name does not lead to a file outside of the user's folder.
+/// Returns a name like FoundArm::nameAs(). If `given` names a file, the name contains this file
+/// instead of the profile's name, because palpate finds profiles by name only in the user's folder.
 std::string nameLike(const ArmName& given, const FoundArm& arm, const HidProfile& profile) {
   if (!given.isFile()) return arm.nameAs(profile);
   const std::string own = arm.identity();

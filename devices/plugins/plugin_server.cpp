@@ -79,7 +79,8 @@ void PluginServer::give(std::int64_t now) noexcept {
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
     device_.carry(stopped ? 0.0 : order_.carry);
     news_.wrote = device_.write(stopped ? none : order_.force);
-    // A negative result reports kWrite, not kLate: for an unsound order, or a plug-in that hung.
+    // A negative result makes the program report kWrite instead of kLate. It stands for an unsound
+    // order or a plug-in that hung.
     if (!sound || (stopped && blamed_)) news_.wrote = -1;
     news_.written = order_.number;
     news_.given = stopped ? 0.0 : device_.given();
@@ -156,7 +157,8 @@ namespace {
 /// The open arm, for signal handlers: they take the force off before the process ends.
 std::atomic<const PluginDevice*> the_device{nullptr};
 
-/// Longest time for stop(). If it hangs, this process ends, and the next one takes the force off.
+/// Longest time for stop() [us]. If stop() takes longer, this process ends, and the next process
+/// takes the force off.
 constexpr long kStopTime = 30000;  // [us]
 void endIn(long us) noexcept {
   const itimerval time{{0, 0}, {us / 1000000, us % 1000000}};
@@ -164,7 +166,7 @@ void endIn(long us) noexcept {
 }
 
 extern "C" void stopThenEnd(int signal) {
-  // If stop() also crashes or hangs, the process still ends.
+  // The process ends even if stop() also crashes or hangs.
   if (const PluginDevice* device = the_device.exchange(nullptr)) {
     endIn(kStopTime);
     device->stop();
@@ -226,7 +228,7 @@ bool programEnded() {
 void endWithProgram() {
   std::thread([] {
     pollfd control{kPluginControl, 0, 0};
-    while ((control.revents & (POLLHUP | POLLERR)) == 0) (void)poll(&control, 1, -1);
+    while ((control.revents & (POLLHUP | POLLERR | POLLNVAL)) == 0) (void)poll(&control, 1, -1);
     constexpr auto kOrderly = std::chrono::milliseconds(500);
     std::this_thread::sleep_for(kOrderly);
     stopAtExit();
