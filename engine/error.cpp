@@ -6,7 +6,8 @@
 namespace palpate {
 
 std::string nearestName(const std::string& name, const std::vector<std::string>& candidates) {
-  // Levenshtein distance. Its cost is the product of both lengths, so very long names are skipped.
+  // The cost of the Levenshtein distance is the product of both lengths, so the function skips very
+  // long names.
   constexpr std::size_t kLongest = 200;
   if (name.size() > kLongest) return {};
   std::string best;

@@ -51,7 +51,8 @@ class DeviceError : public Error {
   using Error::Error;  ///< The arguments are the subject, the reason and the remedy.
 };
 
-/// Returns the candidate spelled most like `name`; empty if all need over 1 + name.size()/3 edits.
+/// Returns the candidate that needs the fewest edits to become `name`. Returns an empty string if
+/// all candidates need more than 1 + name.size()/3 edits, or `name` has more than 200 characters.
 [[nodiscard]] std::string nearestName(const std::string& name,
                                       const std::vector<std::string>& candidates);
 

@@ -22,11 +22,11 @@ using Vec3 = Eigen::Vector3d;
 /// A rotation, or a Jacobian whose column j is the derivative by x_j.
 using Mat3 = Eigen::Matrix3d;
 
-/// Axis-aligned box in W [m]. It is empty while lower > upper.
+/// Axis-aligned box in W [m]. The box is empty if lower > upper in some coordinate.
 struct Box {
   Vec3 lower = Vec3::Constant(1.0);   ///< Least coordinates in the box [m].
   Vec3 upper = Vec3::Constant(-1.0);  ///< Greatest coordinates in the box [m].
-  /// Returns true if the box contains no point: lower > upper in some coordinate.
+  /// Returns true if the box contains no point.
   [[nodiscard]] bool empty() const noexcept { return (lower.array() > upper.array()).any(); }
   /// Extends the box so that it contains p [m].
   void extend(const Vec3& p) noexcept {
@@ -36,7 +36,7 @@ struct Box {
   }
   /// Returns the midpoint [m].
   [[nodiscard]] Vec3 centre() const noexcept { return 0.5 * (lower + upper); }
-  /// Returns the lengths of the edges [m]; < 0 if empty.
+  /// Returns the lengths of the edges [m]. If the box is empty, some length is below 0.
   [[nodiscard]] Vec3 size() const noexcept { return upper - lower; }
 };
 

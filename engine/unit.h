@@ -7,8 +7,8 @@
 
 namespace palpate {
 
-/// Writes v/|v| to `direction`. If v has no direction, returns false and does not write. RT: no
-/// allocation.
+/// Writes v/|v| to `direction`. If |v| is at most 1e-300 or not finite, returns false and does not
+/// write. RT: no allocation.
 [[nodiscard]] inline bool unit(const Vec3& v, Vec3& direction) noexcept {
   const double length = v.norm();
   if (!(length > 1e-300) || !std::isfinite(length)) return false;

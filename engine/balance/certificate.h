@@ -9,14 +9,14 @@
 
 namespace palpate::solver {
 
-/// A multiplier counts as parallel to its displacement d if their cosine is at least this.
+/// A multiplier z counts as parallel to its displacement d if z.d is above this share of |d|.
 inline constexpr double kAlong = 1.0 - 1e-4;
 
 /// Returns an upper bound on |y - y*|, the distance from the place `at` to the balance y*. The
-/// duality gap is a sum of terms >= 0, so rounding does not cancel them. The function computes the
-/// gap for two dual points and returns the smaller bound. The first consists of the multipliers. In
-/// the second, d/|d| replaces each multiplier that is parallel to d = P y - b. `by_multipliers`
-/// becomes true if the second bound is not smaller.
+/// duality gap is a sum of terms >= 0, so no cancellation amplifies the rounding errors. The
+/// function computes the gap for two dual points and returns the smaller bound. The first consists
+/// of the multipliers. In the second, d/|d| replaces each multiplier that is parallel to d = P y -
+/// b. `by_multipliers` becomes true if the second bound is not smaller.
 inline double certify(const Problem& problem, const Vec3& at, bool& by_multipliers) noexcept {
   constexpr double kLastDigits = 4.0 * kEpsilon;
   const Terms& t = problem.terms;

@@ -1,6 +1,6 @@
 /// Private to engine/balance: finds the balance of several frictions by Newton's method. A kink is
-/// a plane, line or point at which a primitive's force jumps. Here each force rises over a short
-/// distance, the compliance of the kink, which is removed at the end.
+/// a plane, line or point at which a primitive's force jumps. In this file each force rises over a
+/// short distance, the compliance of the kink. The search removes the compliance at the end.
 #pragma once
 
 #include <algorithm>
@@ -41,7 +41,8 @@ inline Mat3 turnOf(const Mat3& T, const Vec3& b, const Vec3& v, double m, bool s
   return (T - b * (v / length).transpose()) / m;
 }
 
-/// A balance in which every kink has the compliance c. All places are relative to the old proxy.
+/// Searches the balance in which every kink has the compliance c. All places are relative to the
+/// old proxy.
 class Compliant {
  public:
   Compliant(const Vec3& probe, double stiffness, const PrimitiveSet& set, const Vec3& proxy,
@@ -149,7 +150,8 @@ class Compliant {
   // smallest compliance while loads are kept, as a share of `hard_`
   static constexpr double kLeastKept = 1e-2;
 
-  /// Returns the largest |R| that counts as a solution, as a share of S; more for a smaller c.
+  /// Returns the largest |R| that counts as a solution, as a share of S. This limit is larger for a
+  /// smaller c, because rounding counts more.
   [[nodiscard]] double enoughAt(double c) const noexcept {
     return std::max(kEnough, rounding_ * hard_ / c);
   }
@@ -163,8 +165,8 @@ class Compliant {
     for (Pull& p : pulls()) p.kept_pull.setZero();
   }
 
-  /// Slip v: the displacement from the place where the kink holds the proxy, plus the kept pull. m
-  /// is c if the kink sticks, else max(|v|, c).
+  /// The slip of a kink. v is the displacement from the place where the kink holds the proxy, plus
+  /// the kept pull. m is c if the kink sticks, else max(|v|, c).
   struct Slip {
     Vec3 v;
     double m;
@@ -226,7 +228,7 @@ class Compliant {
       const Vec3 push = p.q - p.coefficient * p.pull;
       double load = p.strength;
       if (p.piece == Piece::kHolds) {
-        // not clamped as p.load is: Newton needs the linear function
+        // Unlike p.load, `load` is not clamped, because Newton's method needs the linear function.
         load = p.kept_load - p.strength * (p.q.dot(x_) - p.foot) / c;
         J += p.strength / c * push * p.q.transpose();
       }
@@ -293,7 +295,8 @@ class Compliant {
     return true;
   }
 
-  /// Halves the step until |R| is smaller than at its start. Returns false after six halvings.
+  /// Halves the step until |R| is at most kLess times its value at the start of the step. Returns
+  /// false after six halvings.
   bool backtrack(double c, const Vec3& from, const Vec3& d, double start) noexcept {
     Vec3 part = 0.5 * d;
     for (int i = 0; i < 6; ++i, part *= 0.5) {
@@ -321,7 +324,8 @@ class Compliant {
   }
 
   /// Runs Newton's method at compliance c until |R| <= enough S. The first step uses the present
-  /// pieces. Returns false after `most` steps, or after `patience` steps that do not halve |R|.
+  /// pieces. Returns false after `most` steps, or after `patience` successive steps that do not
+  /// halve |R|.
   bool newton(double c, int most, int patience, double enough) noexcept {
     double last = kUnbounded;
     double least = kUnbounded;
@@ -418,7 +422,8 @@ class Compliant {
     return c <= hard_;
   }
 
-  /// Starts from the old proxy with all planes pressed and all frictions sticking.
+  /// Starts from the old proxy, where the frictions stick. Tries up to three first compliances.
+  /// Returns false if the search reaches no balance at `hard_`.
   bool startSticking() noexcept {
     for (const double soft : {0.0, 1e-4, 1e-2}) {
       double c = std::max(hard_, soft * length_);

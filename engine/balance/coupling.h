@@ -19,8 +19,8 @@ struct CouplingParams {
 /// time delays the damping: docs/stability.md, "The time span of the damper".
 inline constexpr double kRateTime = 2e-3;
 
-/// Measures the rate of a spring's length: the difference from the earlier length with an age
-/// nearest to `time` [s], divided by that age.
+/// Measures the rate at which a spring's length changes. The rate is the difference from the stored
+/// length with an age nearest to `time` [s], divided by that age.
 class LengthRate {
  public:
   /// @param time  Age of the reading to compare with [s]; 0 selects the previous reading.
@@ -66,7 +66,8 @@ class LengthRate {
 
 /// Largest rate of a varying stiffness [N/m per s]: 25 N/s at a length of 5 mm feels smooth.
 inline constexpr double kStiffnessRate = 5000.0;
-/// Largest energy in the tank of a varying stiffness [J]: raises 300 to 800 N/m at 6 mm.
+/// Largest energy in the tank of a varying stiffness [J]. At a length of 6 mm, this energy raises
+/// the stiffness from 300 to 800 N/m.
 inline constexpr double kStiffnessTank = 0.01;
 
 /// A varying stiffness, and the energy that may raise it.

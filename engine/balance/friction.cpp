@@ -21,7 +21,7 @@ using friction::OnePlane;
 //     else give every kink the compliance c, and find x, loads and pulls with R = 0 (Compliant):
 //         warm start: Newton from the last tick's active set (which planes press, which stick)
 //         else homotopy: Newton at a large c, then at smaller ones down to 1 um
-//         else Newton from the old proxy, with all planes pressed and all frictions sticking
+//         else Newton from the old proxy, where the frictions stick
 //         each Newton step: line search if it overshot, backtracking if |R| grew, and a jump over
 //             a fold if the followed solution ends there
 //         remove c by the method of multipliers: kinks keep their loads, x moves onto them
@@ -157,10 +157,10 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   for (std::size_t i = 0; i < links.size(); ++i) start.held[i] = items[links[i].line].strength;
   if (!found) {
     result.status = SolveStatus::kIterationLimit;
-    start.plane_count = 0;  // the next balance starts without the memory of this one
+    start.plane_count = 0;  // the next balance starts without memory of this balance
   } else {
-    // The result is the solution of `search`, whose frictions meet Coulomb's law. Its bound is the
-    // distance to the balance with the strengths in the set.
+    // The result is the solution of `search`, whose frictions satisfy Coulomb's law. Its bound is
+    // the distance to the balance with the strengths in the set.
     const Vec3 offset = search.place() + (proxy - probe);
     result.error_bound += (offset - result.offset).norm();
     result.error_bound += search.missing() / stiffness;

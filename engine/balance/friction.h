@@ -32,7 +32,7 @@ struct RoughPlane {
   Vec3 read;         ///< Dual b that Compliant::read() computes from the place.
   Vec3 kept_pull;    ///< Dual b at zero slip.
   Piece piece;       ///< Computed from the place by Compliant::read().
-  bool sticks;       ///< True if |b| < 1; computed by Compliant::read().
+  bool sticks;       ///< True if the friction sticks; computed by Compliant::read().
 };
 
 /// One point or line of a balance, in the same form as RoughPlane.
@@ -45,7 +45,7 @@ struct Pull {
   Vec3 pull;          ///< Dual z: the force is -s z, |z| <= 1.
   Vec3 read;          ///< Dual z that Compliant::read() computes from the place.
   Vec3 kept_pull;     ///< Dual z at zero displacement.
-  bool holds;         ///< True if |z| < 1; computed by Compliant::read().
+  bool holds;         ///< True if the primitive holds the proxy; computed by Compliant::read().
 };
 
 /// Frictions of the last balance, to start the next search. The constructor allocates all memory.
@@ -59,7 +59,7 @@ struct FrictionStart {
   Vec3 motion = Vec3::Zero();   ///< proxy - old proxy of the last balance [m].
   std::size_t plane_count = 0;  ///< Number of `planes` in use.
   std::size_t pull_count = 0;   ///< Number of `pulls` in use.
-  std::size_t count = 0;        ///< Number of links of the last balance; 0 without memory.
+  std::size_t count = 0;        ///< Number of links of the last balance; 0 if there is none.
 };
 
 /// Finds the balance in which the line of each entry in set.links() has the strength of Coulomb's
@@ -80,8 +80,8 @@ struct FrictionStart {
 /// derivative (Hintermueller and Stadler 2006); friction.cpp lists the steps.
 ///
 /// The method of multipliers removes c. Finally solveProxy runs with those strengths, and bounds
-/// the error of the proxy. If no balance is found, each friction takes the larger of its strength
-/// in the last tick and in the trial with the least |R|, so that a failed search does not make a
+/// the error of the proxy. If no balance is found, each friction gets the larger of two strengths:
+/// in the last tick, and in the trial with the least |R|. So a failed search does not make a
 /// friction slip. In all cases, the primitives are anchored at the old proxy, or at its foot (see
 /// below). So the balance adds no energy beyond the effect of error_bound.
 ///
@@ -89,15 +89,16 @@ struct FrictionStart {
 ///                several kinks share a load, a balance without memory has the least sum |f|^2/s.
 ///                Later balances change the shares as little as possible.
 /// @return        The result of solveProxy. error_bound is the distance to the balance with the
-///                strengths in the set, plus |s_t - mu n|/k of each link. Other balances may meet
-///                Coulomb's law as well. `iterations` counts all methods; kIterationLimit means
-///                that a law was not met. If frictions press each other's planes, error_bound can
-///                exceed the tolerance although the law is met.
+///                strengths in the set, plus |s_t - mu n|/k of each link. Other balances may
+///                satisfy Coulomb's law as well. `iterations` counts all methods; kIterationLimit
+///                means that some friction does not satisfy the law. If frictions press each
+///                other's planes, error_bound can exceed the tolerance although all frictions
+///                satisfy the law.
 ///
 /// A common case is one plane with friction and drags (points where the friction grips). If the
 /// plane bears the spring and all drags, the solution is unique: a closed form or a scalar
 /// equation. If the plane has moved in front of the grip, friction and drags hold the proxy at the
-/// foot of the grip on the plane. Their position in `set` becomes the foot.
+/// foot of the grip on the plane. The function moves them in `set` to the foot.
 ///
 /// RT: no allocation. Cost: without links, one solveProxy; for one plane and drags, a closed form;
 /// otherwise some 10 to 20 3x3 solves (at most SolverParams::max_iterations) and one solveProxy. In

@@ -17,8 +17,8 @@ inline constexpr double kSlopeLeft = 0.03;
 /// If |z|^2 is below this, the multiplier is inside its ball: the primitive is on its kink.
 inline constexpr double kOnKink = 1.0 - 1e-12;
 
-/// Returns u = z + d/gamma of term i, projected, because 1/gamma amplifies rounding outside P's
-/// range.
+/// Returns u = z + d/gamma of term i, projected on the range of P, because 1/gamma amplifies
+/// rounding outside this range.
 inline Triple multiplierAt(const Terms& t, std::size_t i, double per_gamma, double x, double y,
                            double z) noexcept {
   const auto [dx, dy, dz] = displacement(t, i, x, y, z);
@@ -141,7 +141,7 @@ class Line {
     return slope_ + at * curvature_ + gamma_ * sum;
   }
 
-  /// Returns the t between 0 and 1 at which the slope is at most kSlopeLeft of its value at 0. The
+  /// Returns the t between 0 and 1 at which |slope| is at most kSlopeLeft times its value at 0. The
   /// slope is `at_start` < 0 at 0 and `at_end` > 0 at 1. The search is bracketed, by Chandrupatla's
   /// mix of inverse quadratic interpolation and halving. Kinks may be many orders of magnitude
   /// nearer to 0 than to 1, so the halving applies to the exponent of t.
@@ -250,7 +250,7 @@ class Search {
 
   /// Assumes that the primitives that held the proxy in the last tick still hold it: their kinks
   /// become springs with a compliance of kGamma. Newton's method minimises the norms of all other
-  /// primitives. Returns true if a bound proves the result.
+  /// primitives. Returns true if a bound proves that the result is within the tolerance.
   bool warm(Vec3 y) noexcept {
     constexpr double kGamma = 1e-10;
     constexpr int kMostSolves = 4;
@@ -268,7 +268,8 @@ class Search {
   /// Runs the proximal method of multipliers: in each round, Newton minimises envelopes around z,
   /// and then gamma is reduced. The result is exact at kinks, and the conditioning does not worsen
   /// with a smaller tolerance. The method starts without memory, because a start at the edge of the
-  /// unit balls can stop Newton. Returns true if a bound proves the result.
+  /// unit balls can stop Newton. Returns true if a bound proves that the result is within the
+  /// tolerance.
   bool cold() noexcept {
     constexpr double kFirstGamma = 0.3;
     constexpr double kTighten = 0.03;
@@ -277,8 +278,8 @@ class Search {
     constexpr double kNear = 1e-3;
     // A rough minimum of each envelope is enough, because the multipliers compensate for the error.
     constexpr double kLoose = 1e5;
-    // If a round takes more steps than this, gamma was reduced too fast. gamma is then increased,
-    // and reduced more slowly from then on; otherwise the rounds could repeat forever.
+    // If a round takes more steps than this, gamma was reduced too fast. The loop then increases
+    // gamma, and reduces it more slowly from then on. Otherwise the rounds could repeat forever.
     constexpr int kMostOfRound = 8;
     constexpr double kRelax = 12.0;
     constexpr double kCareful = 0.35;

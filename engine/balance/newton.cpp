@@ -16,8 +16,8 @@ struct Rows {
   std::array<double, 3> way{};
   std::size_t count = 0;
 
-  /// Adds the row q.step = length [m]. Returns false and adds no row if there are three, or if at
-  /// most 2 % of q is outside the span of the earlier rows.
+  /// Adds the row q.step = length [m]. Returns false and adds no row if there are three rows, or if
+  /// at most 2 % of q is outside the span of the earlier rows.
   bool add(Vec3 q, double length) noexcept {
     for (std::size_t i = 0; i < count; ++i) {
       const double share = q.dot(direction[i]);
@@ -38,7 +38,8 @@ struct Rows {
   }
 };
 
-/// `forces`: directions of the forces that hold. `places`: steps that stay on the primitives.
+/// The constraints of the primitives that hold. `forces` contains the directions of their forces,
+/// and `places` the steps that stay on them.
 struct Held {
   Rows forces;
   Rows places;
@@ -78,9 +79,9 @@ Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
   return held;
 }
 
-/// Returns x = S^-1 b if all eigenvalues of the symmetric part of S are above kFloor. Otherwise the
-/// balance is a ridge (newton.h), and the step leads down from it, by the magnitudes of the
-/// eigenvalues, each at least kFloor.
+/// Returns x = S^-1 b if all eigenvalues of S (for N = 3, of its symmetric part) are above kFloor.
+/// Otherwise the balance is a ridge (newton.h), and the step leads down from it, by the magnitudes
+/// of the eigenvalues, each at least kFloor.
 constexpr double kFloor = 0.05;
 template <int N>
 Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
@@ -92,13 +93,13 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
     if constexpr (N == 2) {
       const double det = S(0, 0) * S(1, 1) - S(0, 1) * S(1, 0);
       const double trace = S(0, 0) + S(1, 1);
-      // Both eigenvalues are above the floor.
+      // The condition means that both eigenvalues are above the floor.
       if (trace > 2.0 * kFloor && det > kFloor * (trace - kFloor)) {
         return Vector(S(1, 1) * b[0] - S(0, 1) * b[1], S(0, 0) * b[1] - S(1, 0) * b[0]) / det;
       }
     }
     if constexpr (N == 3) {
-      // All eigenvalues are above the floor, because the leading minors are positive (Sylvester).
+      // If the leading minors are positive, all eigenvalues are above the floor (Sylvester).
       const Mat3 above = 0.5 * (S + S.transpose()) - kFloor * Mat3::Identity();
       const bool stable = above(0, 0) > 0.0 &&
                           above(0, 0) * above(1, 1) > above(0, 1) * above(1, 0) &&
@@ -118,8 +119,8 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
 
 using Basis = std::array<Vec3, 3>;
 
-/// Returns the step in N free directions [m]. `pulls` must vanish along `forces`. A is the rate at
-/// which `pulls` falls as the place moves along `places`.
+/// Returns the step [m]: `held`, plus a part in N free directions. `pulls` must vanish along
+/// `forces`. A is the rate at which `pulls` falls as the place moves along `places`.
 template <int N>
 Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec3& pulls,
               const Vec3& held) noexcept {
@@ -186,7 +187,7 @@ Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double 
   if (held.forces.count == 0) {
     step = freeStep<3>(free, places, A, pulls, along);
   } else if (held.forces.count == 1) {
-    // The free directions of the place are those of the forces, rotated from normal to slope.
+    // The free directions of the step are the free directions of the forces, rotated from n to c.
     const Vec3& n = held.forces.direction[0];
     const Vec3& c = held.places.direction[0];
     free[0] = n.unitOrthogonal();

@@ -24,10 +24,10 @@ namespace palpate {
 /// converges. Here c_i is Varying::across. The change of the loads has no component perpendicular
 /// to all n, and the step is free perpendicular to all c. Directed forces and yielding primitives
 /// act with their full strength, so their ds/dx counts. D is the derivative at G of the pull of
-/// sliding lines and points, divided by k; it neglects that a friction's strength depends on its
-/// load. M' is M without the planes of surfaces. r is the place where the primitives were read;
-/// before a tick's first reading, it is that of the last tick. For a primitive that holds and does
-/// not turn, the condition is that of the balance.
+/// sliding lines and points, divided by k. D neglects that a friction's strength depends on its
+/// load. M' is M without the planes of surfaces. r is the place where the primitives were read.
+/// Before a tick's first reading, r is the place of the last tick's last reading. If a primitive
+/// holds and does not turn, the condition on its forces is the same as in the balance.
 ///
 /// n and c differ most in a groove. With n in place of c, every step would be too short by the same
 /// factor. Beyond the centre of curvature of a convex edge, the balance is a ridge. Then the step

@@ -19,8 +19,8 @@ inline Vec3 across(const Vec3& q, const Vec3& v) noexcept {
 
 /// Balances one plane, its friction and drags. Drags are points at the old proxy, where the
 /// friction grips. Lengths are in metres, and forces are divided by k. N is the depth of the
-/// spring's end behind the plane, T its distance from the grip along the plane. r is the distance
-/// of the proxy from the grip, and u the part of r along the plane.
+/// spring's end behind the plane, and T its distance from the grip along the plane. r is the
+/// distance of the proxy from the grip, and u the part of r along the plane.
 ///
 /// If the plane bears N and also all drags, the proxy is on the plane. The plane may be some
 /// micrometres in front of the grip. Drags would then press on the plane, friction would slip at
@@ -107,7 +107,8 @@ class OnePlane {
     SolveResult result;
     result.offset = from_ + moved_;
     result.proxy = probe + result.offset;
-    // Bound on rounding: of sums, and of positions relative to the probe, the plane and the drags.
+    // The bound covers the rounding of sums, and of positions relative to the probe, the plane and
+    // the drags.
     const double reach = from_.lpNorm<Eigen::Infinity>() +
                          (grip_ - plane_.position).lpNorm<Eigen::Infinity>() + size_ +
                          (foot_.isZero(0.0) ? 0.0 : grip_.lpNorm<Eigen::Infinity>());

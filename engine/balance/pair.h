@@ -140,7 +140,8 @@ class Pair {
   double force_ = 0.0;  ///< a, the force of the plane
 };
 
-/// Balances by Pair. Returns false if neither is a plane or the bound exceeds the tolerance.
+/// Balances two primitives by Pair. Returns false if neither primitive is a plane, or the bound
+/// exceeds the tolerance.
 inline bool trySolvePair(const Problem& problem, const SolverParams& params,
                          SolveResult& result) noexcept {
   const std::size_t plane = problem.terms.alpha[0] == 0.0 ? 0 : 1;

@@ -13,9 +13,10 @@
 namespace palpate::solver {
 
 /// Balances planes by pivots. The planes divide space into cells, and the potential is quadratic in
-/// each cell. In each pivot, y moves along a straight line to a plane that holds or to the minimum
-/// of its cell. A plane with a force above its strength is released. At most three planes hold at
-/// the same time. A few pivots are enough, unless many kinks meet at the proxy.
+/// each cell. In each pivot, y moves along a straight line to the least potential: to a plane,
+/// which then holds, or to a point within a cell. A pivot releases a plane with a force above its
+/// strength. At most three planes hold at the same time. A few pivots are enough, unless many kinks
+/// meet at the proxy.
 class Pivots {
  public:
   explicit Pivots(Problem& problem) noexcept : problem_(problem), terms_(problem.terms) {}

@@ -10,8 +10,8 @@
 
 namespace palpate {
 
-/// Kind of a primitive, as in the paper. Do not add a default to a `switch` over it, so that the
-/// compiler warns about a missing kind.
+/// Kind of a primitive, as in the paper. Do not add a default to a `switch` over this enum, so that
+/// the compiler warns about a missing kind.
 enum class PrimitiveKind : std::uint8_t {
   kForce,  ///< eq. (8): force s_i along `direction`; `position` is ignored.
   kPoint,  ///< eq. (9): pull of s_i towards `position`; `direction` is ignored.

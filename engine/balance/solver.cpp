@@ -63,7 +63,7 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
   return problem.w - problem.length * pull;
 }
 
-/// Normalises a nearly unit vector by two Newton steps. The first is exact to 1e-12.
+/// Normalises a nearly unit vector by two Newton steps. The first step is exact to 2e-12.
 Vec3 unit(const Vec3& q) noexcept {
   const double once = 1.5 - 0.5 * q.squaredNorm();
   return (once * (1.5 - 0.5 * once * once * q.squaredNorm())) * q;
@@ -104,7 +104,8 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   Problem problem;
   problem.terms = storage;
 
-  // For the bound on rounding [m]: the largest distance, and the sum of |directed force| / k.
+  // The bound on rounding uses the largest distance of an anchor, `reach` [m], and the sum of
+  // |directed force| / k, `pushed` [m].
   const double per_stiffness = 1.0 / stiffness;
   double sum = 0.0;
   double reach = 0.0;

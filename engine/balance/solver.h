@@ -43,7 +43,7 @@ struct SolverParams {
 struct SolveResult {
   Vec3 proxy = Vec3::Zero();   ///< Position of the proxy in the balance [m].
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m], without the rounding to the probe's
-                               ///< magnitude; k times this is the spring's force.
+                               ///< magnitude; k times `offset` is the spring's force.
   double error_bound = 0.0;    ///< Upper bound of the distance between probe + offset and the exact
                                ///< balance of the given primitives [m]. It includes the last digits
   ///< of their directions and of their positions relative to the probe.
@@ -66,7 +66,7 @@ struct WarmStart {
   /// Multiplier of each primitive: -f/s for a point or line, -(f - s q/2)/(s/2) for a plane.
   std::vector<Vec3> multipliers;
   Vec3 motion = Vec3::Zero();  ///< proxy - start of the last balance [m].
-  std::size_t count = 0;       ///< Number of primitives of the last balance; 0 without memory.
+  std::size_t count = 0;       ///< Number of primitives of the last balance; 0 if there is none.
 };
 
 /// Finds the position of the proxy at which the primitives balance the coupling spring: the

@@ -40,7 +40,7 @@ struct Terms {
 
 template <std::size_t Capacity>
 struct Storage {
-  // If their size were a power of two, all fields would share one set of the cache.
+  // If the size of the arrays were a power of two, all fields would map to one set of the cache.
   std::array<std::array<double, Capacity + 8>, Terms::kFields> fields;
   std::array<std::size_t, Capacity> source;
 
@@ -89,7 +89,8 @@ inline Vec3 solve3(const Mat3& H, const Vec3& b) noexcept {
   return x;
 }
 
-/// The compiler keeps a Triple, unlike a Vec3, in vector registers in the loops below.
+/// Three numbers. In the loops below the compiler keeps a Triple, unlike a Vec3, in vector
+/// registers.
 struct Triple {
   double x;
   double y;

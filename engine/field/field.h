@@ -48,10 +48,12 @@ struct alignas(64) FieldCache {
 /// Result of a search on a straight path for the first point where a value falls below a level.
 struct Crossing {
   bool found = false;  ///< True if the path has this point.
-  double share = 1.0;  ///< Position of the point on the path, 0 to 1; if none, the searched share.
+  double share =
+      1.0;  ///< Position of the point on the path, 0 to 1; if not found, the searched share.
   /// Number of cells searched; for a field without cells, the number of values read.
   int cells = 0;
-  bool behind = false;  ///< True if the whole path is below the level.
+  /// True if the searched path is nowhere above the level, and ends below the level.
+  bool behind = false;
 };
 
 /// Placement of a field in W.
@@ -103,7 +105,7 @@ class AnyField {
   /// Returns true while the source of the data is missing (Fault::kVolume). RT: no allocation.
   [[nodiscard]] virtual bool lost() const noexcept { return false; }
 
-  /// Returns the placement of the field in W. It never changes.
+  /// Returns the placement of the field in W, which never changes.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
   [[nodiscard]] std::uint64_t id() const noexcept { return id_; }  ///< Unique in the process.
 

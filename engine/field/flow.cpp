@@ -9,8 +9,9 @@ namespace {
 
 /// Returns the middle eigenvalue of a symmetric matrix M, in closed form except for one step of
 /// Halley's method. The eigenvalue farthest from the others is a well-conditioned root of the
-/// characteristic polynomial. The other two may be close; they come from the matrix deflated by the
-/// first. Without acos and cos this takes 60 ns instead of 150 ns.
+/// characteristic polynomial. The other two may be close; they are computed from the matrix
+/// deflated by the first. Because it does not use acos and cos, the function takes 60 ns instead of
+/// 150 ns.
 double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, double yz) noexcept {
   const double mean = (xx + yy + zz) * (1.0 / 3.0);
   xx -= mean;
@@ -82,7 +83,7 @@ double lambda2(const Mat3& J) noexcept {
     if (!std::isfinite(*a)) return std::numeric_limits<double>::quiet_NaN();
     size = std::max(size, std::abs(*a));
   }
-  // Fourth powers neither overflow nor vanish in this range; other matrices are scaled into it.
+  // In this range, fourth powers of entries neither overflow nor vanish. Other matrices are scaled.
   if (size > 1e-60 && size < 1e60) return middle(J);
   if (size < 1e-160) return 0.0;
   return middle(J / size) * size * size;

@@ -17,8 +17,8 @@ namespace palpate {
 }
 
 /// Returns Q = (|O|^2 - |S|^2) / 2 with Frobenius norms (Hunt, Wray and Moin 1988). Q > 0 in a
-/// vortex, where rotation prevails. Departure: for a flow with divergence, Q is still this
-/// difference, not the second invariant of J.
+/// vortex, where rotation prevails. If the flow has divergence, this difference is not equal to the
+/// second invariant of J.
 [[nodiscard]] inline double qCriterion(const Mat3& J) noexcept {
   // tr(J J) = |S|^2 - |O|^2.
   return -0.5 * (J(0, 0) * J(0, 0) + J(1, 1) * J(1, 1) + J(2, 2) * J(2, 2)) -
@@ -26,15 +26,16 @@ namespace palpate {
 }
 
 /// Returns the middle eigenvalue of S^2 + O^2 (Jeong and Hussain 1995), < 0 in a vortex. Accurate
-/// to a few roundings of |J|^2, even if eigenvalues coincide. It is 0 if |J| < 1e-160, NaN if J is
-/// not finite, and infinite if the square overflows. RT: no allocation. Cost: some 60 ns.
+/// to a few roundings of |J|^2, even if eigenvalues coincide. The result is 0 if all entries of J
+/// are below 1e-160, NaN if J is not finite, and infinite if |J|^2 overflows. RT: no allocation.
+/// Cost: some 60 ns.
 [[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
 
-/// Vectors shorter than this have no direction, in the data's unit. The reciprocal of a shorter
+/// Least length of a vector that has a direction, in the data's unit. The reciprocal of a smaller
 /// length would exceed the range of volumes (1e100, samplers/grid/prepare_values.h).
 inline constexpr double kShortest = 1e-100;
 
-/// Returns v / |v|. Returns zero if |v| is below kShortest (in the data's unit) or not finite.
+/// Returns v / |v|. Returns zero if |v| is below kShortest or not finite.
 [[nodiscard]] inline Vec3 unit(const Vec3& v) noexcept {
   const double length = v.norm();
   // The comparison is also false for NaN.

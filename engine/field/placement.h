@@ -46,7 +46,7 @@ struct Pose {
   [[nodiscard]] Mat3 vectorJacobian(const Mat3& of_rest) const noexcept {
     return linear * of_rest * back;
   }
-  /// Returns true if all numbers are exactly equal.
+  /// Returns true if `linear` and `translate` are exactly equal. `back` follows from `linear`.
   [[nodiscard]] bool operator==(const Pose& other) const noexcept {
     return linear == other.linear && translate == other.translate;
   }
@@ -60,14 +60,15 @@ struct Keyframe {
 };
 
 /// Motion of a volume. Between keyframes the volume rotates by the shorter arc and shifts, both at
-/// constant rates. Outside of the keyframes it stands still, unless the motion repeats. A warp
-/// deforms the volume in the frame of this rigid motion. Const; volumes may share it.
+/// constant rates. Before the first keyframe the volume stands still. After the last keyframe it
+/// stands still, or the motion repeats. A warp deforms the volume in the frame of this rigid
+/// motion. Const; several volumes may share a motion.
 class Motion {
  public:
-  /// Makes a motion from keyframes. Throws SceneError, with `path` before the JSON path of the
-  /// error (such as /2/time), in these cases: a keyframe is missing; times do not ascend or exceed
-  /// 1e9 s; a shift is 1e6 m or more; a rotation is zero; two successive rotations are half a turn
-  /// apart; a repeated motion has one keyframe or does not end at its start.
+  /// Makes a motion from keyframes. `path` is the JSON path of the keyframes, for messages. Throws
+  /// SceneError in these cases: a keyframe is missing; times do not ascend or exceed 1e9 s; a shift
+  /// is 1e6 m or more; a rotation is zero; two successive rotations are half a turn apart; a
+  /// repeated motion has one keyframe or does not end at its start.
   explicit Motion(std::span<const Keyframe> keyframes, bool repeat = false,
                   const std::string& path = "/keyframes", WarpPtr warp = nullptr);
   /// Makes a motion that only deforms the volume.
@@ -93,23 +94,23 @@ class Motion {
   /// Returns the warp; null if the motion is rigid.
   [[nodiscard]] const WarpPtr& warp() const noexcept { return warp_; }
 
-  /// Returns a box in W that contains a box of the resting frame, and all places that its material
-  /// can reach, at all times. Faces may be off by 0.2 % of the radius of the corners' arcs.
+  /// Returns a box in W that contains, at all times, the material of the box `at_rest` of the
+  /// resting frame. Faces may be off by 0.2 % of the radius of the corners' arcs.
   [[nodiscard]] Box sweep(const Box& at_rest) const;
   /// Returns a box, in the resting frame, of all places to which the warp can move the material of
-  /// the box `at_rest`. Without a warp this is the same box.
+  /// the box `at_rest`. Without a warp the function returns `at_rest`.
   [[nodiscard]] Box deformed(const Box& at_rest) const;
   /// Returns an upper bound of the speed of the points in a box of the resting frame [m/s]. The
   /// warp's part of the bound comes from samples of its speed.
   [[nodiscard]] double topSpeed(const Box& rest) const;
 
-  /// Number of keyframes, >= 1.
+  /// Returns the number of keyframes, >= 1.
   [[nodiscard]] std::size_t size() const noexcept { return knots_.size(); }
   /// Returns the time of the first keyframe [s]; until then the volume stands still.
   [[nodiscard]] double from() const noexcept { return knots_.front().time; }
   /// Returns the time of the last keyframe [s], when the motion ends or repeats.
   [[nodiscard]] double to() const noexcept { return knots_.back().time; }
-  /// True if the motion repeats after to().
+  /// Returns true if the motion repeats after to().
   [[nodiscard]] bool repeats() const noexcept { return repeat_; }
   /// Returns the id of the motion, unique in the process.
   [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
@@ -121,7 +122,7 @@ class Motion {
     Pose pose;
     /// Axis of the rotation in the resting frame, before `pose` rotates it.
     Vec3 axis = Vec3::UnitX();
-    double angle = 0.0;
+    double angle = 0.0;       ///< Angle of the rotation to the next keyframe [rad].
     Vec3 way = Vec3::Zero();  ///< Shift to the next keyframe [m].
   };
   [[nodiscard]] static Pose between(const Knot& knot, double share) noexcept PALPATE_NONBLOCKING;
@@ -142,14 +143,14 @@ struct Body {
   Deformation about;         ///< Deformation that was read last.
   Deformation ahead;         ///< Deformation from which `target` was predicted.
   double sure = 0.0;         ///< Largest accepted error of a predicted deformation [m].
-  Pose carry;                ///< Motion from the last pose to this one, in W.
+  Pose carry;                ///< Motion from the last pose to `pose`, in W.
   Vec3 from = Vec3::Zero();  ///< Place of the proxy before it moves, in the resting frame [m].
   Vec3 carried =
       Vec3::Zero();          ///< `from` in W [m]: the place to which the volume carries the proxy.
   Vec3 seen = Vec3::Zero();  ///< Place where properties are read, in the resting frame [m].
-  Vec3 swept =
-      Vec3::Zero();  ///< Vector from `seen` to the end of the path to `seen`, by the pose before
-                     ///< the reading [m]; the next path begins there. Zero for a rigid pose.
+  /// `seen` by the pose before the last reading, minus `seen` by the pose after it [m]. The next
+  /// swept path begins at seen + swept. Zero for a rigid pose.
+  Vec3 swept = Vec3::Zero();
   /// True if the volume has moved since the proxy last moved. If false, `carried` equals the proxy.
   bool moved = false;
 };

@@ -10,7 +10,7 @@ namespace palpate {
 /// Largest number of scalars, and also of vectors, that the modes of one scene may read.
 inline constexpr int kMaxProperties = 64;
 
-/// Properties sampled at the proxy: step 1 of the paper's figure 1.
+/// Properties sampled at the proxy: step 1 of figure 1 in Lundin et al.
 struct Properties {
   /// A scalar property at the place of the reading.
   struct Scalar {

@@ -1,6 +1,7 @@
 /// Traces a stream cell by cell, by RK4 with two error estimates. A trilinear field has kinks at
 /// the faces of its cells, and a step over a kink is of second order only. A step that ends at the
-/// face keeps the fourth order. If at most 0.1 voxel is left to go, the midpoint rule can serve.
+/// face keeps the fourth order. If at most 0.1 voxel is left, the midpoint rule is used if it is
+/// accurate enough.
 #pragma once
 
 #include <algorithm>
@@ -32,8 +33,8 @@ namespace palpate {
 ///     g = -E' = x'.Md,   -g' = E'' = x'.Mx' - x''.Md,   Newton's step g / max(E'', 0.1 x'.Mx')
 ///
 /// E'' <= 0 beyond the centre of curvature. There the trace continues, because the distance falls
-/// while g > 0. The trace ends at the first root of g. A step that passes the root is shortened to
-/// the root of g on its cubic.
+/// while g > 0. The trace ends at the first root of g. If a step passes the root, the trace
+/// shortens the step to the root of g on the cubic through its ends.
 template <class Flow>
 class CellTrace {
  public:
@@ -51,7 +52,7 @@ class CellTrace {
         turn_(order.bend) {}
 
   /// Traces until the requested length or the place nearest to the hand. The trace ends earlier if
-  /// the steps are used up, or where v has no direction or no data. Call it once.
+  /// the steps are used up, or where v has no direction or no data. Call this function once.
   [[nodiscard]] Trace run() noexcept {
     bool capped = false;
     if (begin()) {
@@ -93,7 +94,8 @@ class CellTrace {
   static constexpr double kStuck = 1e-6;
   enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
 
-  /// Enters the first cell in the direction of the trace. Returns false without data or direction.
+  /// Enters the first cell in the direction of the trace. Returns false if there are no data or v
+  /// has no direction.
   [[nodiscard]] bool begin() noexcept {
     const Vec3 pull = order_.metric * order_.hand;
     if (order_.to_hand && way_.dot(pull) < 0.0) turnRound();
@@ -399,8 +401,9 @@ class CellTrace {
 };
 
 /// Returns the trace of a CellTrace from `start`, in cell coordinates. RT: no allocation, if `flow`
-/// allocates no memory. Cost: four values of v for each tried step; one more if it crosses a face;
-/// one in all if at most 0.1 voxel is left to go and the midpoint rule is accurate enough.
+/// allocates no memory. Cost: four values of v for each tried step, and one more if the step
+/// crosses a face. If at most 0.1 voxel is left and the midpoint rule is accurate enough, the step
+/// costs one value.
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
   return CellTrace<Flow>(flow, start, order).run();

@@ -32,17 +32,17 @@ class Warp {
   Warp& operator=(const Warp&) = delete;
   virtual ~Warp() = default;
 
-  /// Returns the displacement at x [m] and `time` [s]. It must be finite for finite input, and
-  /// continuous. Its slope must be continuous except at the rim of a bounded region. RT: no
-  /// allocation, no lock. Cost: one reading of a vector.
+  /// Returns the displacement at x [m] and `time` [s]. The displacement must be finite for finite
+  /// input, and continuous. Its slope must be continuous except at the rim of a bounded region. RT:
+  /// no allocation, no lock. Cost: one reading of a vector.
   [[nodiscard]] virtual Displacement at(const Vec3& x,
                                         double time) const noexcept PALPATE_NONBLOCKING = 0;
   /// Returns a box that contains x - X for every place and time [m].
   [[nodiscard]] virtual Box shifts() const = 0;
-  /// Returns an upper bound of the speed of the material, as sampled [m/s].
+  /// Returns an upper bound of the speed of the material, from samples [m/s].
   [[nodiscard]] virtual double topSpeed() const = 0;
-  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]: it limits how far the rate can
-  /// predict u. The default, infinity, costs one more reading in a tick.
+  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]: this bound limits how far the
+  /// rate can predict u. The default, infinity, costs one more reading in a tick.
   [[nodiscard]] virtual double topAcceleration() const noexcept {
     return std::numeric_limits<double>::infinity();
   }
@@ -83,8 +83,8 @@ struct Deformation {
   }
 };
 
-/// Returns the deformation about x [m], with one reading. If det F < 0.05, u folds space, and the
-/// identity replaces F. RT: no allocation.
+/// Returns the deformation about x [m], with one reading. If det F < 0.05, u folds space or almost
+/// does, and the identity replaces F. RT: no allocation.
 [[nodiscard]] Deformation deformationAt(const Warp& warp, const Vec3& x,
                                         double time) noexcept PALPATE_NONBLOCKING;
 

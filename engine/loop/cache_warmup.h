@@ -1,5 +1,5 @@
-/// Cache warm-up: a tick without output, shortly before the real tick. It loads the code and the
-/// data of the tick into the processor's caches, because other programs may have replaced them
+/// Cache warm-up: a tick without output, shortly before the real tick. The warm-up loads the code
+/// and the data of the tick into the processor's caches. Other programs may have replaced them
 /// since the last tick. Without a warm-up, a tick after a millisecond of sleep takes several times
 /// as long as a tick that follows another at once.
 #pragma once
@@ -18,14 +18,14 @@ class CacheWarmup {
   /// Allocates the memory of a ProxyState and a Reader. `limits` are those of the device.
   explicit CacheWarmup(const ForceLimits& limits) : twin_(limits) {}
 
-  /// Records the hand and the report of a tick. Call it after every tick.
+  /// Records the hand and the report of a tick. Call this function after every tick.
   void look(const HandState& hand, const StepReport& report) noexcept;
 
   /// Runs a tick of the twin. The expected position of the hand is its last position plus its last
   /// displacement. If the last tick of the twin differed too much from the real tick, first copies
   /// the whole state of `real`. No tick runs if the force is cut, or before look() has recorded two
-  /// ticks. Scenes with user-defined modes have no warm-up, because it would call these modes
-  /// twice. Returns true if a tick ran.
+  /// ticks. Scenes with user-defined modes have no warm-up, because a warm-up would call these
+  /// modes twice. Returns true if a tick ran.
   ///
   /// RT: no allocation. Cost: a tick, and the copy if the twin differed.
   bool run(const Scene& scene, const ProxyState& real, double dt) noexcept PALPATE_NONBLOCKING;

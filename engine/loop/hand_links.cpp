@@ -57,7 +57,7 @@ void HandLinks::pulled(double share, const HandState& hand, const Vec3& proxy,
   told.hand = hand.position;
   told.proxy = proxy;
   told.force = force;
-  // If the direction of a force was changed, its share is unknown. The share of a zero force is 0.
+  // If `share` is 0 although a force was sent, the share is unknown, which Link expects as -1.
   const double left = share > 0.0 || force.isZero(0.0) ? share : -1.0;
   for (std::size_t i = 0; i < kMostLinks; ++i) {
     links_[i].pulled(left);

@@ -54,10 +54,12 @@ class HandLinks {
   /// tick's proxy [m], and `hand` the hand as read. RT: no allocation.
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// Call it instead of pull() if no force is sent. The remote hands get no message of this tick.
+  /// Ends the pull of all springs. Call this function instead of pull() if no force is sent. The
+  /// remote hands get no message of this tick.
   void rest(const HandState& hand) noexcept PALPATE_NONBLOCKING;
-  /// Call it at the end of a tick with pull(). `share` is a lower bound of the share of the pull
-  /// that the sent `force` contains. RT: no allocation; one atomic exchange.
+  /// Publishes the messages of a tick. Call this function at the end of a tick with pull(). `share`
+  /// is a lower bound of the share of the pull that the sent `force` contains. RT: no allocation;
+  /// one atomic exchange.
   void pulled(double share, const HandState& hand, const Vec3& proxy,
               const Vec3& force) noexcept PALPATE_NONBLOCKING;
 

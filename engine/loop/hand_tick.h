@@ -34,7 +34,8 @@ class HandTick {
   /// sent() read. If `scene` is null, the force is zero. RT: see hapticStep.
   [[nodiscard]] StepReport step(const Scene* scene,
                                 const TickInput& in) noexcept PALPATE_NONBLOCKING;
-  /// If `order` is set, removes the force from the report and releases the hand. RT: no allocation.
+  /// If in.order is not kNone, removes the force from the report and releases the hand. RT: no
+  /// allocation.
   void withhold(const TickInput& in, StepReport& report) noexcept PALPATE_NONBLOCKING;
   /// Ends the tick with `given` and `unsent`, after the force was written. RT: no allocation.
   void sent(const TickInput& in) noexcept PALPATE_NONBLOCKING;

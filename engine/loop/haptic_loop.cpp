@@ -22,7 +22,7 @@ ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   if (info.hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
   ArmDissipation& arm = limits.tank.arm;
   if (arm.period == 0.0) arm.period = kClock / rate;
-  // If the loop sends more forces than the device takes, a force may wait for the device's next
+  // If the loop sends more forces than the device accepts, a force may wait for the device's next
   // output. The stated delay may or may not include these waits, so `doubt` covers both cases.
   if (info.output_rate > 0.0 && info.output_rate < rate) {
     const double waits = 1.0 / info.output_rate;
@@ -121,7 +121,7 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft() = std::move(scene);
   scenes_.publish();
-  // The draft holds a scene that the haptic thread has never taken, or no longer uses.
+  // The draft contains a scene that the haptic thread has never used, or no longer uses.
   scenes_.draft().reset();
 }
 
@@ -165,7 +165,7 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   }
   const Scene* scene = scenes_.current().get();
   if (scene != nullptr && dataLost(scene->graph)) return Fault::kVolume;
-  // A recorded path may jump, because no arm can hurt a hand.
+  // A recorded path may jump, because the force moves no arm.
   if (!device_.info().hand) return hand.fault;
   Fault wrong = watch_.look(hand, time.now);
   // Homing may change the position. After a tick without force, a jump only begins a new path.
@@ -232,7 +232,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   send(told_.report.force, time.real, in);
   hand_.sent(in);
   if (linked) {
-    // After a failed write it is unknown which force acted.
+    // After a failed write the acting force is unknown. A share of 0 states this.
     const double left = in.unsent == Fault::kNone ? in.given * told_.report.left : 0.0;
     links_->pulled(left, hand, hand_.state().proxy(), told_.report.force);
   }
@@ -268,7 +268,7 @@ void HapticLoop::send(const Vec3& force, bool timed, TickInput& in) noexcept {
     in.unsent = Fault::kWrite;
     deaf_ = true;
   }
-  // Without a heartbeat, the guardian cuts the force through its own descriptor.
+  // If the loop stops `heart`, the guardian cuts the force through its own descriptor.
   if (watch_by_.heart != nullptr && !deaf_) {
     watch_by_.heart->fetch_add(1, std::memory_order_release);
   }

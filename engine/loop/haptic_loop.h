@@ -25,14 +25,15 @@ class TickSink {
   TickSink(const TickSink&) = delete;
   TickSink& operator=(const TickSink&) = delete;
   virtual ~TickSink() = default;
-  /// Receives one tick. RT: it must not allocate, lock or wait.
+  /// Receives one tick. RT: an implementation must not allocate, lock or wait.
   virtual void take(const Telemetry& tick,
                     const ProxyState& state) noexcept PALPATE_NONBLOCKING = 0;
 };
 
 /// Atomic words that a loop shares with its guardian, which may be in another process.
 struct LoopWatch {
-  /// Counter that the loop increments in every tick, except while writes fail.
+  /// Counter that the loop increments in every tick. After kWrite, kGone or kMiscounted the counter
+  /// stops until clear().
   std::atomic<std::uint64_t>* heart = nullptr;
   /// Counter of stop orders. Each order cuts the force, as HapticLoop::cut does.
   const std::atomic<std::uint32_t>* stops = nullptr;
@@ -79,8 +80,8 @@ struct TickTime {
 
 /// The loop of one device: its proxy, its reader and the newest scene.
 ///
-/// Two threads use it: the haptic thread and the scene thread. Each function belongs to one of
-/// them, except stop orders: these may come from any thread and from signal handlers.
+/// Two threads use the loop: the haptic thread and the scene thread. Each function belongs to one
+/// of them. Any thread and any signal handler may call cut(), clear() and beat().
 // The padding in the mailboxes keeps the data of each side on separate cache lines.
 class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
@@ -107,7 +108,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Clears any fault in the next tick. The force returns through an engagement.
   void clear() noexcept {
     stop_.store(false, std::memory_order_relaxed);
-    // Withdraws the orders given so far. An order between this call and the next tick stays valid.
+    // Withdraws the stop orders so far. An order between this call and the next tick stays valid.
     if (watch_by_.stops != nullptr) stops_cleared_ = watch_by_.stops->load();
     if (watch_by_.cuts != nullptr) cuts_cleared_ = watch_by_.cuts->load();
     clear_.store(true, std::memory_order_release);
@@ -115,15 +116,16 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Signals that the application is alive.
   void beat() noexcept { beats_.fetch_add(1, std::memory_order_relaxed); }
 
-  /// Sets the clock of sequences. Call it before the first tick. The clock must outlive the loop.
-  /// Without a clock, sequences stay at position 0.
+  /// Sets the clock of sequences. Call this function before the first tick. The clock must outlive
+  /// the loop. Without a clock, sequences stay at position 0.
   void playBy(const PlayClock* clock) noexcept { clock_ = clock; }
 
   /// Sets the time after the last late tick at which the force returns by itself: 0 (never) to 60
-  /// [s]. Call it before the first tick. Throws DeviceError for other numbers.
+  /// [s]. Call this function before the first tick. Throws DeviceError for other numbers.
   void reengageAfter(double seconds);
 
-  /// Sets the links to remote hands. Call it before the first tick. They must outlive the loop.
+  /// Sets the links to remote hands. Call this function before the first tick. The links must
+  /// outlive the loop.
   void linkBy(HandLinks* links) noexcept { links_ = links; }
 
   // Functions for the haptic thread.
@@ -131,14 +133,14 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// force and publishes the telemetry. RT: no allocation, no lock; system calls of the device
   /// only.
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
-  /// Allocates the memory for warmUp(). Call it before the first warmUp().
+  /// Allocates the memory for warmUp(). Call this function before the first warmUp().
   void prepareWarmup() { warmup_ = std::make_unique<CacheWarmup>(hand_.state().limits()); }
   /// Warms up the caches (cache_warmup.h) for the tick that comes in `lead` [s], about `dt` [s]
   /// after the last tick. Returns false without a warm-up if the last tick took more than a quarter
   /// of `lead`. Has no effect on results. RT: no allocation, no lock, no system call except those
   /// of the clock.
   bool warmUp(double dt, double lead) noexcept PALPATE_NONBLOCKING;
-  /// Writes zero force. Call it after the last tick.
+  /// Writes zero force. Call this function after the last tick.
   void end() noexcept PALPATE_NONBLOCKING;
 
  private:

@@ -54,7 +54,7 @@ void HapticThread::waitFor(std::int64_t due) noexcept {
   if (!(early_ > 0.0)) return sleepUntil(due);
   const auto lead = static_cast<std::int64_t>(std::llround(1e9 * early_));
   sleepUntil(due - lead);
-  // If the thread wakes up too late for a warm-up, the tick comes first.
+  // If the thread wakes up too late for a warm-up, it skips the warm-up.
   if (due - nowNs() > lead / 2) (void)loop_.warmUp(1.0 / params_.rate, early_);
   while (nowNs() < due) continue;
 }

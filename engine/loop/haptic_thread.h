@@ -20,10 +20,10 @@ struct LoopParams {
   double heartbeat =
       0.0;  ///< Longest permitted pause between beats of the application [s]; 0 for no limit.
   /// The thread wakes this long before a tick's deadline [s], warms up the caches (cache_warmup.h)
-  /// and waits awake. Otherwise the tick begins 25 us or more after the deadline, with cold caches.
-  /// At most a quarter of a period; if 0, the thread sleeps until the deadline. If not set, it is
-  /// kEarly if the priority is granted and kEarly is at most a tenth of a period, else 0. The cost
-  /// in each tick is this time on a core, and a second tick.
+  /// and busy-waits. Otherwise the tick begins 25 us or more after the deadline, with cold caches.
+  /// The time is at most a quarter of a period; if 0, the thread sleeps until the deadline. If not
+  /// set, the time is kEarly if the priority is granted and kEarly is at most a tenth of a period,
+  /// else 0. Each tick costs this time on a core, in which a second tick runs.
   std::optional<double> early;
   RealtimeRequest realtime;          ///< The thread requests these before its first tick.
   LoopWatch watch;                   ///< Words shared with a guardian (devices/arm/guardian.h).
@@ -39,7 +39,7 @@ struct LoopParams {
 ///     draw(hand.latest());
 ///
 /// Two hands need two HapticThreads, which may share a scene. Only one thread may call publish(),
-/// and only one may call latest().
+/// and only one thread may call latest().
 // The loop's mailboxes are on separate cache lines.
 class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:

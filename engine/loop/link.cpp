@@ -97,8 +97,8 @@ void Link::rest(const Vec3& hand) noexcept {
 void Link::pulled(double share) noexcept {
   const double left = std::max(0.0, share);
   least_ = std::min(least_, left);
-  // The sent force is an unknown part of force_. The change to it and the change from it cost at
-  // most D/2 |force_| each.
+  // The sent force is an unknown part of force_. The change to this part and the change from it
+  // cost at most D/2 |force_| each.
   if (share < 0.0) energy_ -= params_.step * force_.norm();
   change(left * force_);
 }
@@ -134,7 +134,7 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   const Vec3 offset = there_ - proxy;
   const double length = offset.norm();
   held_ = newest_ == 0 ? 0.0 : part * presence_ * energyOf(params_, length);
-  // This end gives its spare energy to the other end. It keeps `start`, half of the spring's
+  // This end gives its spare energy to the other end. This end keeps `start`, half of the spring's
   // energy, and the energy that the resolution of the readings may hide.
   const double hidden = 0.5 * params_.step * sent_.norm();
   const double spare = energy_ - params_.start - 0.5 * held_ - hidden;
@@ -152,8 +152,8 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   double pays = worst > 0.0 ? 0.0 : trust_;  // share of the force that a tank in debt allows
   constexpr double kRounding = 1e-13;        // [J]: a smaller debt is rounding
   if (energy_ >= -kRounding) {
-    // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). This is convex in s, so the
-    // straight line between its values at s = 0, `hidden`, and at s = 1 bounds it.
+    // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). This cost is convex in s. So
+    // the straight line between its values at s = 0, `hidden`, and at s = 1 is an upper bound.
     const double changes = 0.5 * params_.step * ((wanted - sent_).norm() + wanted.norm());
     const double more = std::max(0.0, worst) + changes - hidden;
     pays = more > 0.0 ? std::clamp((energy_ - hidden) / more, 0.0, 1.0) : 1.0;

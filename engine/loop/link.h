@@ -26,8 +26,8 @@
 /// There is one assumption about the hand: until the next reading, its acceleration is at most
 /// kLinkNimble. If the reading is late or the hand hits an obstacle, a force can do more work than
 /// was reserved. The tank is then in debt. At each new minimum, a tank in debt halves the force
-/// that it allows. It allows the whole force only after the debt is paid. So the sum of all debts
-/// is at most twice the work of the first debt's force over the path of one tick.
+/// that it allows. The tank allows the whole force only after the debt is paid. So the sum of all
+/// debts is at most twice the work of the first debt's force over the path of one tick.
 #pragma once
 
 #include <cstdint>
@@ -47,7 +47,7 @@ struct LinkParams {
                        ///< A larger D makes changes of the force cost more energy.
 };
 
-/// If no message has come for this long, the remote hand is away [s].
+/// If no message has come for this time [s], the remote hand counts as away.
 inline constexpr double kLinkSilence = 0.2;
 inline constexpr double kLinkRamp = 0.5;  ///< Time in which the spring fades in and out [s].
 /// Time in which the allowed share of the force rises from 0 to 1 [s].
@@ -77,7 +77,7 @@ class Link {
   explicit Link(std::uint64_t life, const LinkParams& params = {}) noexcept
       : params_(params), life_(life), energy_(params.start) {}
 
-  /// Receives a message. It may contain any bits. Messages may come in any order, and several
+  /// Receives a message, which may contain any bits. Messages may come in any order, and several
   /// times. RT: no allocation.
   void hear(const LinkWord& word) noexcept PALPATE_NONBLOCKING;
   /// Forgets the other end, and accepts any life in the next message. Keeps the energy in the tank.
@@ -85,7 +85,7 @@ class Link {
 
   /// Counts the work of the last force over the hand's path, and returns the next force. Between
   /// two readings of the hand the force is constant, because the work of a changing force would be
-  /// unknown. Call it once a tick.
+  /// unknown. Call this function once in a tick.
   ///
   /// @param proxy  This hand's proxy [m].
   /// @param hand   Reading of the hand, new or repeated, with the directions of its motors.
@@ -96,10 +96,12 @@ class Link {
   /// RT: no allocation. Cost: some ten nanoseconds.
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand, double part,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// Call it after each pull(). `share`, 0 to 1, is the share of the force that was sent; below 0
-  /// if unknown. Energy that leaves the tank is counted as if the whole force was sent.
+  /// Counts the change of the sent force. Call this function after each pull(). `share`, 0 to 1, is
+  /// the share of the force that was sent; below 0 if unknown. The tank counts energy that leaves
+  /// it as if the whole force was sent.
   void pulled(double share) noexcept PALPATE_NONBLOCKING;
-  /// Call it instead of pull() if no force is sent. Counts the work of the last force up to now.
+  /// Counts the work of the last force up to now. Call this function instead of pull() if no force
+  /// is sent. `hand` is the position of the hand [m].
   void rest(const Vec3& hand) noexcept PALPATE_NONBLOCKING;
 
   /// Returns the message for the other end. `proxy` is this end's proxy [m]. RT: no allocation.

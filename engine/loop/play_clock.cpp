@@ -51,7 +51,7 @@ double PlayClock::next(PlayHead& head, double dt) const noexcept {
   const std::uint32_t seeks = seeks_.load(std::memory_order_acquire);
   const bool goes = head.begun && dt > 0.0 && std::isfinite(dt) && !now.paused;
   if (!head.begun) head = {now.begin, 0.0, 0.0, 0, true};
-  // If the ends have moved, play may be beyond an end. It then jumps to that end.
+  // If the ends have moved, play may be beyond an end. Play then jumps to that end.
   if (!now.repeat) head.time = within(head.time, now);
   double next = goes ? head.time + now.speed * dt : head.time;
   if (!now.repeat) next = within(next, now);

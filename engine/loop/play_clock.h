@@ -46,7 +46,8 @@ class PlayClock {
   void pause(bool paused) noexcept { paused_.store(paused, std::memory_order_relaxed); }
   /// Sets the speed, in seconds of play per second. Ignores a number that is not finite.
   void setSpeed(double speed) noexcept;
-  /// Sets whether play continues at the other end when it reaches an end; otherwise it stops.
+  /// If `repeat` is true, play that reaches an end continues at the other end; else it stops at the
+  /// end.
   void repeat(bool repeat) noexcept { repeat_.store(repeat, std::memory_order_relaxed); }
   /// Moves play to a position [s]. Ignores a number that is not finite.
   void seek(double time) noexcept;
@@ -54,7 +55,8 @@ class PlayClock {
   void nudge(double by) noexcept;
 
   // Function for a loop.
-  /// Returns the play position in a tick, `dt` [s] after the last. RT: no allocation, no lock.
+  /// Advances `head` to a tick, `dt` [s] after the last tick, and returns its play position [s].
+  /// RT: no allocation, no lock.
   [[nodiscard]] double next(PlayHead& head, double dt) const noexcept;
 
  private:

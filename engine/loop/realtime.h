@@ -14,9 +14,9 @@ struct RealtimeRequest {
   int priority = 80;  ///< SCHED_FIFO priority, 1 to kMostPriority; 0 if not requested.
   int core =
       -1;  ///< Core on which to stay; -1 for any core. A thread without priority uses any core.
-  /// Lock the present and future memory of the process. This prevents huge pages.
+  /// True to lock the present and future memory of the process. The lock also prevents huge pages.
   bool lock_memory = true;
-  bool awake = true;  ///< Keep all cores awake. This costs power, but sleeping cores wake late.
+  bool awake = true;  ///< True to keep all cores awake: costs power, but sleeping cores wake late.
 };
 
 /// The requests that were granted, and the reasons and remedies for those that were refused.
@@ -49,7 +49,8 @@ class StayAwake {
 };
 
 /// Makes the requests for the calling thread, and the memory request for the process. Touches the
-/// stack that ticks need. The report repeats the result of `awake`. Slow: call it before ticks.
+/// stack that ticks need. The report includes the result of `awake`. Slow: call this function
+/// before the first tick.
 [[nodiscard]] RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake);
 
 /// Returns the time of the clock of all deadlines [ns]. The clock also runs while the machine is

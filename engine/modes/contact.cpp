@@ -14,7 +14,8 @@ namespace {
 constexpr double kSight = 2.0;
 /// Largest distance from the place of a reading at which that reading puts the plane [voxels].
 constexpr double kStep = 0.5;
-/// A plane goes through a reading this near to the surface, so that kinks coincide [voxels].
+/// If a reading is at most this far from the surface, the plane goes through the place of the
+/// reading, so that kinks coincide [voxels].
 constexpr double kOnIt = 1e-9;
 /// Height above the surface at which a path along it is swept, divided by the length of the path. A
 /// length above one voxel counts as one voxel.
@@ -41,13 +42,13 @@ SurfaceReading look(const SurfaceSource& skin, double level, const Properties& r
   Vec3 outwards = skin.sign * gradient;
   if (seam != nullptr) outwards += seam->gradient;
   if (!value.inside || !unit(outwards, sight.normal)) return sight;
-  // The slope of the interpolated V along the normal; if not positive, the gradient's norm.
+  // `slope` is that of the interpolated V along the normal, or the gradient's norm if not positive.
   double slope = skin.sign * own.dot(sight.normal);
   if (!(slope > 0.0)) slope = gradient.norm();
   const double above = skin.sign * (value.value - level) * skin.metres_per_unit / skin.voxel;
   sight.height = above / slope;
-  // The steeper slope decides whether the surface is near: deep in a groove the cell's slope points
-  // across the normal, and the height along the normal is not a distance.
+  // The steeper slope decides whether the surface is near. Deep in a groove the cell's slope points
+  // across the normal, so the height along the normal is not a distance.
   if (!unit(skin.sign * own, sight.across)) sight.across = sight.normal;
   sight.off = above / std::max(own.norm(), 1e-3 * gradient.norm());
   sight.clear = std::abs(above) <= kSight * std::max(own.norm(), gradient.norm());

@@ -58,9 +58,9 @@ struct SurfaceReading {
   Vec3 across = Vec3::UnitX();  ///< c, the outward unit normal of the interpolated surface.
   double off = 0.0;             ///< Height of the reading above the surface along c [voxels].
 };
-/// Computes the position of the surface V = level from a reading. The surface is near if it is
-/// within two voxels, by the steeper of two slopes. The normal is that of the gradient plus the
-/// correction of the seam, if any. RT: no allocation.
+/// Computes the position of the surface V = level from a reading. `clear` requires that the surface
+/// is within two voxels, by the steeper of the two slopes. The normal is that of the gradient plus
+/// the correction of the seam, if any. RT: no allocation.
 [[nodiscard]] SurfaceReading look(const SurfaceSource& skin, double level, const Properties& read,
                                   const Seam* seam = nullptr) noexcept PALPATE_NONBLOCKING;
 
@@ -97,9 +97,10 @@ void tellTurn(const Contact& contact, const SurfaceSource& skin, const Vec3& x, 
 void readLoad(Contact& contact, std::span<const Primitive> primitives,
               std::span<const Vec3> forces) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the offset to the free side at which a path of this length [m] along the surface is
-/// swept: a quarter of the path, at most a quarter of a voxel; zero without a plane. A chord of a
-/// surface with a radius of at least 5/8 of its length is then on the free side. RT: no allocation.
+/// Returns the offset to the free side [m] at which a sweep follows a path along the surface. `way`
+/// is the length of the path [m]. The offset is a quarter of the path, at most a quarter of a
+/// voxel; zero without a plane. If the radius of the surface is at least 5/8 of the path, the swept
+/// path is then on the free side. RT: no allocation.
 [[nodiscard]] Vec3 liftOff(const Contact& contact, double voxel,
                            double way) noexcept PALPATE_NONBLOCKING;
 

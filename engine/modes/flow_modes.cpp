@@ -12,9 +12,9 @@ namespace {
 /// A flow has no vortex if |curl v| times a voxel is less than this share of |v|.
 constexpr double kNoVortex = 1e-5;
 
-/// Returns the unit direction of a primitive that is anchored at the proxy: the mean (trapezoidal
-/// rule) of `before`, the direction at the proxy, and q, the direction at the reading. If the
-/// reading is at the proxy, or q opposes `before`, sets `before` to q and returns q.
+/// Returns the unit direction of a primitive that is anchored at the proxy. This is the mean
+/// (trapezoidal rule) of `before`, the direction at the proxy, and q, the direction at the reading.
+/// If the reading is at the proxy, or q opposes `before`, sets `before` to q and returns q.
 Vec3 midway(const EvaluationPoint& stand, const Vec3& q, Vec3& before) noexcept {
   const bool here = stand.foreseen || stand.read == stand.proxy;
   if (here || !(before.dot(q) > 0.0)) before = q;
@@ -26,9 +26,9 @@ bool nothing(Vec3& before) noexcept {
   return true;
 }
 
-/// Returns how a plane through `position` varies with the place x of the reading. Its normal turns
-/// half as much as the direction from which it is made (midway). Newton's step solves n(x + step) .
-/// (x + step - position) = 0, so (n + turn^T w) . step = -n . w with w = x - position.
+/// Returns how a plane through `position` varies with the place x of the reading. The normal turns
+/// half as much as the direction at the reading (midway). Newton's step solves n(x + step) . (x +
+/// step - position) = 0, so (n + turn^T w) . step = -n . w with w = x - position.
 Variation planeVaries(const EmitContext& place, const Vec3& position, const Vec3& normal,
                       const Mat3& turn) noexcept {
   Variation plane;
@@ -107,7 +107,8 @@ bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory
       v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
   const Vec3 outwards = v.value.cross(core);
   const double radius = 2.0 * outwards.norm() / spin;  // [voxels]
-  // Between one and two voxels from the core, the line fades and the planes take over.
+  // Between one and two voxels from the core, the line's share falls from 1 to 0, and the planes
+  // get the rest.
   Vec3 radial;
   const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
   if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;

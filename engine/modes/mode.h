@@ -38,7 +38,7 @@ struct Transfer {
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
   /// Returns the gradient of the product at the place of the reading [its unit / m]; zero if the
   /// property of a factor has no data. At a knot, this is the slope just above the knot. The value
-  /// that the mode itself measures counts as constant. RT: no allocation.
+  /// that the mode itself measures counts as the constant 0. RT: no allocation.
   [[nodiscard]] Vec3 slope(const Properties& properties) const noexcept PALPATE_NONBLOCKING;
   /// Returns the product, with `value` as the input of factors with scalar `index` or -1; 0 if the
   /// property of another factor has no data. RT: no allocation.
@@ -59,10 +59,10 @@ struct SurfaceMemory {
 /// The side of an isosurface on which the proxy is.
 enum class Side : std::uint8_t {
   kUnknown,  ///< No reading yet.
-  kOutside,  ///< On the free side. The surface holds.
-  kYielded,  ///< Pushed through. The plane pulls back, until the proxy is `depth` behind it or the
-             ///< hand returns.
-  kInside,   ///< On the solid side. The proxy moves freely and may leave.
+  kOutside,  ///< The proxy is on the free side, where the surface can hold it.
+  kYielded,  ///< The surface has yielded. The plane pulls the proxy back, until the proxy is
+             ///< IsosurfaceMode::depth behind the plane or the hand returns.
+  kInside,   ///< The proxy is on the solid side, moves freely and may leave.
 };
 /// Memory of an IsosurfaceMode: its plane, and the side of the proxy.
 struct IsosurfaceMemory {
@@ -98,7 +98,7 @@ struct VortexTubeMemory {
   Vec3 before = Vec3::Zero();  ///< Direction of the radius at the proxy; zero if unknown.
 };
 
-/// A directed force (eq. 8) along a vector. It may add energy.
+/// A directed force (eq. 8) along a vector. This force may add energy.
 struct ForceMode {
   using Memory = std::monostate;  ///< The mode has no memory.
   int vector = -1;                ///< Index into Properties::vectors.
@@ -115,8 +115,8 @@ struct ViscosityMode {
 };
 
 /// The paper's surface, friction and viscosity: a plane (eq. 13) through the proxy, perpendicular
-/// to the gradient. While the plane holds the proxy, it stays on V = Va, the value at which it
-/// began to hold. Otherwise the proxy would drift along the normal of a curved surface. Friction
+/// to the gradient. While the plane holds the proxy, the plane stays on V = Va, the value at which
+/// it began to hold. Otherwise the proxy would drift along the normal of a curved surface. Friction
 /// adds a line (eq. 11) along the normal, and viscosity adds a point (eq. 9).
 struct SurfaceMode {
   using Memory = SurfaceMemory;  ///< The memory that is kept from tick to tick.
@@ -155,9 +155,10 @@ struct FrontShapeMode {
   using Memory = FrontShapeMemory;  ///< The memory that is kept from tick to tick.
   int vector = -1;                  ///< Index into Properties::vectors.
   bool two_sided = true;            ///< If false, the front stops only motion against the vector.
-  double snap = 0.0;  ///< Distance of snap-drag [m]. A proxy that is pushed off its front is pulled
-                      ///< back up to this distance. Then it is released, and the next front is
-                      ///< placed where the proxy rests. If 0, the front moves with the proxy.
+  double snap = 0.0;  ///< Distance of snap-drag [m]. Up to this distance the front pulls back a
+                      ///< proxy that was pushed off it. Beyond, the front releases the proxy, and
+                      ///< the next front is placed where the proxy rests. If 0, the front moves
+                      ///< with the proxy.
   Transfer strength;  ///< Strength of each plane [N].
 };
 
@@ -175,14 +176,14 @@ struct VortexTubeMode {
   Transfer strength;                ///< Strength of plane and line [N]; zero without rotation.
 };
 
-/// A point, line or plane that the scene places. While the proxy is within `snap` of it, it pulls
-/// the hand. The energy of this pull counts as injected (StepReport::injected).
+/// A point, line or plane that the scene places. While the proxy is within `snap` of the guide, the
+/// guide pulls the hand. The energy of this pull counts as injected (StepReport::injected).
 struct GuideMode {
   using Memory = std::monostate;                ///< The mode has no memory.
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Any kind except kForce.
   Vec3 position = Vec3::Zero();    ///< Position [m]; in the resting frame if the guide moves.
   Vec3 direction = Vec3::UnitX();  ///< Unit vector along a line, or outward unit normal of a plane.
-  double snap = 0.0;               ///< Range [m], > 0; infinite if the guide always acts.
+  double snap = 0.0;               ///< Range of the guide [m], > 0; may be infinite.
   double metres_per_unit = 1.0;    ///< Metres per unit of the strength's input.
   Transfer strength;  ///< Strength [N], as a function of the distance from the probe to the guide.
 };
@@ -201,16 +202,16 @@ struct ModeInput {
   bool foreseen;  ///< True if the properties are those of an earlier reading.
 };
 
-/// Adds primitives. Returns false if the set was full. Each balance of a tick calls it: first
-/// without a new reading (`foreseen`), then after each reading. Do not allocate, lock or throw.
-/// Anchor primitives at the proxy; other anchors can add energy, which counts as injected.
+/// Adds primitives. Returns false if the set was full. Each balance of a tick calls this function:
+/// first without a new reading (`foreseen`), then after each reading. Do not allocate, lock or
+/// throw. Anchor primitives at the proxy; other anchors can add energy, which counts as injected.
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
 
 /// A user-defined mode.
 struct UserMode {
   using Memory = std::monostate;    ///< The mode has no memory.
   PlacePrimitives place = nullptr;  ///< Called with `state`. Not null in a graph.
-  /// State for all proxies. Their threads may call `place` at the same time.
+  /// State that all proxies share. Their threads may call `place` at the same time.
   std::shared_ptr<void> state;
   std::vector<int> reads;  ///< Indices, as in ModeInput::reads.
 };
@@ -300,8 +301,8 @@ struct Curve {
 /// the proxy, else infinity. RT: no allocation.
 [[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Returns true if a force of this mode varies with a property's value: its primitives are valid
-/// only near the reading. False for surfaces and streams, because Varying limits their steps.
+/// Returns true if the mode adds a directed force whose strength varies with a property. Such a
+/// force is valid only near the reading. Returns false for all other modes.
 [[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
 /// Updates a mode's memory from the last balance: `primitives` and their forces on the proxy [N].

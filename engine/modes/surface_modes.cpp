@@ -13,7 +13,8 @@ constexpr double kLeft = 1e-4;
 /// A remembered plane holds up to this distance from its anchor [voxels].
 constexpr double kPlaneHolds = 4.0;
 
-/// Puts the plane through the proxy, as in the paper; once it has held the proxy, on V = Va.
+/// Puts the plane through the proxy, as in the paper. Once the plane has held the proxy, puts it on
+/// V = Va.
 void see(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memory) noexcept {
   Contact& contact = memory.contact;
   contact.seen = false;
@@ -41,7 +42,7 @@ void see(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memor
   contact.placed = true;
 }
 
-/// Returns the strength [N]; for a proxy outside, that at V = level.
+/// Returns the strength [N]. If the proxy is outside, this is the strength at V = level.
 double strengthOf(const IsosurfaceMode& mode, const EmitContext& place, Side side) noexcept {
   if (side != Side::kOutside) return mode.strength(place.at);
   return mode.strength.at(place.at, mode.skin.value, mode.level);
@@ -77,7 +78,8 @@ Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const Surfac
     }
     case Side::kYielded: {
       if (free) return Side::kOutside;
-      // The plane stays, as in figure 6 d of the paper. Behind `depth`, it fades over one voxel.
+      // The plane stays, as in figure 6 d of the paper. Behind `depth` its strength fades over a
+      // voxel.
       const double past = contact.normal.dot(contact.anchor - place.stand.read);
       memory.share = std::clamp(1.0 - (past - mode.depth) / mode.skin.voxel, 0.0, 1.0);
       return memory.share <= 0.0 ? Side::kInside : Side::kYielded;

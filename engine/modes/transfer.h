@@ -1,4 +1,4 @@
-/// Transfer functions, which map a property's value to a strength.
+/// Transfer functions, which map a property's value to a strength or another material property.
 #pragma once
 
 #include <utility>
@@ -28,7 +28,8 @@ class TransferFunction {
   [[nodiscard]] double highest() const noexcept;
   [[nodiscard]] double lowest() const noexcept;  ///< Returns the curve's smallest output, >= 0.
 
-  /// Returns true if the output is 0 at x and at all inputs above x, if sign > 0, or below x.
+  /// Returns true if the output is 0 at x and at all inputs above x (sign > 0) or below x (sign <
+  /// 0).
   [[nodiscard]] bool isZeroFrom(double x, double sign) const noexcept;
 
   /// Returns the curve's output at x; 0 if x is NaN. RT: no allocation. Cost: O(log knots).

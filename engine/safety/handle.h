@@ -27,10 +27,10 @@ struct Handle {
 struct HandleInfo {
   static constexpr std::size_t kMostButtons = 32;  ///< Number of bits in Handle::buttons.
   std::vector<std::string> buttons;                ///< Names of the buttons, at most kMostButtons.
-  bool orientation = false;                        ///< The arm measures its handle's orientation.
-  bool gripper = false;                            ///< The arm has a gripper and measures it.
-  std::size_t joints = 0;  ///< Number of measured joints, at most kMostJoints.
-  bool velocity = false;   ///< The arm measures its velocity.
+  bool orientation = false;  ///< True if the arm measures its handle's orientation.
+  bool gripper = false;      ///< True if the arm measures the opening of a gripper.
+  std::size_t joints = 0;    ///< Number of measured joints, at most kMostJoints.
+  bool velocity = false;     ///< True if the arm measures the velocity of its tip.
 };
 
 }  // namespace palpate

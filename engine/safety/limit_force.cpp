@@ -77,7 +77,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   out.ramped = share < 1.0 && asked > 0.0;
   force *= share;
 
-  // Slew limit: keeps the part of the last force that is still wanted; limits the rest.
+  // The slew limit keeps the part of the last force that is still wanted, and limits the rest.
   Vec3 kept = Vec3::Zero();
   const double last = previous.allFinite() ? lengthOf(previous) : 0.0;
   if (last > 0.0 && std::isfinite(last)) {

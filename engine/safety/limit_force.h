@@ -16,7 +16,8 @@ struct ForceLimits {
       2000.0;  ///< Largest growth of the force [N/s], > 0. A real contact may need 1,000 N/s.
   double continuous = 0.0;  ///< Force that the device can always hold [N], <= peak; 0 if unknown.
   double heating = 10.0;    ///< Time constant of the heat in the motors [s].
-  double friction = 0.0;    ///< A smaller force may fail to move the arm [N]; see StillFade.
+  double friction =
+      0.0;  ///< Friction of the arm [N]: a smaller force may fail to move the arm (StillFade).
   /// Length of the ramp of an engagement [s]. At a hand, HapticLoop uses at least kEngage. 0 means
   /// no ramp, and is only for forces that do not reach a hand.
   double engage = 0.0;
@@ -43,7 +44,8 @@ struct LimiterState {
   double gentle = 0.0;
   Tank tank;  ///< The energy tank of the device.
 
-  /// Call it if zero or an unknown force was sent instead of the result of limitForce.
+  /// Forgets the last force, and empties the tank. Call this function if zero or an unknown force
+  /// was sent instead of the result of limitForce.
   void forget() noexcept {
     sent.setZero();
     tank.forget();
@@ -64,7 +66,7 @@ struct LimiterState {
 
 /// A force that may be sent, and the limits that changed it.
 struct LimitedForce {
-  /// Force to send [N]. It is finite, and |force| <= min(peak, |wanted|).
+  /// Force to send [N], finite. |force| <= min(peak, |wanted|).
   Vec3 force = Vec3::Zero();
   bool finite =
       true;  ///< False if the wanted force was not finite. The force is then zero; latch a fault.
@@ -82,21 +84,22 @@ struct LimitedForce {
   }
 };
 
-/// Limits a force. This is the last call before a write to a device; it does not trust its input.
+/// Limits a force. This function is the last call before a write to a device, and checks its input.
 ///
 /// Steps, in this order: (1) A force that is not finite becomes zero. (2) The peak and the
 /// continuous limit scale the force. (3) The engagement scales it, before the slew limit, because a
 /// ramp of a limited force would grow by more than slew * dt. (4) The slew limit reduces its
 /// growth. (5) The energy tank scales it. Scaling keeps the direction. Step 4 keeps the part of the
-/// last force that is still wanted: the projection of the wanted force on the last force, from zero
-/// to the whole last force. The rest may grow by slew * dt. So a release is never delayed, the
-/// result never exceeds the wanted force, and |force| <= |previous| + slew * dt.
+/// last force that is still wanted. This part is the projection of the wanted force on the last
+/// force, from zero to the whole last force. The rest may grow by slew * dt. So a release is never
+/// delayed, the result never exceeds the wanted force, and |force| <= |previous| + slew * dt.
 ///
 /// For the continuous limit, `heat` follows |force|^2 with the time constant `heating`.
 /// allowedByHeat() gives the largest force, so that the heat never exceeds continuous^2.
 ///
-/// @param wanted    Wanted force [N]. Any bits are allowed.
-/// @param hand      Position of the hand as read [m]. Any bits are allowed. Only the tank uses it.
+/// @param wanted    Wanted force [N]. Any number is allowed, also NaN.
+/// @param hand      Position of the hand as read [m]. Any number is allowed, also NaN. Only the
+///                  tank uses this position.
 /// @param dt        Time since the last force was sent [s]. If not finite or <= 0, the force does
 ///                  not grow.
 /// @param state     State of this device. A `sent` that is not finite counts as zero.

@@ -5,7 +5,7 @@
 
 namespace palpate {
 
-/// Output of the amplifier: follows each sent force with a first-order lag until the next one.
+/// The output of the amplifier, which follows each sent force with a first-order lag.
 struct Tank::Amplifier {
   Acting now;
   double lag;  ///< [s]
@@ -67,7 +67,7 @@ void Tank::elapse(double dt, const ArmDissipation& arm) noexcept {
   since_.force += acted.force;
   since_.square += acted.square;
   span_ += dt;
-  // No motion can have taken out more: the maximum of F v - b v^2 over v is F^2 / (4 b).
+  // No motion can have taken out more energy: the maximum of F v - b v^2 over v is F^2 / (4 b).
   sure_ -= acted.square / (4.0 * arm.viscous);
 }
 
@@ -118,8 +118,8 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   counted_ -= mean.dot(moved) + varies / (4.0 * viscous) + 0.5 * arm.step * (mean - mean_).norm();
   const double surely = std::max(0.0, way - arm.step);
   counted_ += viscous / span_ * surely * surely;
-  // Coulomb friction: the path is known only to D/2. A certain part of it is the path of an anchor
-  // that the hand drags on a rope of length D, times the cosine of 30 degrees.
+  // Coulomb friction: each position is known only to D/2. Let the hand drag an anchor on a rope of
+  // length D. The path of the hand is at least the anchor's path times the cosine of 30 degrees.
   const Vec3 rope = hand - anchor_;
   const double length = rope.norm();
   if (length > arm.step) {
@@ -227,7 +227,7 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   }
   sure_ = std::min(sure_, cap);
   if (!std::isfinite(sure_ + counted_) || count_ == kForces) {
-    // After an overflow, or with no room in sent_, the tank restarts without forces on their way.
+    // After an overflow, or if sent_ is full, the tank restarts without forces on their way.
     forget();
     return acts ? 0.0 : 1.0;
   }

@@ -11,7 +11,7 @@
 
 namespace palpate {
 
-/// Dissipation and timing of an arm, as assumed by the tank, on the safe side of the true numbers.
+/// Dissipation and timing of an arm, as the tank assumes them. The numbers must be conservative.
 struct ArmDissipation {
   double viscous = 0.0;  ///< Viscous damping b [N s/m]: > 0, at most that of the arm. Without it
                          ///< the tank allows no force.
@@ -34,7 +34,7 @@ struct ArmDissipation {
 
 /// Action of the tank if its energy cannot pay for a force.
 enum class TankUse : std::uint8_t {
-  kOff,      ///< The tank does not count.
+  kOff,      ///< The tank does not count energy.
   kObserve,  ///< The tank counts the energy, but does not reduce the force.
   kAct,      ///< The tank reduces a force that it cannot pay for, and keeps its direction.
 };
@@ -84,12 +84,12 @@ class Tank {
                             const TankParams& params, double cap) noexcept PALPATE_NONBLOCKING;
   /// Adds energy [J] for which the caller accounts. Ignores a number that is not finite or not > 0.
   void refill(double energy) noexcept PALPATE_NONBLOCKING;
-  /// Call it after pass() if the motors give only this share, 0 to 1, of the allowed force. Ignores
-  /// a share outside that range. RT: no allocation.
+  /// Corrects the last counted force. Call this function after pass() if the motors apply only this
+  /// share, 0 to 1, of the allowed force. Ignores a share outside that range. RT: no allocation.
   void weaken(double share, const ArmDissipation& arm) noexcept PALPATE_NONBLOCKING;
-  /// Call it if zero is sent instead of the allowed force, if the position cannot be trusted, or if
-  /// the arm was replaced. The tank restarts empty. If it acts, it allows no force until all old
-  /// forces are certainly over and a fresh position was read. RT: no allocation.
+  /// Restarts the tank empty. Call this function if zero is sent instead of the allowed force, if
+  /// the position may be wrong, or if the arm was replaced. If the tank acts, it allows no force
+  /// until all old forces are certainly over and a fresh position was read. RT: no allocation.
   void forget() noexcept;
 
   static constexpr std::size_t kForces = 64;  ///< Largest number of forces that act or are on their

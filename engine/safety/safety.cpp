@@ -70,7 +70,7 @@ Fault HandWatch::look(HandState& hand, double now) noexcept {
   const double since = measured - time_;
   const Vec3 step = hand.position - position_;
   if (step.norm() > std::max(kLeastJump, kJumpSpeed * since)) return Fault::kJump;
-  constexpr double kNew = 1e-5;  // [s]: shorter intervals give no velocity
+  constexpr double kNew = 1e-5;  // [s]: a shorter interval does not change the velocity
   if (since >= kNew) {
     velocity_ += (1.0 - std::exp(-since / kSmooth)) * (step / since - velocity_);
     time_ = measured;
@@ -97,7 +97,7 @@ double StillFade::pass(double force, double still, double friction, double dt) n
 }
 
 bool Reengagement::look(Fault latched, Fault wrong, double now) noexcept {
-  // `wrong` does not include the delay of this tick.
+  // `wrong` is the fault of the last tick, so a pause before this tick needs its own check.
   const bool paused = now - std::exchange(last_, now) > kPause;
   others_ = paused || (others_ && latched != Fault::kNone);
   if (latched == Fault::kNone || wrong != Fault::kNone) good_since_ = now;

@@ -59,8 +59,9 @@ struct HandState {
   Handle handle{};  ///< Further readings of the arm.
   /// HandWatch fills in the members below.
   Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
-  bool too_fast = false;         ///< True if the hand is faster than `max_speed`: it is braked.
-  double max_speed = 0.0;        ///< WatchLimits::max_speed [m/s].
+  bool too_fast =
+      false;  ///< True if the hand is faster than `max_speed`; the loop then brakes the hand.
+  double max_speed = 0.0;  ///< WatchLimits::max_speed [m/s].
 };
 
 /// Distinguishes new readings from repeated ones, which have the same bits and a greater age. If
@@ -80,7 +81,7 @@ class NewReadings {
 /// Limits of the hand's motion and timing. The defaults are safe for any desktop arm.
 struct WatchLimits {
   double stale = 0.05;  ///< Largest age of a position [s]; set by the device's profile.
-  /// Largest speed [m/s]. A faster hand is braked; after kBraked the force is cut.
+  /// Largest speed [m/s]. The loop brakes a faster hand, and after 0.05 s cuts the force.
   double max_speed = 3.0;
   double late = 0.005;  ///< Largest delay of a tick [s]; the loop allows at least three periods.
 };
@@ -97,7 +98,7 @@ class HandWatch {
   /// @return      The cause if the force must be cut, else kNone.
   /// RT: no allocation.
   [[nodiscard]] Fault look(HandState& hand, double now) noexcept PALPATE_NONBLOCKING;
-  /// Forgets all positions, as after a fault. The next position counts as the first.
+  /// Forgets all positions, for example after a fault. The next position counts as the first.
   void forget() noexcept {
     known_ = false;
     fast_since_ = -1.0;
@@ -152,11 +153,11 @@ class Reengagement {
 /// Fades the force on an arm that does not move under the force. If the firmware stops reading its
 /// encoders but keeps sending the last counts, the last force would stay on.
 ///
-/// Only the time distinguishes this arm from one that a hand holds still. If no counter has
+/// Only the time distinguishes this arm from an arm that a hand holds still. If no counter has
 /// changed for kStill while the force is larger than the friction, the force fades to zero in
-/// kFade. A hand moves by a count long before that. When a counter changes, the force returns at
-/// the same rate. The force that is missing at that moment is at most the friction, plus the
-/// stiffness of the hand times one count.
+/// kFade. A real hand moves by a count long before kStill. When a counter changes, the force
+/// returns at the same rate. The force that is missing at that moment is at most the friction, plus
+/// the stiffness of the hand times one count.
 class StillFade {
  public:
   /// Returns the share of the force that is left, 0 to 1.
@@ -164,6 +165,7 @@ class StillFade {
   /// @param force     Magnitude of the force that is sent [N].
   /// @param still     HandState::still [s].
   /// @param friction  A smaller force than this may fail to move the arm [N].
+  /// @param dt        Time since the last tick [s]. If not above 0, the share stays.
   /// RT: no allocation.
   [[nodiscard]] double pass(double force, double still, double friction,
                             double dt) noexcept PALPATE_NONBLOCKING;
@@ -180,9 +182,9 @@ class StillFade {
 /// leaves the data between two ticks.
 ///
 /// From this step on the force f follows the wanted force, by df/dt = (wanted - f) / (kBegin (1 -
-/// t/kEnd)). It stays between the forces that were wanted since then, and after kEnd it is the
-/// wanted force. The remainder h = f - wanted also falls by k for each metre that the hand moves
-/// along h. So its work on the hand is at most |h|^2 / (2 k), the energy that the spring held.
+/// t/kEnd)). f stays between the forces that were wanted since then. After kEnd, f is the wanted
+/// force. The remainder h = f - wanted also falls by k for each metre that the hand moves along h.
+/// So its work on the hand is at most |h|^2 / (2 k), the energy that the spring held.
 class DataFade {
  public:
   /// Returns the smoothed force [N].
@@ -195,11 +197,11 @@ class DataFade {
   /// RT: no allocation.
   [[nodiscard]] Vec3 pass(const Vec3& wanted, double step, const Vec3& eased,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// Call it if no force or another force is sent.
+  /// Forgets the last force. Call this function if no force or another force is sent.
   void forget() noexcept { *this = {}; }
 
   static constexpr double kBegin = 0.02;  ///< Initial time constant [s].
-  static constexpr double kEnd = 0.1;     ///< Time after which the force is the wanted one [s].
+  static constexpr double kEnd = 0.1;     ///< Time after which the force is the wanted force [s].
 
  private:
   Vec3 wanted_ = Vec3::Zero();

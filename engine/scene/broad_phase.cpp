@@ -127,7 +127,7 @@ void BroadPhase::build(std::span<const Box> boxes, std::span<std::uint32_t> item
 }
 
 void BroadPhase::refit(std::span<const Box> boxes) noexcept {
-  // From the end, because children come after their parent.
+  // Updates the last node first, because children come after their parent.
   for (std::size_t n = nodes_.size(); n-- > 0;) {
     Node& node = nodes_[n];
     if (node.item != kInner) {

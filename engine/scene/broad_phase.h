@@ -20,16 +20,16 @@ class BroadPhase {
   /// Returns the number of boxes, including boxes that are never found.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
-  /// Moves the boxes. Queries cost more the farther the boxes have moved. Do not call it while a
-  /// tick of any thread may query the tree. No allocation.
+  /// Moves the boxes. Queries cost more the farther the boxes have moved. Do not call this function
+  /// while a tick of any thread may query the tree. No allocation.
   ///
   /// @pre boxes.size() == size().
   void refit(std::span<const Box> boxes) noexcept;
 
   /// Writes the indices of the boxes that overlap or touch `query` [m] into `found`, in any order.
   /// A box whose distance from the query is less than a millionth of its distance from the origin
-  /// may count as touching. Returns the number of these boxes. If it exceeds the size of `found`,
-  /// the excess indices are not written. A query that is not finite overlaps no box. RT: no
+  /// may count as touching. Returns the number of these boxes. If this number exceeds the size of
+  /// `found`, `found` misses the excess indices. A query that is not finite overlaps no box. RT: no
   /// allocation. Cost: the nodes that the query overlaps, and their children.
   std::size_t meeting(const Box& query,
                       std::span<std::uint32_t> found) const noexcept PALPATE_NONBLOCKING;
@@ -51,7 +51,7 @@ class BroadPhase {
 };
 
 /// The boxes near a hand, kept from tick to tick. near() queries the tree with a larger box than
-/// requested, and again only if a later request exceeds that box.
+/// requested. It queries the tree again only if a later request exceeds that box.
 class NearBoxes {
  public:
   static constexpr std::size_t kMost = 1024;  ///< Most boxes that near() can return.
@@ -60,9 +60,9 @@ class NearBoxes {
   explicit NearBoxes(double margin = 0.01) : margin_(margin), found_(kMost) {}
 
   /// Returns the indices, in ascending order, of all boxes that overlap `query` [m] and of some
-  /// within the margin. If more than kMost boxes overlap it, returns kMost indices, and complete()
-  /// is false. The result is valid until the next call. RT: no allocation. Cost: six comparisons if
-  /// the query is inside the box of the last tree query.
+  /// boxes within the margin. If more than kMost boxes overlap `query`, returns kMost indices, and
+  /// complete() is false. The result is valid until the next call. RT: no allocation. Cost: six
+  /// comparisons if the query is inside the box of the last tree query.
   [[nodiscard]] std::span<const std::uint32_t> near(const BroadPhase& boxes,
                                                     const Box& query) noexcept PALPATE_NONBLOCKING;
   /// Returns false if near() had no room for some of the boxes that overlap its query.
@@ -71,9 +71,9 @@ class NearBoxes {
   [[nodiscard]] std::size_t leftOut() const noexcept { return left_out_; }
   /// Returns the box of the last tree query; empty if too many boxes overlapped it.
   [[nodiscard]] const Box& known() const noexcept { return known_; }
-  /// Returns true if the last call has queried the tree.
+  /// Returns true if the last call of near() has queried the tree.
   [[nodiscard]] bool asked() const noexcept { return asked_; }
-  /// Forgets the boxes found. Call it when the boxes have moved or were replaced.
+  /// Forgets the boxes found. Call this function when boxes have moved or were replaced.
   void forget() noexcept { known_ = {}; }
 
  private:

@@ -19,7 +19,8 @@ struct CompiledMode {
 [[nodiscard]] CompiledMode compileMode(const ModeSpec& spec, const std::string& path,
                                        GraphReads& reads);
 
-/// Compiles a varying coupling stiffness. Throws SceneError if it can be 0 or exceed 1e9 N/m.
+/// Compiles a varying coupling stiffness. Throws SceneError if the stiffness can be 0 or exceed 1e9
+/// N/m.
 [[nodiscard]] Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads);
 
 }  // namespace palpate

@@ -58,7 +58,7 @@ void addMode(const GraphSpec& spec, std::size_t index, GraphReads& reads) {
   const std::string name = mode.name.empty() ? path : mode.name;
   checkGuide(spec, mode, path);
   if (isSilent(mode)) {
-    // A silent mode is checked like any other. Then it is left out, with its readings.
+    // Checks a silent mode like other modes, but leaves the mode and its readings out of the graph.
     GraphReads unused = reads;
     (void)compileMode(mode, path, unused);
     reads.graph.silent.push_back(name);
@@ -91,7 +91,7 @@ const IsosurfaceMode* evenSurface(const Mode& mode, const Graph& graph) {
 }
 
 /// Returns true if the mode adds no primitive to a proxy in front of the even surfaces: the mode is
-/// one of them, or a drag that is zero on the free side of one of them.
+/// an even surface, or a drag that is zero on the free side of an even surface.
 bool isSilentInFront(const Mode& mode, const Graph& graph) {
   if (evenSurface(mode, graph) != nullptr) return true;
   const auto* drag = std::get_if<ViscosityMode>(&mode);

@@ -123,7 +123,7 @@ struct GuideSpec {
 
 /// The spec of a user-defined mode; see mode.h.
 struct UserSpec {
-  PlacePrimitives place = nullptr;  ///< Called in every tick. compileGraph rejects null.
+  PlacePrimitives place = nullptr;  ///< Called in every balance. compileGraph rejects null.
   std::shared_ptr<void> state;      ///< Passed to `place`. May be null. All proxies share it.
   std::vector<std::string> reads;  ///< Names of the volumes and derived fields to read for `place`.
 };
@@ -247,17 +247,18 @@ struct Graph {
   std::vector<std::string>
       mode_names;      ///< Names of modes in messages; without a name the path, such as /modes/5.
   Transfer stiffness;  ///< Coupling stiffness [N/m]. Without factors it is constant.
-  FieldSet stiffness_reads;  ///< Fields that the stiffness reads. A field without data gives its
-                             ///< background.
-  /// Fields that matter only in contact (bit i: scalar_fields[i]). They need no attend(), and only
-  /// these modes read them: isosurfaces with the same strength everywhere on V = level and with the
-  /// background on their free side, and drags that are zero on the free side of such a surface.
-  /// They add no primitive to a proxy in front of all these surfaces.
+  FieldSet stiffness_reads;  ///< Fields that the stiffness reads. A field without data counts with
+                             ///< its background.
+  /// Fields that matter only in contact (bit i: scalar_fields[i]). These fields need no attend(),
+  /// and only two kinds of modes read them. The first kind is an isosurface with the same strength
+  /// everywhere on V = level, and with the background on its free side. The second kind is a drag
+  /// that is zero on the free side of such an isosurface. If the proxy is in front of all these
+  /// surfaces, the modes of both kinds add no primitive.
   std::uint64_t contact_only = 0;
   /// Fields that need attend(), numbered through: scalar_fields, then vector_fields.
   std::vector<std::size_t> attentive;
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
-  std::vector<std::string> silent;  ///< Modes left out, because their strength is zero everywhere.
+  std::vector<std::string> silent;  ///< Modes left out, because strength and viscosity are zero.
 };
 
 /// Largest number of modes of one graph.

@@ -15,8 +15,8 @@ struct Slot {
   int index = -1;       ///< Index into Properties::vectors or Properties::scalars.
 };
 
-/// The readings and properties of a graph under compilation. Each is made when the first mode needs
-/// it, and then shared. The functions throw SceneError if the graph is full.
+/// The readings and properties of a graph under compilation. Each reading or property is made when
+/// the first mode needs it, and then shared. The functions throw SceneError if the graph is full.
 class GraphReads {
  public:
   /// `names` must belong to `spec`; both must outlive the object.
@@ -55,7 +55,7 @@ class GraphReads {
   [[nodiscard]] int motionOf(const std::string& name);
   /// Returns the index of the motion that all fields of a set share; -1 without a common motion.
   [[nodiscard]] int motionOf(const FieldSet& set) const;
-  /// Returns the frame of the finest field in a set.
+  /// Returns the frame of the finest field in a set. For an empty set, `voxel` is infinite.
   [[nodiscard]] FieldFrame frameOf(const FieldSet& set) const;
 
   /// Returns true if the graph so far samples that volume.

@@ -1,4 +1,5 @@
-/// The scene: all data that a tick needs. It is built outside the haptic thread and is then const.
+/// The scene: all data that a tick needs. makeScene builds the scene outside the haptic thread. The
+/// scene is then const.
 #pragma once
 
 #include <cstdint>
@@ -18,13 +19,14 @@ namespace palpate {
 
 /// Accuracy of the motion within a tick.
 struct StepParams {
-  /// Largest number of moves of a held proxy in a tick, 1 to 64; the rest of the path then waits
-  /// for the next tick. Within data, a move is at most one voxel long. Only kMostSubsteps limits
-  /// the moves of a free proxy.
+  /// Largest number of readings in a tick after which a primitive holds the proxy, 1 to 64. At the
+  /// limit, the rest of the path waits for the next tick. Between two readings within data, the
+  /// proxy moves at most one voxel. Only kMostSubsteps limits the readings of a free proxy.
   int max_substeps = 16;
   /// Limit of a tick's iterations (StepReport::iterations), >= 1. At the limit, the tick reads
-  /// properties once more in each remaining slice, and completes the balance in progress (at most
-  /// twice SolverParams::max_iterations and 40 pivots). The rest of the path waits.
+  /// properties once more in each remaining slice (iteration.h), and completes the balance in
+  /// progress (at most twice SolverParams::max_iterations and 40 pivots). The rest of the path
+  /// waits.
   int max_iterations = 130;
   /// Largest distance between the proxy and its surface or stream in the interpolated volume that
   /// the motion may cause [voxels]; above 0, at most kMostTolerance.
@@ -55,8 +57,8 @@ inline constexpr std::size_t kMaxNearParts = 64;
 struct Scene {
   /// Id, unique in the process. A proxy compares it to notice a new scene.
   std::uint64_t id = 0;
-  /// Equal for scenes with the same fields and kinds of modes. A change between these scenes has
-  /// the short ramp of an edit (kEngageEdit).
+  /// Equal for scenes with the same fields, kinds of modes and motions. A change between these
+  /// scenes has the short ramp of an edit (kEngageEdit).
   std::uint64_t shape = 0;
   /// Graph that every tick evaluates. Only it may have motions, guides and a varying stiffness.
   Graph graph;
@@ -74,7 +76,7 @@ struct Scene {
 
 /// Returns the fields that a tick reads at p_W [m]: those of modes whose support contains p_W and
 /// of the varying stiffness, within their bounds. Moving fields are tested at Body::seen; without
-/// bodies all stand still. RT: no allocation. Cost: a few ns for each field and mode.
+/// bodies, all fields stand still. RT: no allocation. Cost: a few ns for each field and mode.
 [[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W,
                                 std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
@@ -87,8 +89,8 @@ struct Scene {
 /// varying stiffness, or too many fields or modes.
 [[nodiscard]] Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields);
 
-/// Compiles a scene of at least one mode or part. Throws SceneError if it is wrong. Slow;
-/// allocates.
+/// Compiles a scene of at least one mode or part. Throws SceneError if an argument is invalid.
+/// Slow; allocates.
 [[nodiscard]] std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                                                      const std::map<std::string, FieldPtr>& fields,
                                                      const CouplingParams& coupling = {},
@@ -101,10 +103,10 @@ struct BoundGraph {
   const Graph* graph = nullptr;
   std::span<FieldCache> caches;  ///< Caches of Graph::scalar_fields, then of Graph::vector_fields.
 
-  /// Samples the properties at p_W [m], step 1 of the paper's figure 1, for the modes whose support
-  /// contains p_W. All other properties have no data. Moving fields are read at Body::seen; their
-  /// pose rotates the directions. Without bodies all stand still. Returns the number of fields
-  /// read. RT: no allocation.
+  /// Samples the properties at p_W [m], step 1 of the paper's figure 1, for the varying stiffness
+  /// and the modes whose support contains p_W. All other properties have no data. Moving fields are
+  /// read at Body::seen; their pose rotates the directions. Without bodies, all fields stand still.
+  /// Returns the number of fields read. RT: no allocation.
   int sample(const Vec3& p_W, Properties& out,
              std::span<const Body> bodies = {}) const noexcept PALPATE_NONBLOCKING;
 
@@ -114,12 +116,13 @@ struct BoundGraph {
   /// Notifies the same fields that the tick is over. RT: no allocation.
   void leave() const noexcept PALPATE_NONBLOCKING;
 
-  /// Rotates the properties of volumes that have moved since the reading, by Body::carry. Call it
-  /// once for each move. RT: no allocation. Cost: O(fields).
+  /// Rotates the properties of volumes that have moved since the reading, by Body::carry. Call this
+  /// function once for each move. RT: no allocation. Cost: O(fields).
   void turn(Properties& read, std::span<const Body> bodies) const noexcept PALPATE_NONBLOCKING;
 
-  /// Returns the place where a path [m] meets a surface, in the resting frame of the surface's
-  /// field; see ScalarField::firstFall. RT: no allocation.
+  /// Finds the first place at which the path between `from` and `to` [m] passes a surface; see
+  /// ScalarField::firstFall. All places are in the resting frame of the surface's field. RT: no
+  /// allocation.
   [[nodiscard]] Crossing firstFall(const SurfaceSource& skin, double level, const Vec3& from,
                                    const Vec3& to) const noexcept PALPATE_NONBLOCKING {
     const auto i = static_cast<std::size_t>(skin.field);
@@ -158,8 +161,8 @@ class Reader {
   /// Binds the scene's own graph. If the scene is new, prepares the caches of all fields with a
   /// changed index. RT: no allocation. Cost: O(fields).
   BoundGraph bind(const Scene& scene) noexcept;
-  /// Binds a part to one of kMaxNearParts slots. If the slot held another part, prepares its
-  /// caches. Call it after bind(scene). RT: no allocation. Cost: O(fields).
+  /// Binds a part to one of kMaxNearParts slots. If the slot contained another part, prepares its
+  /// caches. Call this function after bind(scene). RT: no allocation. Cost: O(fields).
   BoundGraph bind(const Scene& scene, std::size_t part, std::size_t slot) noexcept;
 
   /// Binds the scene's own graph and calls BoundGraph::sample. RT: no allocation.

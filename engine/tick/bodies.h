@@ -23,9 +23,9 @@ class Bodies {
   void place(const Graph& graph, double time, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
 
   /// Plans the motion of the volumes to `time` [s] and returns the number of slices, at most
-  /// `most`. In each slice a volume that the way from the proxy to the hand may meet moves at most
-  /// half a voxel at the proxy. If more slices are needed, the report gets kSubstepLimit. `felt[0]`
-  /// is the scene's own graph.
+  /// `most`. A slice is a part of the tick's motion (iteration.h). In each slice, a volume near the
+  /// path from the proxy to the hand moves at most half a voxel at the proxy. If more slices are
+  /// needed, the report gets kSubstepLimit. `felt[0]` is the scene's own graph.
   [[nodiscard]] int plan(std::span<const Felt> felt, double time, const Vec3& proxy,
                          const Vec3& probe, int most,
                          StepReport& report) noexcept PALPATE_NONBLOCKING;
@@ -34,7 +34,7 @@ class Bodies {
   /// of a voxel. Otherwise it is sampled at the place to which it has carried the proxy. Returns
   /// the number of warps sampled.
   int move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
-  /// Call it at the end of the motion that plan() began: the poses are now those of its `time`.
+  /// Ends the motion that plan() began: the poses are now those of its `time`.
   void arrive() noexcept { posed_at_ = time_; }
 
   /// Records that properties are read at p [m]; samples the warps there and returns their number.
@@ -49,15 +49,15 @@ class Bodies {
   }
 
   /// Returns the distance [m] that the proxy may move on the path from a to b [m] before properties
-  /// are read again: one voxel of the finest volume on the path; infinity without a volume. If a
-  /// volume has carried the place of its reading away from a, the distance counts from that place.
-  /// `onward` is true if a is the place of the last reading, false if it is the proxy's place.
+  /// are read again. This is one voxel of the finest volume on the path, and infinity without a
+  /// volume. If a volume has carried the place of its reading away from a, the distance counts from
+  /// that place. `onward` is true if a is the place of the last reading, false if it is the proxy's
+  /// place.
   [[nodiscard]] double reachFrom(std::span<const Felt> felt, const Vec3& a, const Vec3& b,
                                  bool onward) const noexcept PALPATE_NONBLOCKING;
-  /// For a proxy that a moving volume holds back: sets `end` to the point one voxel of that volume
-  /// beyond Body::carried, towards b, as if the volume were still. Returns false and leaves `end`
-  /// unchanged if no moved volume is on the path, or if the reading of another volume is not valid
-  /// that far.
+  /// Serves a proxy that a moving volume holds back. Sets `end` to the point one voxel of that
+  /// volume from Body::carried towards b. Returns false and leaves `end` unchanged if no moved
+  /// volume is on the path, or if the reading of another volume is not valid that far.
   [[nodiscard]] bool follow(std::span<const Felt> felt, const Vec3& proxy, const Vec3& b,
                             Vec3& end) const noexcept PALPATE_NONBLOCKING;
 
@@ -81,7 +81,7 @@ class Bodies {
   std::size_t count_ = 0;
   double posed_at_ = 0.0;  ///< Time of the present poses [s].
   double time_ = 0.0;      ///< Time of the poses to which the volumes move [s].
-  double now_ = 0.0;
+  double now_ = 0.0;       ///< Time of the poses in the present slice [s].
 };
 
 }  // namespace palpate

@@ -17,10 +17,10 @@ enum class Next : std::uint8_t {
 struct TrialState {
   bool read = false;  ///< True if properties were read in this slice.
   bool within =
-      false;  ///< The reading is valid at the target, and the error is within the tolerance.
-  /// No readings, iterations or choices of parts are left, or a stream stalls.
+      false;  ///< True if the reading is valid at the target, and the error within the tolerance.
+  /// True if no readings, iterations or choices of parts are left, or if a stream stalls.
   bool spent = false;
-  bool held = false;  ///< The last balance contains a primitive.
+  bool held = false;  ///< True if the last balance contains a primitive.
 };
 
 /// Returns the next action. The first trial step of a slice always leads to a reading.
@@ -33,10 +33,10 @@ struct TrialState {
 
 /// State of a sweep to the hand, which searches for surfaces, if no primitive holds the proxy.
 struct SweepState {
-  bool complete = false;    ///< The sweep reached the hand.
-  bool strays = false;      ///< The sweep led beyond the chosen parts.
-  bool chosen_out = false;  ///< The limit on choices of parts is reached.
-  bool met_before = false;  ///< An earlier sweep in this slice ended at a surface.
+  bool complete = false;    ///< True if the sweep reached the hand.
+  bool strays = false;      ///< True if the sweep led beyond the chosen parts.
+  bool chosen_out = false;  ///< True if the limit on choices of parts is reached.
+  bool met_before = false;  ///< True if an earlier sweep in this slice ended at a surface.
 };
 
 /// Returns kRead at the first surface, or if new parts can be chosen; else kRelease.

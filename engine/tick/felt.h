@@ -1,4 +1,5 @@
-/// The graphs that a tick evaluates: the scene's own graph and those of the parts near the proxy.
+/// The graphs that a tick evaluates: the scene's own graph and the graphs of the parts near the
+/// proxy.
 #pragma once
 
 #include <cstddef>
@@ -20,8 +21,8 @@ struct Felt {
   [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
 };
 
-/// Calls `look` with each mode, its memory, its graph and its index there, until `look` returns
-/// true. Returns true if `look` did so.
+/// Calls `look` with each mode, its memory, its graph and its index in the graph, until a call
+/// returns true. Returns true if a call of `look` returned true.
 template <class Do>
 bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   for (const Felt& felt : all) {
@@ -75,7 +76,8 @@ void eachField(std::span<const Felt> all, Do&& look) noexcept {
   }
 }
 
-/// Returns true if a box [m] in a field's resting frame is within kFrameMargin of its bounds.
+/// Returns true if the box `way` [m], in a field's resting frame, is within kFrameMargin of the
+/// field's bounds.
 [[nodiscard]] inline bool meets(const Box& way, const FieldFrame& frame) noexcept {
   const double margin = kFrameMargin * frame.voxel;
   const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||

@@ -256,7 +256,7 @@ bool steady(const Tick& tick, const Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
   if (!varies(tick, now) || now.trust.closed) return true;
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
-  // Removes the shift that keeps the proxy on a curve.
+  // `waiting` is a shift that keeps the proxy on a curve, and not a part of the error.
   const double step = (now.to.step - now.rail.waiting).norm();
   double reach = reachOfStrengths(tick);
   for (const Varying& one : b.primitives.varying()) {

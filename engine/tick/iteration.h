@@ -1,4 +1,6 @@
-/// One slice's iteration: Newton's method on the balance.
+/// The iteration of one slice: Newton's method on the balance. A tick divides the motion of the
+/// volumes and of the hand into slices. In each slice the volumes and the hand move first, and then
+/// the proxy moves to the balance.
 #pragma once
 
 #include <limits>
@@ -29,7 +31,7 @@ struct TrustRegion {
   double ahead = std::numeric_limits<double>::infinity();
   bool closed = false;  ///< True if `ahead` is within the tolerance.
   double reach =
-      0.0;  ///< Distance from the hand at which the last reading's primitives can hold [m].
+      0.0;  ///< Distance from the hand to which the last reading's primitives can hold [m].
   double went = 0.0;  ///< Distance between the last two readings [m].
   double least = std::numeric_limits<double>::infinity();  ///< Shortest step of this move [m].
   Vec3 least_at = Vec3::Zero();                            ///< Start of the shortest step [m].
@@ -39,7 +41,7 @@ struct TrustRegion {
   void forgetLeast() noexcept { least = std::numeric_limits<double>::infinity(); }
 };
 
-/// The iteration of one slice of a tick. The volumes and the hand do not move in a slice.
+/// The iteration of one slice of a tick, in which the volumes and the hand stay in place.
 struct Iteration {
   Vec3 last_read = Vec3::Zero();  ///< Place of the last reading [m].
   Vec3 read_at = Vec3::Zero();    ///< Start of the next trial step, if `read` is true [m].
@@ -49,7 +51,8 @@ struct Iteration {
   TrustRegion trust;  ///< Limit of Newton's step.
   /// Finest voxel of all primitives that vary [m].
   double voxel = std::numeric_limits<double>::infinity();
-  /// True if non-surfaces vary or varied in this slice: a reading is valid only at its place.
+  /// True if primitives other than surfaces vary, or varied in this slice. A reading is then valid
+  /// only at its place.
   bool follows = false;
   /// Finest voxel of the varying primitives that are not surfaces [m].
   double followed = std::numeric_limits<double>::infinity();
@@ -57,7 +60,7 @@ struct Iteration {
 };
 
 /// Returns true if primitives vary, and no varying primitive is a directed force or a plane on a
-/// surface: all are anchored at the proxy, except a front in snap-drag and the lines of traced
+/// surface. Then all are anchored at the proxy, except a front in snap-drag and the lines of traced
 /// streams (rail.h). The balance at the last reading then adds no energy; Newton's step might.
 [[nodiscard]] bool anchored(const BalanceMemory& b) noexcept;
 
@@ -88,18 +91,20 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noe
 /// Returns true if the error that remains after Newton's step is within the tolerance, in one of
 /// two cases. (1) The step is within the tolerance; if the primitives are `anchored`, the balance
 /// must also be within the tolerance of the last reading. (2) Only planes of surfaces hold the
-/// proxy, the target is on the surfaces, and the step is much shorter than the one before. The next
-/// step would then be within the tolerance.
+/// proxy, the target is on the surfaces, and the step is much shorter than the previous step. The
+/// next step would then be within the tolerance.
 [[nodiscard]] bool steady(const Tick& tick, const Iteration& now) noexcept;
 /// Returns true if p [m] is within `within` [m] of every surface that holds the proxy in the last
-/// balance, and not farther than that behind a surface without load. Uses the values at p, because
-/// slopes jump at the faces of trilinear cells. Cost: a value and a slope for each surface.
+/// balance. Behind a surface without load, p may also be at most `within` away. Uses the values at
+/// p, because slopes jump at the faces of trilinear cells. Cost: a value and a slope for each
+/// surface.
 [[nodiscard]] bool onSurfaces(const Tick& tick, const Vec3& p, double within) noexcept;
 /// Returns the final place of the proxy [m], once the remaining error is within the tolerance. If
 /// only planes of surfaces hold the proxy, this is the target of Newton's step. Otherwise, if the
-/// last reading is within the tolerance of the balance, it is the balance to the last digit,
-/// because friction's threshold depends on it. Otherwise it is Newton's target. If neither place is
-/// certain to be on the surface, it is the place of the last reading.
+/// last reading is within the tolerance of the balance, this is the balance. Its last digit
+/// matters, because friction's threshold depends on it. Otherwise this is Newton's target. If
+/// neither place is certain to be on the surface, the function returns the place of the last
+/// reading.
 [[nodiscard]] Vec3 answer(const Tick& tick, const Iteration& now) noexcept;
 
 /// Returns the distance from the hand to which all placed primitives can hold the proxy [m].

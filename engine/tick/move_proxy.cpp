@@ -17,8 +17,8 @@ namespace {
 constexpr int kMostStrays = 16;
 /// Largest distance that a waiting proxy is pulled through surfaces that cannot hold it [voxels].
 constexpr int kMostStrides = 4;
-/// After this number of free ticks, the memories are those of a place without primitives. They stay
-/// so while the way is free, and a tick need not read.
+/// After this number of free ticks, the memories are those of a place without primitives. The
+/// memories stay the same while the path is free, and a tick need not read.
 constexpr int kSettled = 2;
 constexpr double kFree = 1e-9;  ///< [m]: a proxy within this distance of the probe counts as free
 /// A reading that advances less than this share of the tolerance stalls. Two stalls end the slice.
@@ -66,7 +66,7 @@ Vec3 carriedProxy(Tick& tick) noexcept {
 }
 
 /// Moves the proxy to the end of a trial step, and counts the work that primitives did on it. On a
-/// single stream this work is the rise of the spring's energy, because the force of the line is
+/// single stream this work is the rise of the spring's energy. The force of the line is
 /// perpendicular to the curve, but not to its chord.
 void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   Proxy& proxy = tick.proxy;
@@ -95,7 +95,8 @@ void tell(const Tick& tick, const Trial& trial) noexcept {
 
 /// Moves a waiting proxy towards the hand, as far as the reading is valid, if the pull on it
 /// exceeds the sum of all strengths. A stream releases the proxy. A single plane that can bear its
-/// load is kept, and the proxy follows the hand along the plane. Other surfaces are pushed through.
+/// load stays, and the proxy follows the hand along the plane. Otherwise the proxy is pushed
+/// through the surfaces.
 void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   const BalanceMemory& b = tick.balance;
   const bool on_rail = now.rail.count > 0;
@@ -131,7 +132,7 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
       followYielding(mode, memory);
     });
   }
-  // A surface that the proxy meets here is a new one, and ends the loop.
+  // A surface that the proxy reaches here is a new surface, and ends the loop.
   bool met = false;
   for (int i = 0; i < kMostStrides && !met && pulled(); ++i) {
     const Vec3 offset = trial.end - tick.probe;
@@ -184,12 +185,12 @@ bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexc
          (trial.strays && tick.strayed > kMostStrays);
 }
 
-/// Ends the slice without a reading if the reading of an earlier tick still serves. It does if only
-/// the hand has moved since then, only surfaces without friction hold the proxy, and the balance is
-/// within the tolerance of the place of that reading. The scene's finest voxel counts, because a
-/// mode without a contact may begin there. Fields that stream or play data are read in every tick.
-/// The path from that place is swept. Returns false, with `now` unchanged, if properties must be
-/// read.
+/// Ends the slice without a reading if the reading of an earlier tick is still valid. This requires
+/// that only the hand has moved since then, and that only surfaces without friction hold the proxy.
+/// The balance must be within the tolerance of the place of that reading. The scene's finest voxel
+/// counts, because a mode without a contact may begin there. Fields that stream or play data are
+/// read in every tick. The path from that place is swept. Returns false, with `now` unchanged, if
+/// properties must be read.
 bool stay(Tick& tick, Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
   const Graph& graph = tick.scene.graph;
@@ -302,12 +303,12 @@ void moveBodies(Tick& tick, int slice, int slices) noexcept {
 /// Fields that the path from the proxy to the hand may meet.
 struct OnWay {
   bool any = false;  ///< True if a field may act without a contact.
-  /// The others, of Graph::contact_only (bit i: scalar_fields[i]).
+  /// Fields of Graph::contact_only on the path (bit i: scalar_fields[i]).
   std::uint64_t contact_only = 0;
 };
 
-/// Returns the fields with bounds on the straight path from the proxy to the hand that are not
-/// empty as far as the hand.
+/// Returns the fields with bounds on the straight path from the proxy to the hand. Omits fields
+/// that are empty within the distance to the hand.
 OnWay fieldsOnWay(const Tick& tick) noexcept {
   const Graph& graph = tick.scene.graph;
   const Vec3& a = tick.proxy.position;
@@ -328,7 +329,7 @@ OnWay fieldsOnWay(const Tick& tick) noexcept {
   return on;
 }
 
-/// Returns true if nothing but the hand has moved since the last tick.
+/// Returns true if only the hand can have moved since the last tick, and no trace is requested.
 bool rests(const Tick& tick) noexcept {
   return tick.scene.still && tick.proxy.known && !tick.changed && tick.trace == nullptr;
 }

@@ -35,12 +35,12 @@ class NearParts {
  public:
   NearParts() : slots_(kMaxNearParts), awake_(NearBoxes::kMost), free_(NearBoxes::kMost) {}
 
-  /// Forgets all parts. Call it for a new scene, or if their state is no longer valid.
+  /// Forgets all parts. Call this function for a new scene, or if their state is no longer valid.
   void forget() noexcept;
 
-  /// Chooses the parts with data within the distance from the proxy to the probe, and within a
-  /// margin of 2 mm beyond it. Reads a new part at the proxy; its modes place primitives in
-  /// `scratch`. Sets `parts`, `left_out` and `missing` of the report, and adds to `samples`. RT: no
+  /// Chooses the parts that have data within a radius about the proxy: its distance from the probe
+  /// plus a margin of 2 mm. Reads a new part at the proxy; its modes place primitives in `scratch`.
+  /// Sets `parts`, `left_out` and `missing` of the report, and adds to `samples`. RT: no
   /// allocation. Cost: six comparisons if the choice stays, else a few ns for each part with a near
   /// box.
   void meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
@@ -51,7 +51,7 @@ class NearParts {
   std::size_t bind(const Scene& scene, Reader& reader,
                    std::span<Felt> felt) noexcept PALPATE_NONBLOCKING;
 
-  /// Returns the share, 0 to 1, of the path [m] on which no part that was not chosen has data.
+  /// Returns the share, 0 to 1, of the path [m] on which only chosen parts have data.
   [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
 
   /// Returns the part in a slot. The slots in order() are in use; all others are empty.

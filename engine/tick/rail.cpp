@@ -81,7 +81,7 @@ void eachFollowed(const Tick& tick, Do&& look) noexcept {
   });
 }
 
-/// Returns the entry for a stream's line, a new one if needed; null if `rail` is full.
+/// Returns the entry for a stream's line, a new entry if needed; null if `rail` is full.
 RailLine* entryFor(const ModeMemory& memory, Rail& rail) noexcept {
   for (std::size_t i = 0; i < rail.count; ++i) {
     if (rail.lines[i].of == &memory) return &rail.lines[i];
@@ -93,9 +93,9 @@ RailLine* entryFor(const ModeMemory& memory, Rail& rail) noexcept {
 /// fixes the proxy along it. The angle between a curve and a wall changes along the curve. Without
 /// this check, the wall's force would count as constant and push the proxy off the wall.
 ///
-/// A wall along the stream does not fix the place: the angle is at most that by which curve and
-/// normal turn over the step. `bend` is the curve's second derivative [1/m], `straight` the step
-/// along the line [m].
+/// A wall along the stream does not fix the proxy. Its angle to the line is at most the angle by
+/// which curve and normal turn over the step. `bend` is the curve's second derivative [1/m],
+/// `straight` the step along the line [m].
 bool fixedAlong(const Tick& tick, std::size_t index, double bend, double straight) noexcept {
   constexpr double kAside = 0.02;  // least sine of an angle that counts, as in newton.cpp
   const auto primitives = tick.balance.primitives.items();
@@ -126,7 +126,7 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
   constexpr double kStays = 1e-5;  // [voxels] along the line: a proxy with a shorter step rests
   const double straight = line.direction.dot(trial.end - line.position);
   if (std::abs(straight) < kStays * along.voxel) {
-    // The waiting pull belongs to the line that was followed before.
+    // `waiting` belongs to the line that the proxy followed before.
     if (rail.followed != one.of) rail.waiting.setZero();
     rail.followed = one.of;
     return false;

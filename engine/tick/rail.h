@@ -57,17 +57,17 @@ struct Rail {
   }
 };
 
-/// Re-anchors the lines to their material points (the ends of the curves, in the resting frame)
-/// after a reading at `at` [m] has sampled the warp again. RT: no allocation.
+/// Re-anchors the lines to their material points: the ends of the curves in the resting frame. Call
+/// this function after a reading at `at` [m] has sampled the warp again. RT: no allocation.
 void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept PALPATE_NONBLOCKING;
 
-/// Traces the curve that the proxy follows and moves the trial step to its end: the place nearest
-/// to the hand, as far as the last reading is valid. If there are several streams, the proxy
-/// follows the strongest of those that hold it, or the strongest if all yield. Each other stream is
-/// traced to the point of its curve that is nearest to the end of the trial step. Its line then
-/// pulls to that point, so that parallel streams hold together. `balance` [m] is the last balance.
-/// See docs/tick.md, streamline tracking. RT: no allocation. Cost: VectorField::trace for each
-/// stream.
+/// Traces the curve that the proxy follows, and moves the end of the trial step to the end of the
+/// trace. This end is the place nearest to the hand, as far as the last reading is valid. If there
+/// are several streams, the proxy follows the strongest of those that hold it, or the strongest if
+/// all yield. Each other stream is traced to the point of its curve that is nearest to the end of
+/// the trial step. Its line then pulls to that point, so that parallel streams hold together.
+/// `balance` [m] is the last balance. See docs/tick.md, streamline tracking. RT: no allocation.
+/// Cost: VectorField::trace for each stream.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;
 

@@ -13,7 +13,7 @@ namespace {
 
 /// Largest number of other surfaces that replace samples of one surface.
 constexpr std::size_t kMostOthers = 8;
-/// Farther surfaces do not replace samples [steps of FieldFrame::reach].
+/// Largest distance of a surface that replaces samples [steps of FieldFrame::reach].
 constexpr double kNearSteps = 2.0;
 /// A gradient below this share of the cell's slope does not give the scale of the surface.
 constexpr double kFlat = 0.1;
@@ -74,13 +74,13 @@ bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, co
 ///
 /// The gradient is a mean of the walls' gradients, g = sum w_m g_m, and the plane bears L along g.
 /// So wall m bears L w_m |g_m| / |g|. All walls together bear L C / |g|, where C is the norm of
-/// each gradient, 1 in a distance field. g is a difference over a voxel to each side, because the
-/// lattice affects this difference least.
+/// each gradient, 1 in a distance field. g is a difference over a voxel to each side. The lattice
+/// affects this difference least.
 ///
 /// In a groove the slopes to both sides along the normal are equal, except for errors of the
 /// lattice. In a sheet or slit of one or two voxels the slopes differ, because one side contains
 /// the other face, which bears no load. So the more the slopes differ, the more weight the steeper
-/// one has. Between walls that face each other the ratio would be unbounded; kMost limits it. The
+/// slope has. Between walls that face each other the ratio would be unbounded; kMost limits it. The
 /// ratio is 1 where the surface is convex, tr(dn/dx) >= 0.
 double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobian) noexcept {
   constexpr double kMost = 3.0;
@@ -112,7 +112,7 @@ double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobia
   return norm > 0.0 ? std::clamp(1.0 / norm, 1.0, kMost) : 1.0;
 }
 
-/// Replaces the samples of a surface's gradient by lower ones of the other surfaces.
+/// Replaces the samples of a surface's gradient by lower samples of the other surfaces.
 void fill(const Surface& self, std::span<const Surface> others, const Mat3& steps,
           Seam& seam) noexcept {
   const double here = self.value(Vec3::Zero());

@@ -96,8 +96,8 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     if (good) {
       const Vec3 spring = couplingForce({k, scene.coupling.damping}, offset, rate);
       assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives the force is zero
-      // A change of the force up to `own` is not attributed to the data, because the hand's motion
-      // and the limiter's growth can explain it.
+      // DataFade smooths only changes of the force above `own`. The hand's motion and the slew
+      // limit can explain smaller changes.
       const Vec3 eased = k * (last - before);
       const double own = state.gate_.limits.slew * dt + 2.0 * eased.norm();
       constexpr double kAll = std::numeric_limits<double>::infinity();

@@ -38,7 +38,8 @@ class ProxyState {
     proxy_.placed = false;
     engage();
   }
-  /// Call this when no force is sent. The proxy restarts at the hand, and an engagement begins.
+  /// Restarts the proxy at the hand, and begins an engagement. Call this function if no force is
+  /// sent.
   void release() noexcept {
     gate_.limiter.forget();
     proxy_.placed = false;
@@ -61,9 +62,9 @@ class ProxyState {
   }
   /// Adds this force [N] to the spring's force from the next tick on. See hand_links.h.
   void pullBy(const Vec3& force) noexcept { pull_ = force; }
-  /// Play position set by playAt() [s].
+  /// Returns the play position set by playAt() [s].
   [[nodiscard]] double play() const noexcept { return play_; }
-  /// Rate set by playAt() [s/s].
+  /// Returns the rate set by playAt() [s/s].
   [[nodiscard]] double playRate() const noexcept { return play_rate_; }
   /// Returns true from a fault until clearFault(). Until then every tick sends zero.
   [[nodiscard]] bool faulted() const noexcept { return gate_.fault != Fault::kNone; }
@@ -73,7 +74,8 @@ class ProxyState {
   [[nodiscard]] const ForceLimits& limits() const noexcept { return gate_.limits; }
   /// Returns the memory of limitForce.
   [[nodiscard]] const LimiterState& limiter() const noexcept { return gate_.limiter; }
-  /// Returns the position of the proxy [m]; after release(), the old one until the next tick.
+  /// Returns the position of the proxy [m]; after release(), the old position until the
+  /// next tick.
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_.position; }
   /// Returns the sum of the ticks' dt since this proxy entered the scene [s]: the time of motions.
   [[nodiscard]] double time() const noexcept { return met_.time; }
@@ -142,18 +144,20 @@ class ProxyState {
 /// before properties are read again. If the scene is new, the proxy keeps its place, contacts are
 /// forgotten and time begins at zero.
 ///
-/// Before the balance, a moving volume carries its contents along. Its fields are read at the place
-/// to which it has carried the old proxy, and its primitives are placed there. If a volume moves
-/// farther than half a voxel in a tick, it moves in several sub-steps.
+/// Before the balance, a moving volume carries its contents along. The tick reads the volume's
+/// fields at the place to which the volume has carried the old proxy, and places the volume's
+/// primitives there. If a volume moves farther than half a voxel in a tick, it moves in several
+/// slices (iteration.h).
 ///
 /// @param reader  This thread's reader; bound to the scene as needed.
 /// @param hand    Reading. A position not finite or beyond 1e6 m latches a fault: zero force.
 /// @param dt      Time since the last tick [s], > 0. For other values the force does not grow and
 ///                volumes do not move.
-/// @param trace   If not null, filled with the steps of the tick.
-/// RT: no allocation, no lock, no system call, no exception. Cost: about a microsecond for a few
-/// primitives without friction. There are at most 64 sub-steps, each with up to one balance
-/// (solver.h, friction.h). StepParams::max_iterations limits the sum of their iterations.
+/// @param trace   If not null, filled with the steps of the tick. RT: no allocation, no lock, no
+///                system call, no exception. Cost: about a microsecond for a few primitives without
+///                friction. There are at most 64 sub-steps with a balance each (solver.h,
+///                friction.h), and one more balance in each slice. StepParams::max_iterations
+///                limits the sum of their iterations.
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                     ProxyState& state, double dt,
                                     StepTrace* trace = nullptr) noexcept PALPATE_NONBLOCKING;

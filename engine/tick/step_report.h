@@ -56,7 +56,7 @@ struct StepReport {
   int traced = 0;        ///< Number of vector reads along streams.
   int walked = 0;        ///< Number of cells searched for a surface on the path.
   int primitives = 0;    ///< Number of primitives in the balance of the last sub-step.
-  int parts = 0;         ///< Number of sampled parts: near now, or when the parts were chosen.
+  int parts = 0;         ///< Number of sampled parts, as chosen in this tick or an earlier tick.
   int left_out = 0;      ///< Number of near parts left out for lack of room, the weakest ones.
   double missing = 0.0;  ///< Upper bound of the force error that left_out causes [N].
   SolverKind solver = SolverKind::kClosedForm;  ///< The solver's method in the last sub-step.
@@ -66,7 +66,7 @@ struct StepReport {
   double moving = 1.0;  ///< Share of the force that StillFade leaves while the arm does not move.
   double share = 1.0;   ///< Share of the force that the energy tank can pay for (passivity.h).
   double energy = 0.0;  ///< Energy in the tank [J].
-  /// `force` over the sum of the forces of spring and remote hands; 0 if directions differ.
+  /// `force` divided by the sum of the forces of spring and remote hands; 0 if directions differ.
   double left = 0.0;
 };
 

@@ -26,9 +26,9 @@ Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from
 }
 
 /// Returns the sum of the lifts of the planes that bear load, at most as long as the longest lift.
-/// The path is swept at this lift for a surface without a plane, so that a surface at the same
-/// height as the loaded planes does not stop the path. A surface that rises above the lifted path
-/// stops it; the next reading detects all lower surfaces.
+/// For a surface without a plane, the path is swept at this lift. So a surface at the same height
+/// as the loaded planes does not stop the path. A surface that rises above the lifted path stops
+/// it; the next reading detects all lower surfaces.
 Vec3 commonLift(const Tick& tick, double length) noexcept {
   Vec3 sum = Vec3::Zero();
   if (tick.balance.surfaces == 0) return sum;
@@ -81,7 +81,8 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
       again = !placed && behind && !lift.isZero(0.0);
       if (again) lift.setZero();
     } while (again);
-    // A path wholly behind the surface began behind another wall of it: the step ends at its start.
+    // A path wholly behind the surface began behind another of its walls. The step ends at its
+    // start.
     if (!crossing.found && !crossing.behind) {
       trial.swept = trial.swept && crossing.share >= 1.0;
       return;

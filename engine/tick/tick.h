@@ -42,7 +42,7 @@ struct Surroundings {
 
   std::vector<ModeMemory> memories;  ///< Memories of the modes of the scene's own graph.
   Properties properties;             ///< Properties from the last reading of that graph.
-  /// Storage of felt(); `count` are in use.
+  /// Storage of felt(); the first `count` graphs are in use.
   std::vector<Felt> graphs;
   std::size_t count = 1;  ///< Number of graphs in use.
   NearParts near;         ///< Parts of the scene with data that the proxy can reach.

@@ -13,9 +13,9 @@ namespace {
 /// A reading is valid at a target within this share of the distance that the proxy may move.
 constexpr double kNearShare = 0.25;
 
-/// Returns the distance that the proxy may move from a before properties are read again [m]: a
-/// voxel of the finest volume that the path to b can reach, more in empty parts of volumes, and
-/// infinity without a volume. For moving volumes see Bodies::reachFrom.
+/// Returns the distance that the proxy may move from a before properties are read again [m]. This
+/// is a voxel of the finest volume that the path to b can reach. The distance is larger in empty
+/// parts of volumes, and infinite without a volume. For moving volumes see Bodies::reachFrom.
 double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Vec3& b) noexcept {
   const Bodies& bodies = tick.around.bodies;
   if (!bodies.empty()) return bodies.reachFrom(tick.felt(), a, b, now.read);

@@ -23,9 +23,10 @@ struct Trial {
   Vec3 lift = Vec3::Zero();
 };
 
-/// Returns the trial step towards the target of an iteration. Within data it is at most one voxel
-/// long, and at most the trust radius. It follows the curve that holds the proxy, and ends at the
-/// first surface. `unread` is true if properties will not be read on the path. RT: no allocation.
+/// Returns the trial step towards the target of an iteration. Within data the step is at most one
+/// voxel long, and at most the trust radius. The step follows the curve that holds the proxy, and
+/// ends at the first surface. `unread` is true if properties will not be read on the path. RT: no
+/// allocation.
 [[nodiscard]] Trial advance(Tick& tick, Iteration& now, bool unread) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate
