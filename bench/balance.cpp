@@ -25,8 +25,8 @@ struct Totals {
   int most = 0;
 };
 
-/// Solves each problem once per pass, so that the processor cannot learn the problem's branches. A
-/// problem's time is the median over the passes, minus the time of reading the clock.
+/// Solves each problem once per pass, so that the branch prediction does not adapt to a single
+/// problem. A problem's time is the median over the passes, minus the time of reading the clock.
 void run(bench::Family family, int count, long problems, const SolverParams& params,
          double clock_step, Totals& totals) {
   constexpr int kPasses = 5;

@@ -6,7 +6,8 @@
 ///
 /// Prints a row for each of zstd's levels, with 32 and with 16 bits. One thread fetches,
 /// decompresses and checks the bricks in random order, from the system's cache and then from disk.
-/// --formula writes N^3 computed bricks, never all in memory at once, and prints the peak memory.
+/// With --formula, writes N^3 computed bricks and prints the peak memory. Only some of these bricks
+/// are in memory at the same time.
 #include "palpate/samplers/bricks/bricks.h"
 
 #include <algorithm>

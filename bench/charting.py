@@ -93,7 +93,7 @@ def run(description, draw, tables):
 
 
 def where(machine):
-    """Returns the machine, the build and the timing method, in one line."""
+    """Returns the machine, the build and the clock's resolution, in one line."""
     return (f"{machine['processor']}, {machine['compiler']}, `{machine['flags']}`, commit "
             f"{machine['commit']}, {'pinned' if machine['pinned'] else 'not pinned'}, clock step "
             f"{machine['clock_step_ns']:.0f} ns")

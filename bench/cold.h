@@ -14,6 +14,7 @@
 
 namespace palpate::bench {
 
+/// Times of the ticks of one or more runs of a loop.
 struct LoopTimes {
   /// Times of single ticks [us]. For a bare loop: times of reading the clock.
   std::vector<double> tick;
@@ -24,30 +25,34 @@ struct LoopTimes {
   double seconds = 0.0;      ///< Duration over which `cpu` was counted [s].
   bool priority = true;      ///< True if the thread had real-time priority.
 
-  void add(const LoopTimes& other);
+  void add(const LoopTimes& other);  ///< Appends the ticks of other runs.
 };
 
-/// Runs a loop that only sleeps until each tick's time, and reads the clock twice.
+/// Runs a loop for `seconds` [s] at `rate` [Hz] that only sleeps until each tick's time, and reads
+/// the clock twice.
 [[nodiscard]] LoopTimes runBare(double rate, double seconds, const RealtimeRequest& request);
 
+/// Runs the haptic thread over a scene for `seconds` [s] of real time, or until the device ends.
 [[nodiscard]] LoopTimes runHaptic(Device& device, const std::shared_ptr<const Scene>& scene,
                                   const LoopParams& params, double seconds);
 
-/// Print the heading and a row of a table: ticks, wake-ups, late ticks, used share of a core.
+/// Prints the heading of a table: ticks, wake-ups, late ticks, used share of a core.
 void printHead();
+/// Prints one row of the table.
 void printRow(const std::string& loop, const LoopTimes& times);
 
-/// Cores for a Neighbour: the loop's ("own"), another core ("other"), or no Neighbour ("none").
+/// Values of Neighbour's parameter: the loop's own core, another core, or no thread.
 inline constexpr std::array kNeighbours{"own", "other", "none"};
 
 /// Returns the number of the last core, on which a loop beside a Neighbour runs.
 [[nodiscard]] int loopCore();
 
 /// Reproducible other work: a thread runs through 4,096 pieces of code and 8 MB of memory in random
-/// order, with unpredictable branches. On the loop's core its priority is the highest without
-/// real-time priority, so that each tick follows the same kind of work.
+/// order, with unpredictable branches. The thread has the highest priority below real-time
+/// priority. So on the loop's core, each tick follows the same kind of work.
 class Neighbour {
  public:
+  /// @param where  One of kNeighbours.
   explicit Neighbour(const std::string& where);
   Neighbour(const Neighbour&) = delete;
   Neighbour& operator=(const Neighbour&) = delete;

@@ -27,16 +27,17 @@ enum class Explored {
 [[nodiscard]] std::vector<RecordedBalance> recordExploration(Explored what, double seconds,
                                                              std::uint64_t seed);
 
-/// Returns `windows` stretches of `length` ticks that balance `count` primitives, spread evenly
-/// over the recording. Sets `first` where a stretch begins or ticks were skipped.
+/// Returns `windows` sections of `length` ticks that balance `count` primitives, spread evenly over
+/// the recording. Sets `first` where a section begins or ticks were skipped.
 [[nodiscard]] std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recording,
                                                      std::size_t count, std::size_t windows,
                                                      std::size_t length);
 
 /// Anchors of a walk's primitives.
 enum class Anchoring {
-  kFixed,  ///< All stay anchored at the point where the hand began.
-  /// Anchored at the proxy in each tick, as modes do. Directions change by 1e-3 rad per tick.
+  kFixed,  ///< All primitives stay anchored at the point where the hand began.
+  /// All primitives are anchored at the proxy in each tick, as in anchored modes. Directions change
+  /// by 1e-3 rad per tick.
   kCarried,
 };
 

@@ -29,7 +29,7 @@ struct Options {
   std::string neighbour = bench::kNeighbours.front();
 };
 
-/// One variant of the haptic thread, with its times. It runs the hand's whole path in each turn.
+/// One variant of the haptic thread, with its times. All turns together cover the hand's path once.
 struct Loop {
   std::string name;
   LoopParams params;

@@ -33,8 +33,8 @@ class Pinned {
   bool good_ = false;
 };
 
-/// Describes this machine. If `pin`, first pins the calling thread to its present core where
-/// possible.
+/// Describes this machine. If `pin`, first pins the calling thread to its present core, if the
+/// system permits this.
 [[nodiscard]] Machine takeMachine(bool pin = true);
 
 [[nodiscard]] std::string describe(const Machine& machine);

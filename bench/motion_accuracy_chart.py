@@ -35,7 +35,7 @@ FOLLOWED = {"surfaces": [("palpate", "0.01"), ("palpate", "1e-4"), ("plane", "1"
                          ("midpoint", "3")],
             "streams": [("palpate", "0.01"), ("palpate", "1e-4"), ("line", "1"), ("line", "16"),
                         ("RK4", "4")]}
-# Place of a line's label: at which speed, above or below the line, left or right.
+# Place of a line's label: index of the speed, whether the label is above the line, and horizontal alignment.
 LABELS = {("palpate", "0.01"): (1, True, "left"), ("palpate", "1e-4"): (1, False, "left"),
           ("plane", "1"): (0, True, "left"), ("line", "1"): (0, True, "left"),
           ("plane", "16"): (1, False, "left"), ("line", "16"): (1, False, "left"),

@@ -10,13 +10,13 @@
 namespace palpate::methods {
 
 struct Moved {
-  Vec3 proxy = Vec3::Zero();  ///< [m]
-  int reads = 0;              ///< Readings of the field.
-  int cells = 0;              ///< Cells searched for a contact while the proxy was free.
+  Vec3 proxy = Vec3::Zero();  ///< Position of the proxy in W [m].
+  int reads = 0;              ///< Number of readings of the field.
+  int cells = 0;              ///< Number of cells searched for a contact while the proxy was free.
   bool held = false;          ///< True if the proxy is held apart from the hand.
 };
 
-/// How a surface method divides the hand's path in one tick.
+/// Setting of a surface method: how it divides the hand's path in one tick.
 struct SurfaceRule {
   int substeps = 1;  ///< Number of parts of the hand's path.
   /// Number of repetitions of a sub-step, each with the normal half-way to the end of the previous

@@ -3,10 +3,11 @@
 /// with the energy tank. RUNS (default 20000) is the number of the tank's runs "at random" and
 /// "restarted"; other rows have a tenth. HANDS selects rows by a part of their name.
 ///
-/// Columns: - active: runs in which more energy came out than rounding explains. - broken: runs in
-/// which more energy came out than the tank allows, or the tank's energy exceeded the energy put
-/// in. - acts: share of the ticks in which the controller changed the force. - takes: share of the
-/// force that the controller removed (an observer adds force).
+/// Column active: runs in which more energy came out than rounding explains.
+/// Column broken: runs in which more energy came out than the tank allows, or in which the tank's
+/// energy exceeded the energy put in.
+/// Column acts: share of the ticks in which the controller changed the force.
+/// Column takes: share of the force that the controller removed (an observer adds force).
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -187,8 +188,8 @@ int main(int argc, char** argv) {
   }
   if (rows == 0) {
     std::fprintf(stderr,
-                 "palpate_bench_passivity: %s: no hands have that in their name: see the "
-                 "rows it prints without\n",
+                 "palpate_bench_passivity: %s: no row has this text in its name: omit HANDS to "
+                 "see all rows\n",
                  asked_hands);
     return 2;
   }

@@ -30,7 +30,7 @@ class Unmeasured(Exception):
 
 
 def find(pattern, text):
-    """Returns the groups of a pattern that is searched in a program's output. Catch2 may break the output's lines
+    """Returns the groups of the first match of a pattern in a program's output. Catch2 may break the output's lines
     anywhere."""
     found = re.search(pattern, " ".join(text.split()))
     if found is None:

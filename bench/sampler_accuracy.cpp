@@ -169,7 +169,7 @@ ordered_json measureErrors(const Options& options) {
   return results;
 }
 
-/// The ball of the walk. Its band lies away from the borders of the tree's nodes.
+/// The ball of the walk. Its band lies within one of the tree's largest nodes, of 4096^3 voxels.
 struct Ball {
   Vec3 centre = Vec3::Constant(2048.3);
   double radius = 0.0;
@@ -277,13 +277,13 @@ std::vector<Cost> measureCosts(const Contest& contest, const Ball& ball, const O
   const auto sampler = [&](std::size_t i) -> Sampler& { return *contest.contenders[i].sampler; };
 
   takeTurns(count, options.rounds(), "walk and random points", [&](std::size_t i, std::size_t) {
-    // Runs the same steps once without timing, so that all their data are in the caches.
+    // Runs the same steps once without timing, to load their data into the caches.
     static_cast<void>(sampler(i).timeAll(walk));
     costs[i].walk.push_back(timeCalls(sampler(i), walk));
     costs[i].cold.push_back(timeCalls(sampler(i), scatter));
   });
   takeTurns(count, options.firstCalls(), "first calls", [&](std::size_t i, std::size_t round) {
-    // The next call is either one step further along the path, or anywhere in the ball.
+    // The next call is either one step further along the path, or anywhere in the ball's band.
     const auto after = [&](const Vec3& before, const Vec3& now) {
       static_cast<void>(sampler(i).at(before));
       evictor.run();

@@ -38,7 +38,7 @@ QUANTITIES = {"value": "value", "gradient": "gradient", "direction_deg": "gradie
 # Average threshold at which people distinguish two force directions while they see the same direction: Barbagli,
 # Salisbury, Ho, Spence and Tan, "Haptic discrimination of force direction and the influence of visual information", ACM
 # Transactions on Applied Perception 3(2), 2006. Without vision the threshold was 25.6 degrees, with misleading vision
-# 31.9. It does not apply to jumps and textures, for which perception is far finer.
+# 31.9. The threshold does not apply to jumps and textures, for which perception is far finer.
 FORCE_DIRECTION = 18.4
 
 
@@ -63,7 +63,7 @@ def draw_panel(ax, data, field, quantity):
         errors = [r[quantity]["rms"] for r in points]
         hollow = not method.startswith("palpate")
         ax.plot([walk] * len(points), errors, color=colour, linestyle=line, linewidth=1.1, zorder=2)
-        if quantity == "direction_deg":  # the largest error that a hand can meet
+        if quantity == "direction_deg":  # the largest error over all points
             ax.plot([walk] * len(points), [r[quantity]["max"] for r in points], color=colour,
                     marker="_", markersize=9, linestyle="none", alpha=0.7, zorder=2)
         for r, error in zip(points, errors):

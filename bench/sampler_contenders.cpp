@@ -34,7 +34,7 @@ Vec3d asVec3d(const Vec3& v) noexcept {
   return {v.x(), v.y(), v.z()};
 }
 
-// Conversions of results to numbers. Their sum keeps the optimiser from removing the call.
+// Conversions of the results of readings to Sampled.
 Sampled asSampled(double value) noexcept {
   return {value, Vec3::Zero()};
 }
@@ -50,7 +50,8 @@ Sampled asSampled(const VectorSample& s) noexcept {
 Sampled asSampled(const Vec3& v) noexcept {
   return {v.sum(), Vec3::Zero()};
 }
-// Adds plain numbers: in a large source the compiler does not inline Eigen's sum().
+// Adds the numbers of a result, so that the optimiser does not remove the reading. Adds plain
+// numbers, because in a large source the compiler does not inline Eigen's sum().
 template <std::size_t N>
 double added(const double* values) noexcept {
   double sum = 0.0;
@@ -137,8 +138,8 @@ auto openVdb(const typename GridT::Ptr& grid) {
   };
 }
 
-/// Returns a sampler that takes positions in world space, like openvdb::tools::GridSampler.
-/// GridSampler itself needs an accessor that locks.
+/// Returns a sampler whose argument is a position in world space, as for
+/// openvdb::tools::GridSampler. GridSampler itself needs an accessor that locks.
 template <class Read>
 auto fromWorld(const FloatGrid::Ptr& grid, Read read) {
   return [grid, read](const Vec3& p) {

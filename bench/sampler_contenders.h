@@ -30,7 +30,7 @@ class Sampler {
   [[nodiscard]] virtual Sampled at(const Vec3& p) = 0;
   /// Reads at all points, one after the other. Returns the time [ns].
   [[nodiscard]] virtual double timeAll(std::span<const Vec3> points) = 0;
-  /// Returns the time of a single call, including that of the clock [ns].
+  /// Returns the time of a single call, including the time of reading the clock [ns].
   [[nodiscard]] virtual double timeOne(const Vec3& p) = 0;
 };
 

@@ -342,7 +342,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
   return rows;
 }
 
-/// Several clouds within 4 mm of each other, and a hand's path through all clouds.
+/// Several clouds, each within 4 mm of the origin along each axis, and a hand's path through all.
 struct Heap {
   std::vector<Vec3> places;
   std::vector<Vec3> way;

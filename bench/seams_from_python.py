@@ -97,7 +97,8 @@ def rough_ball(at):
 
 
 def around(radius, start=2.0, turns=1.0):
-    """Returns the positions of a hand that goes around the z axis and starts `start` voxels outside."""
+    """Returns the positions of a hand that starts `start` voxels outside of radius + DEPTH, moves in, then
+    circles the z axis at `radius` [voxels]."""
     angle = np.concatenate([np.zeros(COMES), 2 * np.pi * turns * np.arange(TICKS) / TICKS])
     r = np.concatenate([np.linspace(radius + DEPTH + start, radius, COMES), np.full(TICKS, radius)])
     return np.stack([r * np.cos(angle), r * np.sin(angle), np.full_like(r, 0.3)], axis=-1)
@@ -164,7 +165,7 @@ def row_of(name, setting, ns, proxy, force, hand, exact):
 
 
 def measure(settings):
-    """Prints the rows that this process's module gives, as JSON."""
+    """Measures the module that this process imports, and prints the rows as JSON."""
     import palpate
     rows = []
     for word, setting in settings.items():

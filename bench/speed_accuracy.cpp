@@ -1,7 +1,7 @@
-/// Compares speed and accuracy of the methods of the literature and of the engine's solver: time
-/// per balance and error of the proxy, for several settings and families of problems and motions.
-/// Also measures iterations over a recorded exploration (figure 7 of Lundin et al.), and the excess
-/// force of non-orthogonal constraints (section 3.1 of Lundin et al.).
+/// Compares speed and accuracy of the methods of the literature and of the engine's solver.
+/// Measures the time per balance and the error of the proxy, for several settings and families of
+/// problems and motions. Also measures iterations over a recorded exploration (figure 7 of Lundin
+/// et al.), and the excess force of non-orthogonal constraints (section 3.1 of Lundin et al.).
 ///
 ///     palpate_bench_speed_accuracy > speed_accuracy.json
 ///     bench/speed_accuracy_chart.py speed_accuracy.json docs/charts
@@ -83,7 +83,7 @@ Row makeRow(Family family, int count, const Options& options) {
 }
 
 std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBalance>& exploration) {
-  // A motion consists of twenty stretches with a cold start.
+  // A motion consists of twenty sections, each with a cold start.
   constexpr std::size_t kStretches = 20;
   const std::size_t ticks = std::max<std::size_t>(10, options.problems / 4);
   std::vector<Row> rows;
@@ -118,8 +118,8 @@ std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBala
   return rows;
 }
 
-/// Finds the exact answers with the slow reference solver, in quadruple precision, which shares no
-/// code with the measured methods. Throws if an answer is not within 1e-6 S/k.
+/// Finds the exact answers with the slow reference solver, in quadruple precision. The reference
+/// solver shares no code with the measured methods. Throws if an answer is not known to 1e-6 S/k.
 ordered_json findTruth(std::vector<Row>& rows) {
   constexpr double kClose = 1e-6;  // share of S/k
   std::size_t cases = 0;
@@ -130,7 +130,7 @@ ordered_json findTruth(std::vector<Row>& rows) {
       const BalanceProblem& p = balance.problem;
       const test::Reference reference = test::solveReference(p.probe, p.stiffness, p.primitives);
       if (!(reference.error_bound <= kClose * reachOf(p))) {
-        throw std::runtime_error("the reference does not know: " +
+        throw std::runtime_error("the reference solver is not exact to 1e-6 S/k: " +
                                  test::describe(p.probe, p.stiffness, p.primitives));
       }
       row.offsets.push_back(reference.offset);
@@ -343,8 +343,8 @@ std::size_t bestSetting(const Settings& settings, const Row& row, const std::vec
 
 /// Compares the engine's solver with every other method at its best setting for a target, over the
 /// cases in which both reach the target. Also writes the missed cases and two more ratios. The
-/// first takes the cheapest setting of each case, a choice that no program can make, so it favours
-/// the other method. The second covers all cases.
+/// first ratio uses the cheapest setting of each case. No program can make this choice, so the
+/// first ratio favours the other method. The second ratio covers all cases.
 void addRatios(const std::vector<Contender>& contenders, const Row& row,
                const std::vector<Score>& scores, ordered_json& ratios) {
   for (std::size_t o = 0; o < contenders.size(); ++o) {
@@ -432,10 +432,10 @@ ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
       {"rate_hz", 1000}, {"speed_m_s", speed}, {"primitives", primitives}, {"solvers", solvers}};
 }
 
-/// Repeats section 3.1 with three constraints: two at an angle, one orthogonal to both. The
-/// constraints meet at the proxy, and the hand is 5 mm away, in many directions. The excess force
-/// is the difference from the force of the exact balance. The exact balance uses two planes for
-/// each constraint, one for each sense of its direction.
+/// Repeats section 3.1 with three constraints: two at an angle, one orthogonal to both. All
+/// constraints pass through the proxy, and the hand is 5 mm away, in many directions. The excess
+/// force is the difference from the force of the exact balance. The exact balance uses two planes
+/// for each constraint, one for each sense of its direction.
 ordered_json nonorthogonal(const Options& options) {
   constexpr double kStiffness = 500.0;
   constexpr double kAway = 5e-3;  // [m]

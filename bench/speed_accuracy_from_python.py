@@ -61,7 +61,7 @@ def measure(ticks, rounds):
     settings = [(t, 64) for t in TOLERANCES] + [(TOLERANCES[-1], s) for s in SUBSTEPS] + [FINEST]
     rows = [{"interpolation": i, "tolerance": t, "substeps": s, "scene": scene(volume, i, t, s), "ns": []}
             for i in STYLES for t, s in settings]
-    for _ in range(rounds):  # in turns, so that a slow moment of the machine affects all settings
+    for _ in range(rounds):  # in turns, so that other work of the machine affects all settings equally
         for row in rows:
             felt = row["scene"].run(path)[come:]
             row["ns"].append(np.median(felt["tick_ns"]))

@@ -1,5 +1,5 @@
-# Counts how often each part of the tick runs: builds palpate with counters, runs some scenes with it, and leaves the
-# counts where a build with PALPATE_TRAINED looks for them.
+# Counts how often each part of the tick runs. Builds palpate with counters, and runs some scenes with this build.
+# Stores the counts in COUNTS, where a build with PALPATE_TRAINED looks for them.
 #
 #     cmake -D SOURCE=... -D TRAINING=... -D COUNTS=... -D GENERATOR=... -D COMPILER=... -P train.cmake
 cmake_minimum_required(VERSION 3.22)
@@ -13,8 +13,8 @@ run(${CMAKE_COMMAND} -S ${SOURCE} -B ${TRAINING} -G ${GENERATOR} -D CMAKE_BUILD_
   -D PALPATE_BENCH=OFF -D PALPATE_VTK=OFF)
 run(${CMAKE_COMMAND} --build ${TRAINING} --target palpate)
 
-# A surface, a wall with friction, a stream, directions, and two objects that overlap. The compiler cache may have taken
-# objects from another folder, so all counts are written below one folder.
+# A surface, a wall with friction, a stream, directions, and two objects that overlap. The compiler cache may provide
+# objects that were compiled in another folder, so GCOV_PREFIX puts all counts below one folder.
 set(scenes ${TRAINING}/scenes)
 set(counted ${TRAINING}/counted)
 file(REMOVE_RECURSE ${counted} ${COUNTS})

@@ -85,7 +85,7 @@ struct Held {
 struct Run {
   std::vector<Ticks::Row> ticks;
   std::vector<Held> held;
-  /// True if a fault cut the run, because the machine kept the loop from its core for 5 ms.
+  /// True if a fault cut the run, usually because the machine kept the loop from its core for 5 ms.
   bool cut = false;
 };
 

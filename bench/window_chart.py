@@ -63,7 +63,7 @@ def tables(data):
              f"window is {number(data.get('p999_ratio', 0))} of that in memory, in the median.", "",
              table(head, body)]
     if "ticks" in data:
-        # All runs have the same path, so a delay by the machine hits the same tick only in few runs.
+        # All runs have the same path, so a delay by the machine affects the same tick only in few runs.
         lines += ["", "At 0.3 m/s, of each tick its median over the pairs:", "",
                   table(["", "in memory us", "through the window us", "ratio"],
                         [[name, number(a), number(b), f"{b / a:.2f}"] for name, (a, b) in data["ticks"].items()])]

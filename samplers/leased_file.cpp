@@ -45,7 +45,7 @@ bool lease(int file) {
 LeasedFile::Clock::duration longestWait() {
   double seconds = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> seconds;
-  // Without this limit of the system, other programs wait until the lease ends.
+  // If the limit is 0, other programs wait until the lease ends.
   if (!(seconds > 0.0)) return LeasedFile::Clock::duration::max() / 4;
   return std::chrono::duration_cast<LeasedFile::Clock::duration>(
       std::chrono::duration<double>(seconds));
@@ -70,7 +70,8 @@ int copyAll(int from, int to) {
       if (moved > 0) continue;
       if (moved == 0 && lseek(from, 0, SEEK_CUR) > 0) return 0;
       if (moved < 0 && errno == EINTR) continue;
-      // Reached if copy_file_range() does not support the file systems, or for a stated size of 0.
+      // If copy_file_range() does not support the file systems, or if the file states a size of 0,
+      // the loop continues with read() and write().
       if (moved < 0 && (errno == ENOSPC || errno == EIO)) return errno;
       by_system = false;
     }

@@ -9,22 +9,23 @@
 
 namespace palpate {
 
-/// Throws VolumeError for a path that exists() rejects: `what` if it leads to nothing, otherwise
-/// why it cannot be read. `error` is that of std::filesystem::status().
+/// Throws VolumeError for a path that std::filesystem::exists() rejects. If no file has this path,
+/// the reason is `what`; otherwise the reason is the text of `error`.
+/// @param error  Error of std::filesystem::status() for the path.
 [[noreturn]] void throwAbsent(const std::filesystem::path& path, const std::string& what,
                               const std::error_code& error);
 
-/// Prevents other programs from changing a file by a lease, or else makes a private copy.
+/// Keeps a file unchanged while it is read: holds a lease of the file, or makes a private copy.
 ///
 /// OpenVDB reads leaves from a memory map of the file. If a process truncates the file during that
 /// time, the system ends this program (SIGBUS). While this object holds a lease (fcntl(2),
-/// F_SETLEASE), the system blocks processes that truncate the file or open it for writing, for at
-/// most /proc/sys/fs/lease-break-time, by default 45 s. So a long read must call kept() between its
-/// parts.
+/// F_SETLEASE), the system blocks processes that truncate the file or open it for writing. The
+/// system blocks them for at most the time in /proc/sys/fs/lease-break-time [s], by default 45 s.
+/// So the caller must check kept() between the parts of a long read.
 ///
-/// The system refuses a lease if a program is already writing to the file, if another user owns it,
-/// or if it is on a network. Then the object makes a copy that no other program can open. The copy
-/// is in the folder for temporary files or, if that has no room, in memory.
+/// The system refuses a lease if a program is already writing to the file, another user owns the
+/// file, or the file is on a network file system. Then the object makes a copy that no other
+/// program can open. The copy is in the folder for temporary files or, if that fails, in memory.
 ///
 /// For reading only. Cost: two system calls, or the time to copy the file.
 class LeasedFile {
@@ -37,7 +38,8 @@ class LeasedFile {
   LeasedFile& operator=(const LeasedFile&) = delete;
   ~LeasedFile();
 
-  /// Returns the path to open. The original path may lead to another file by now.
+  /// Returns the path to open. It differs from the original path, which may lead to another file by
+  /// now.
   [[nodiscard]] const std::filesystem::path& place() const noexcept { return place_; }
 
   /// Returns true if programs that want to change the file stay blocked for at least half of the

@@ -1,5 +1,5 @@
-/// Private to palpate: modules, which are shared libraries that are loaded at their first use,
-/// because they need further libraries.
+/// Private to palpate: loads modules at their first use. A module is a shared library with code
+/// that needs further libraries.
 #pragma once
 
 #include <string>
@@ -8,9 +8,9 @@
 
 namespace palpate {
 
-/// Names a module.
+/// Names a module, and the package that a user needs to build it.
 struct Module {
-  const char* file;    ///< Name of its file.
+  const char* file;    ///< Name of the module's file, without a folder.
   const char* needed;  ///< The Debian package that a build with this module needs.
 };
 
@@ -18,21 +18,24 @@ struct Module {
 struct ModuleVersion {
   const char* version = kVersion;  ///< The release of palpate that the module belongs to.
 };
-/// The whole symbol. Module and user declare the function's type in a header that both include.
+/// The type of the symbol palpate_module. The module and its caller include one header that
+/// declares the type of the function.
 template <class Function>
 struct ModuleEntry : ModuleVersion {
-  /// Makes the symbol of a module with this function.
+  /// Makes the symbol of a module that offers the function `of`.
   constexpr explicit ModuleEntry(Function* of) noexcept : function(of) {}
   Function* function;  ///< The function that the module offers.
 };
 
-/// Loads a module and returns its symbol. Never unloads it, because it may have threads.
+/// Loads a module and returns its symbol. Never unloads the module, because the module may have
+/// threads.
 ///
-/// The folder is $PALPATE_MODULES if this is an absolute path, else ../lib/palpate of the program
-/// or library that contains this function. If that folder does not exist, the search covers palpate
-/// in the folder `lib` above the program, and the system's folders. A program with more rights than
-/// its user searches only the system's folders. Throws Error if no folder has the file, if it
-/// cannot be loaded, or if all belong to other releases of palpate. Not for a tick: reads files.
+/// Searches $PALPATE_MODULES if this is an absolute path, else ../lib/palpate relative to the
+/// program or library that contains this function. If that folder does not exist, searches
+/// lib/palpate at the nearest folder `lib` above the program, then the system's folders. A program
+/// with more rights than its user searches only the system's folders. Throws Error if no folder has
+/// the file, if the file cannot be loaded, or if all files belong to other releases of palpate. Not
+/// for a tick: reads files.
 ///
 /// @param subject  Error::subject(): the option, file or address that needs the module.
 [[nodiscard]] const ModuleVersion& loadModule(const Module& module, const std::string& subject);

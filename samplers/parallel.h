@@ -9,11 +9,12 @@
 
 namespace palpate {
 
-/// Calls body(0) to body(count - 1) in any order, from several threads. If a call throws, the calls
-/// in progress end, the others are skipped, and the exception is thrown again.
+/// Calls body(0) to body(count - 1) in any order, from several threads. If a call throws, waits for
+/// the calls in progress, skips all other calls, and throws the first exception again.
 ///
-/// tbb::parallel_for would also cancel loops inside other bodies, without an error. Then OpenVDB
-/// would leak trees, and a spline filter would stay unfinished.
+/// After an exception, tbb::parallel_for alone would also cancel the loops that run inside other
+/// bodies, without an error. Then OpenVDB would leak trees, and a spline filter would stay
+/// unfinished.
 template <class Body>
 void inParallel(std::size_t count, Body body) {
   std::atomic<bool> failed{false};

@@ -18,8 +18,9 @@ class GroupEnded : public std::exception {
   [[nodiscard]] const char* what() const noexcept override { return "another rank has failed"; }
 };
 
-/// A process group. All ranks must run the same steps and call gather() equally often. They
-/// communicate only in gather(). workTogether() prevents a failed rank from blocking the others.
+/// A process group. All ranks must run the same steps and call gather() the same number of times.
+/// They communicate only in gather(). workTogether() prevents a failed rank from blocking the
+/// others.
 class ProcessGroup {
  public:
   /// The data that one rank contributes.
@@ -97,8 +98,8 @@ struct Share {
   return {count * group.rank() / group.size(), count * (group.rank() + 1) / group.size()};
 }
 
-/// Runs `work`. Every rank must call this function. If `work` throws on one rank, it ends on all
-/// ranks. At the end, each rank waits for all others.
+/// Runs `work`. Every rank must call this function. If `work` throws on one rank, the other ranks
+/// leave `work` at their next gather(). At the end, each rank waits for all others.
 /// @return  The result of `work`; T() if another rank has failed and reports the error.
 template <class Work>
 [[nodiscard]] auto workTogether(ProcessGroup& group, Work work) -> decltype(work()) {

@@ -1,4 +1,4 @@
-/// Private to samplers: decides when a failed load is tried again.
+/// Private to samplers: decides when the caller may retry a failed load.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ class Retries {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Records a failure. Returns true for the first failure since had() or forget().
+  /// Records a failure of `id`. Returns true for its first failure since had() or forget().
   bool failed(const Id& id, Clock::time_point now) {
     const auto [of, first] = of_.try_emplace(id);
     if (!first) of->second.wait = std::min(2 * of->second.wait, kRarest);

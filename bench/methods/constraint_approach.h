@@ -24,13 +24,21 @@ struct Constraint {
 /// The paper does not state how to convert primitives to constraints. This conversion is the most
 /// favourable one that we know. The answer is the balance if the constrained directions of
 /// different primitives are orthogonal; directed forces may be added. For other sets the answer is
-/// not useful. - A plane constrains its normal in one sense: s_i against the normal, zero along it.
-/// - A line constrains the two directions perpendicular to it, a point all three. One axis of the
-/// constraints is along the motion, so that the strength bounds the length of the force. - Directed
-/// forces move the spring's end: eta leads to probe + sum s_i q_i / k. - Directions that no
-/// primitive constrains follow the spring's end, as with zero strength. - eta starts at the
-/// primitive's anchor: a constraint has no position, so a plane away from the proxy would otherwise
-/// have no effect.
+/// not useful.
+///
+/// A plane constrains its normal in one sense: s_i against the normal, zero along it.
+///
+/// A line constrains the two directions perpendicular to it, a point all three. One axis of the
+/// constraints is along the motion, so that the strength bounds the length of the force.
+///
+/// Directed forces move the spring's end: eta leads to probe + sum s_i q_i / k.
+///
+/// In directions that no primitive constrains, the proxy follows the spring's end, as with zero
+/// strength.
+///
+/// eta starts at the primitive's anchor: a constraint has no position, so a plane away from the
+/// proxy would otherwise have no effect.
+///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.
 /// @param start       Last proxy [m]; has no effect if the answer is the balance.

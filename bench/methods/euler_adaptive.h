@@ -8,8 +8,8 @@
 namespace palpate::methods {
 
 struct EulerAdaptiveParams {
-  double grow = 1.002;   ///< Factor of the step if |f_res| fell.
-  double shrink = 0.75;  ///< Factor of the step if |f_res| did not fall.
+  double grow = 1.002;   ///< Factor by which the step grows if |f_res| fell.
+  double shrink = 0.75;  ///< Factor by which the step shrinks if |f_res| did not fall.
   /// Stops when a move is at most tolerance * S/k, with S the sum of strengths. The steps become
   /// small early, so an error of 1e-3 S/k needs this much smaller tolerance.
   double tolerance = 3e-5;
@@ -19,10 +19,11 @@ struct EulerAdaptiveParams {
 /// Iterates x <- x + (h / k) f_res(x) from `start` with h = 1, where f_res is that of eq. (14).
 /// Every step is accepted. After a step, h grows (up to 1) if |f_res| fell; otherwise h shrinks.
 ///
-/// The paper gives no rule for the step. This rule is the best of nine that we compared, on 400
-/// problems with two primitives of each family of tests/support/problems.h (seed 1), with the limit
-/// 1000. In 94 % it stops within 1e-3 S/k of solveProxy's answer. It needs 55 evaluations of f_res
-/// in the mean, 10 in the median. A rule on E is equally good, but section 4.2 speaks of |f_res|.
+/// The paper gives no rule for the step. This rule is the best of nine that we compared. The
+/// comparison has 400 problems with two primitives of each family of tests/support/problems.h (seed
+/// 1), and the limit 1000. In 94 % of the problems, the rule stops within 1e-3 S/k of solveProxy's
+/// answer. It needs 55 evaluations of f_res in the mean, 10 in the median. A rule that compares E
+/// is equally good, but section 4.2 uses |f_res|.
 ///
 /// A rule that rejects steps which increase E or |f_res| is worse (75 to 84 %): near a kink every
 /// step along f_res increases them. A faster growth of h makes the proxy chatter: 93 % at the

@@ -8,7 +8,7 @@
 namespace palpate {
 
 /// Returns the engine's solver and six methods of the literature over the contact's fixed
-/// primitives, each with the setting that its authors intend.
+/// primitives, each with one setting.
 [[nodiscard]] std::vector<MapMethod> methodsOver(const MapContact& contact);
 
 }  // namespace palpate

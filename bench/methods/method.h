@@ -11,7 +11,7 @@ namespace palpate::methods {
 
 /// The solution of one balance by a method.
 struct Balance {
-  Vec3 offset = Vec3::Zero();  ///< proxy - probe [m]; the hand feels k times this.
+  Vec3 offset = Vec3::Zero();  ///< proxy - probe [m]; the force on the hand is k times this.
   int iterations = 0;          ///< Evaluations of the potential or of f_res (Lundin et al.).
   bool settled = false;        ///< True if the method stopped before its iteration limit.
 };

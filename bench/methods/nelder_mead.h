@@ -20,10 +20,10 @@ struct NelderMeadParams {
 /// (smallest_residual.h). First moves `start` to within S/k of the probe, because the balance is
 /// there.
 ///
-/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives): within
-/// 1e-3 S/k of the answer in 99.8 % with 2 primitives (273 evaluations on average), 99.9 % with 8
-/// (265) and 32 (256). Without the restart the share is 99 % (150 evaluations), because a simplex
-/// can collapse on a kink.
+/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives). The share
+/// of results within 1e-3 S/k of the answer is 99.8 % with 2 primitives (273 evaluations on
+/// average), 99.9 % with 8 (265) and 32 (256). Without the restart the share is 99 % (150
+/// evaluations), because a simplex can collapse on a kink.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

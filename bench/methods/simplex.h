@@ -10,9 +10,10 @@
 namespace palpate::methods {
 
 struct SimplexParams {
-  double size = 1e-3;          ///< Edge of the first simplex along the three axes [m].
-  double tolerance = 1e-6;     ///< Stops when no vertex is farther than this from the best [m].
-  int max_evaluations = 1000;  ///< Checked once per round, so the last round can exceed it by four.
+  double size = 1e-3;       ///< Edge of the first simplex along the three axes [m].
+  double tolerance = 1e-6;  ///< Stops when no vertex is farther than this from the best [m].
+  /// Limit, checked once per round: the last round can exceed it by four.
+  int max_evaluations = 1000;
 };
 
 struct SimplexResult {

@@ -22,9 +22,10 @@ struct SmallestResidualParams {
 /// search can reach the kinks of planes. It reaches the kinks of lines and points only if it starts
 /// at an anchor.
 ///
-/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives): within
-/// 1e-3 S/k of the balance in 93 % with 2 primitives (359 evaluations on average), 86 % with 8
-/// (386), 93 % with 32 (377). More searches find smaller |f_res|, but no more balances.
+/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives). The share
+/// of results within 1e-3 S/k of the balance is 93 % with 2 primitives (359 evaluations on
+/// average), 86 % with 8 (386), 93 % with 32 (377). More searches find smaller |f_res|, but no more
+/// balances.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

@@ -33,6 +33,7 @@ class BrickCodec {
   /// Compresses a brick and returns its object, which is valid until the next call.
   /// @param values  Values of all voxels of the brick, already rounded to the format.
   /// @param active  Active bits of the voxels, kBrickActiveBytes bytes.
+  /// @param compression  Compression level of zstd, 1 to 19.
   [[nodiscard]] std::span<const std::byte> encode(const BrickId& id, std::span<const float> values,
                                                   std::span<const std::uint8_t> active,
                                                   int compression);
@@ -40,8 +41,11 @@ class BrickCodec {
   /// Returns the buffer for the object that decode() reads. It has one byte more than the longest
   /// object, so that a longer object is detected.
   [[nodiscard]] std::span<std::byte> object() noexcept { return object_; }
-  /// Decompresses the first `bytes` of object() into `slot`, and checks that it is brick `id`.
-  /// @param entry  Entry with the expected size and checksum. If null, they are not compared.
+  /// Decompresses the first `bytes` bytes of object() into `slot`, and checks that the result is
+  /// brick `id`.
+  /// @param entry  Entry with the expected size and checksum. If null, decode() does not check
+  ///               them.
+  /// @param slot   Receives the brick, BrickFormat::bytes() bytes.
   [[nodiscard]] BrickVerdict decode(const BrickId& id, std::size_t bytes, const BrickEntry* entry,
                                     std::span<std::byte> slot);
 
@@ -50,7 +54,7 @@ class BrickCodec {
 
   /// Decompresses the object into `slot`. Returns false if the object does not contain a brick.
   [[nodiscard]] bool decompress(std::size_t bytes, std::span<std::byte> slot);
-  /// Returns true if the slot holds another brick, or a brick of another volume.
+  /// Returns true if the slot contains another brick than `id`, or a brick of another volume.
   [[nodiscard]] bool isOthers(const BrickId& id, std::span<const std::byte> slot) const;
   [[nodiscard]] bool isFinite(std::span<const std::byte> slot) const;
 

@@ -35,8 +35,8 @@ class BrickLevelSource {
  public:
   struct Cache {
     BrickWindow::Entry entry;  ///< Entry of the brick that contains the last cell.
-    bool whole = true;         ///< False after a read of a missing brick; the reader sets it to
-                               ///< true before it reads.
+    /// False after a read of a missing brick. The reader sets the member to true before it reads.
+    bool whole = true;
   };
 
   template <int W, bool Edges>
@@ -140,8 +140,9 @@ class BrickField : public Base {
         : fine(std::move(a)), coarse(std::move(b)) {}
     Read fine;    ///< Finest level of the last reading.
     Read coarse;  ///< Next coarser level that contributed to the last reading.
-    /// Time of the tick, on the clock of BrickWindow::arrival. At its initial value, outside of
-    /// ticks or if the window waits, every loaded brick counts as completely faded in.
+    /// Time of the last tick, on the clock of BrickWindow::arrival. Before the first tick, and
+    /// always if the window waits, it has its initial value: every loaded brick counts as
+    /// completely faded in.
     std::int64_t now = std::numeric_limits<std::int64_t>::max();
     Vec3 probe = Vec3::Zero();     ///< Position of the hand [m].
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
@@ -255,8 +256,9 @@ class BrickField : public Base {
     out.entry = entryOf(level, out.cell);
     return out;
   }
-  /// Returns the share s of a level at a point: the minimum, over all bricks within kFade voxels,
-  /// of the brick's faded-in weight plus its distance / kFade. So s is continuous.
+  /// Returns the share s of a level at a point. s is the minimum of a + d / kFade over all bricks
+  /// within kFade voxels, where a is the brick's faded-in weight, and d its distance. So s is
+  /// continuous.
   [[nodiscard]] double shareAt(const At& at, int level, std::int64_t now) const noexcept {
     double least = arrived(at.entry, now);
     std::array<int, 3> side{};
@@ -318,7 +320,8 @@ class BrickField : public Base {
     return distance * map.index_from_world.rowwise().norm();
   }
   /// Calls `of(level, its cache)` if the box between two points, with `about` [m] around it, is in
-  /// the region of the finest level. Returns false if not, or if a brick was removed meanwhile.
+  /// the region of the finest level. Returns false if the box is not in the region, or if a brick
+  /// was removed during the call.
   template <class Of>
   [[nodiscard]] bool byFinest(const Vec3& p_W, const Vec3& q_W, double about, Cache& cache,
                               const Of& of) const noexcept {
@@ -384,7 +387,8 @@ class BrickField : public Base {
     return true;
   }
 
-  /// Returns true if there is data. `coarse`: a coarser level has contributed.
+  /// Reads the row at p_W. Sets `coarse` to true if a coarser level has contributed. Returns true
+  /// if there is data.
   [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
     bool inside = false;
     const auto straight = [&](const Level& level, typename Level::Cache& of) {
@@ -436,7 +440,8 @@ class BrickField : public Base {
     return out;
   }
   /// Calls `of` for the region between two points and `about` [m] around them, if one level
-  /// provides all of it. Returns false if not, or if a brick was removed during the call.
+  /// provides all of it. Returns false if no single level does, or if a brick was removed during
+  /// the call.
   template <class Of>
   [[nodiscard]] bool byOneLevel(const Vec3& a_W, const Vec3& b_W, double about, Cache& cache,
                                 const Of& of) const noexcept {

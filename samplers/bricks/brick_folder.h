@@ -9,7 +9,7 @@
 
 namespace palpate {
 
-/// An open folder. It stays the same folder if the path is renamed or replaced.
+/// An open folder. The object keeps using this folder if the path is renamed or replaced.
 class BrickFolder {
  public:
   /// Opens an existing folder. Throws VolumeError.
@@ -41,7 +41,7 @@ class BrickFolder {
   /// Returns true if the folder contains a file or folder of this name.
   [[nodiscard]] bool has(const std::string& name) const noexcept;
 
-  /// Reads a file into `to`, up to the size of `to`.
+  /// Reads a file into `to`, up to the size of `to`. Sets `got` to the number of bytes read.
   /// @return  0, or the errno of the failure; EISDIR if the name does not belong to a regular file.
   [[nodiscard]] int read(const std::string& name, std::span<std::byte> to,
                          std::size_t& got) const noexcept;
@@ -54,7 +54,7 @@ class BrickFolder {
   void write(const std::string& name, std::span<const std::byte> bytes) const;
   /// Writes a text as the other overload writes bytes.
   void write(const std::string& name, const std::string& text) const;
-  /// Removes partial files of terminated processes. Call it before and after all writes.
+  /// Removes partial files of terminated processes. Call this function before and after all writes.
   void removePartial() const;
   /// Waits until all earlier writes are on the disk.
   void sync() const;

@@ -118,7 +118,7 @@ void setMetadata(const std::string& text, openvdb::GridBase& grid) {
   }
 }
 
-/// Right shift from a voxel's coordinate to its brick's, also if negative [bits].
+/// Right shift that converts a voxel's coordinate, also a negative one, to its brick's [bits].
 constexpr int kBrickShift = 6;
 static_assert(1 << kBrickShift == kBrickSide);
 

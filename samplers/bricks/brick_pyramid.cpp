@@ -49,7 +49,8 @@ void spread(std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, std:
   const std::size_t size = from.size();
   for (std::size_t s = 1; s <= kPyramidReach; ++s) {
     const std::size_t by = s * stride;
-    // Near the edges, bytes of opposite edges are combined. These results are not read.
+    // Near the edges, this combines bytes of opposite edges. The caller does not read these
+    // results.
     for (std::size_t n = 0; n + by < size; ++n) to[n] |= from[n + by];
     for (std::size_t n = by; n < size; ++n) to[n] |= from[n - by];
   }

@@ -25,13 +25,15 @@ struct HalvedBrick {
   std::vector<std::uint8_t> active;
 };
 
-/// Makes the halved bricks of a level on request. Caches the latest kMost. Thread-safe.
+/// Makes the halved bricks of a level on request. Caches the kMost bricks that were requested last.
+/// Thread-safe.
 class HalvedBricks {
  public:
   /// @param source  Source of the bricks of `level`. Its manifest must contain their entries.
   HalvedBricks(BrickSource& source, std::int32_t level);
 
-  /// Returns a halved brick. Throws VolumeError if the brick does not arrive.
+  /// Returns the brick at index `at` of the level, halved. Throws VolumeError if the brick does not
+  /// arrive.
   [[nodiscard]] std::shared_ptr<const HalvedBrick> of(const VoxelAt& at);
 
   /// Returns the manifest of the volume.
@@ -63,9 +65,11 @@ struct CoarserSpace {
 };
 
 /// Makes a brick of the next coarser level, with its apron.
+/// @param at         Index of the brick to make, in the coarser level.
+/// @param level_set  True to activate the voxels that have both signs within three voxels.
 /// @param values  Receives kBrickVoxels values.
 /// @param active  Receives kBrickActiveBytes bytes of active bits.
-/// @return        True if all voxels have one value and state; then only the first is set.
+/// @return        True if all voxels have one value and state. Then only the first voxel is set.
 [[nodiscard]] bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set,
                                 CoarserSpace& space, std::span<float> values,
                                 std::span<std::uint8_t> active);

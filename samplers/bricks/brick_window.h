@@ -47,8 +47,9 @@ struct WindowState {
 /// A pool of bricks of all levels around the hands. A loader thread fills it, first with bricks
 /// near a hand or its predicted path. The whole coarsest level is always loaded.
 ///
-/// Readers share the pool without a lock. To reuse a slot, the loader removes its brick from the
-/// tables and waits until all earlier readers have left: a reader that stays blocks the loader.
+/// Readers share the pool without a lock. To reuse a slot, the loader removes the slot's brick from
+/// the tables, and waits until all earlier readers have left. So a reader that does not leave
+/// blocks the loader.
 class BrickWindow {
  public:
   /// Number of hands that a window can follow. Further hands share the records of the first ones.
@@ -72,7 +73,7 @@ class BrickWindow {
   [[nodiscard]] std::size_t newHand() const noexcept;
   /// Position and velocity of a hand, in index space of level 0 [voxels, voxels/s].
   struct Aim {
-    Vec3 proxy = Vec3::Zero();     ///< Position of the proxy, which surfaces hold.
+    Vec3 proxy = Vec3::Zero();     ///< Position of the proxy.
     Vec3 probe = Vec3::Zero();     ///< Position of the probe.
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the probe.
   };
@@ -121,15 +122,17 @@ class BrickWindow {
     std::uint64_t bits_ = 0;
   };
 
-  /// Returns the number of changes of the tables; equal numbers: equal entries. RT: no lock.
+  /// Returns the number of changes of the tables. While this number stays the same, all entries do.
+  /// RT: no lock.
   [[nodiscard]] std::uint64_t changes() const noexcept;
 
   /// Returns the entry of the brick that contains cell (i, j, k) of a level. For a cell outside of
   /// the pyramid, this is the entry of the background. RT: no lock.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
-  /// Returns the time at which the brick in a slot arrived [ns of the steady clock]; a time long
-  /// ago for other entries and for bricks that arrived far from all proxies. RT: no lock.
+  /// Returns the time at which the brick in a slot arrived [ns of the steady clock]. Returns the
+  /// smallest number for other entries, and for bricks that arrived far from all proxies. RT: no
+  /// lock.
   [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
 
   /// A block of 4^3 voxels: pointers to its rows along the last axis, and its active bits in the
@@ -149,8 +152,8 @@ class BrickWindow {
   /// Returns true while the volume is missing (BrickSource::isThere), 1 to 2 s after the loss.
   /// Bricks in memory stay readable. RT: wait-free.
   [[nodiscard]] bool lost() const noexcept;
-  /// Returns the errors since the last call: a line for each brick and kind, at most 8 of a kind,
-  /// and a line when the whole volume goes missing or returns.
+  /// Returns the errors since the last call: a line for each brick and kind of error, at most 8 of
+  /// a kind. Adds a line when the whole volume is lost or available again.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
   /// Waits until every requested brick has arrived or failed. Returns false after `seconds` [s]. In
   /// virtual time, call it before each tick. Cost: two loads if no request changed.

@@ -164,12 +164,13 @@ class BrickManifest {
   [[nodiscard]] const std::array<float, 3>& background() const noexcept { return background_; }
   /// Returns the levels from the finest to the coarsest. The coarsest level has at most 8 bricks.
   [[nodiscard]] const std::vector<BrickLevel>& levels() const noexcept { return levels_; }
-  /// Returns the entries of a level in the order of BrickId. Bricks without one are background.
+  /// Returns the entries of a level in the order of BrickId. Bricks without an entry are
+  /// background.
   [[nodiscard]] std::span<const BrickEntry> entries(std::int32_t level) const noexcept;
   /// Returns true if the pyramid contains this brick.
   [[nodiscard]] bool has(const BrickId& id) const noexcept;
-  /// Returns the entry of a brick; for a brick without an entry or outside of the pyramid, one of
-  /// the background. RT: no allocation. Cost: logarithm of the number of entries.
+  /// Returns the entry of a brick; for a brick without an entry or outside of the pyramid, an entry
+  /// of the background. RT: no allocation. Cost: logarithm of the number of entries.
   [[nodiscard]] BrickEntry entry(const BrickId& id) const noexcept;
   /// Returns the brick that owns the voxel; std::nullopt if the voxel is outside of the level.
   [[nodiscard]] std::optional<BrickId> holding(std::int32_t level,
@@ -227,7 +228,8 @@ enum class BrickStatus : std::uint8_t {
 /// A requested brick.
 struct BrickWish {
   BrickId id;  ///< The brick.
-  /// Priority. The highest is fetched first; equal ones are fetched in the order of the list.
+  /// Priority. The source fetches the brick of the highest priority first, and bricks of equal
+  /// priorities in the order of the list.
   double priority = 0.0;
 };
 
@@ -262,11 +264,12 @@ class BrickSource {
   /// Requests these bricks and drops all earlier requests. Never waits for a fetch.
   virtual void want(std::vector<BrickWish> wishes) = 0;
 
-  /// Fetches the requested brick of the highest priority into `slot`, also if it has one value.
-  /// Several threads may call it, each with its own slot. Waits for a request for at most
-  /// `patience`, then takes as long as the fetch.
+  /// Fetches the requested brick of the highest priority into `slot`, also if all its voxels have
+  /// one value. Several threads may call next(), each with its own slot. Waits for a request for at
+  /// most `patience`, then for the fetch.
   /// @param slot  BrickFormat::bytes() bytes; unspecified if the brick has not arrived.
-  /// @return      std::nullopt if no brick was requested or, from a store, has arrived in time.
+  /// @return      std::nullopt if no brick was requested within `patience`. A store also returns
+  ///              std::nullopt if no requested brick arrived within `patience`.
   [[nodiscard]] virtual std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                          std::chrono::milliseconds patience) = 0;
 
@@ -274,7 +277,7 @@ class BrickSource {
   /// returns, later fetches read it. Cost: reads a small file.
   [[nodiscard]] virtual bool isThere() = 0;
 
-  /// Fetches one brick at once, independently of all requests.
+  /// Fetches one brick immediately, independently of all requests.
   [[nodiscard]] virtual BrickArrival read(const BrickId& id, std::span<std::byte> slot) = 0;
 
   /// Returns the recent mean duration of a fetch; 0 if it is negligible. The window's look-ahead

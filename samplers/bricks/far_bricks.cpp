@@ -26,7 +26,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kLongestManifest = std::size_t{1} << 30U;
 /// Longest part of a manifest's head that is compared to identify the volume [bytes].
 constexpr std::size_t kLongestHead = std::size_t{64} << 10U;
-/// Most bytes by which compression can enlarge a brick.
+/// Largest number of bytes by which compression can enlarge a brick.
 constexpr std::size_t kMostAround = std::size_t{64} << 10U;
 /// Number of recent bricks over which the delay is averaged.
 constexpr double kDelaysAveraged = 8.0;
@@ -148,7 +148,8 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   const auto known = std::min({body.size(), BrickFacts::headOf(body), kLongestHead});
   head.assign(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(known));
   // Allocates the fetching thread's memory now. Later only the store allocates memory in this
-  // thread, and it reports a lack of memory. Decoding allocates in the thread that calls next().
+  // thread, and the store reports a lack of memory. Decoding allocates in the thread that calls
+  // next().
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
     free.back()->request = store->make();
@@ -160,7 +161,8 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   thread = std::thread([this] { run(); });
 }
 
-/// Fetches an object for a caller that waits. Tries again if no answer comes.
+/// Fetches an object for a caller that waits. If no answer comes, tries again, up to kTries times
+/// in all.
 void FarBricks::State::get(Fetch& fetch, const std::string& object, std::size_t least,
                            std::size_t limit) {
   constexpr int kTries = 3;

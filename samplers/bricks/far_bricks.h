@@ -44,14 +44,14 @@ struct ObjectRequest {
 
   /// Result of the request. kCut means that the object's length is not within `least` and `limit`.
   BrickStatus status = BrickStatus::kUnreadable;
-  /// Length of the object that the server stated, if that length is invalid.
+  /// Length of the object that the server stated [bytes]; set only if that length is invalid.
   std::optional<std::size_t> announced;
   const char* why = nullptr;  ///< Reason for kUnreadable. The text stays valid.
   long code = 0;              ///< Status code of the server for kUnreadable; 0 if unknown.
   /// Time at which the last data arrived, or else at which the request began.
   std::chrono::steady_clock::time_point last;
 
-  /// Describes a new request and clears the result.
+  /// Sets the members that describe a request, and clears the result.
   void ask(std::size_t at_least, std::size_t at_most, bool its_begin = false) noexcept {
     least = at_least;
     limit = at_most;
@@ -83,8 +83,8 @@ class ObjectStore {
   /// Fetches an object and waits for the result. Any thread may call it, but not with a request
   /// that is ever passed to begin().
   virtual void get(const std::string& name, ObjectRequest& request) noexcept = 0;
-  /// Starts a request. When the request has ended, ended() returns it. If the request fails at
-  /// once, begin() returns false, and `request` contains the reason.
+  /// Starts a request. When the request has ended, ended() returns it. If the request cannot be
+  /// started, begin() returns false, and `request` contains the reason.
   [[nodiscard]] virtual bool begin(const std::string& name, ObjectRequest& request) noexcept = 0;
   /// Drops a request in progress. The store neither writes to it nor returns it from ended().
   virtual void drop(ObjectRequest& request) noexcept = 0;
@@ -93,8 +93,9 @@ class ObjectStore {
   virtual void wake() noexcept = 0;  ///< Ends the wait of ended(). Any thread may call it.
 };
 
-/// A folder of bricks in a store. Its thread requests objects. The thread that calls next()
-/// decompresses and checks them like files, so a faulty server cannot deliver wrong bricks.
+/// A folder of bricks in a store. A thread of this object requests objects from the store. The
+/// thread that calls next() decompresses and checks them like files, so a faulty server cannot
+/// deliver wrong bricks.
 class FarBricks final : public BrickSource {
  public:
   /// Fetches the manifest. Throws VolumeError if the store does not answer or has no manifest.

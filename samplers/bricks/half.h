@@ -33,7 +33,8 @@ namespace palpate {
   } else if (size >= 0x477FF000U) {
     half = 0x7C00U;
   } else if (size < 0x38800000U) {
-    // Rounds to a subnormal result: adds a float whose last bit has the weight of the result's.
+    // Rounds to a subnormal result: adds a float whose last bit has the weight of the result's last
+    // bit.
     constexpr std::uint32_t kAdded = ((127U - 15U) + (23U - 10U) + 1U) << 23U;
     const float sum = std::bit_cast<float>(size) + std::bit_cast<float>(kAdded);
     half = std::bit_cast<std::uint32_t>(sum) - kAdded;

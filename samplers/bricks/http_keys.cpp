@@ -70,7 +70,7 @@ std::string takeWord(std::string& line) {
   return word;
 }
 
-/// Reads the part of a line behind the address. Returns no value if it is invalid.
+/// Reads the part of a line after the address. Returns no value if this part is invalid.
 std::optional<HttpKey> keyOf(std::string rest) {
   const auto controls = [](unsigned char c) { return c < ' ' || c == 127; };
   if (std::any_of(rest.begin(), rest.end(), controls)) return std::nullopt;
@@ -83,7 +83,7 @@ std::optional<HttpKey> keyOf(std::string rest) {
   }
   key.name = takeWord(rest);
   key.password = rest;
-  // In HTTP a colon ends the name.
+  // In HTTP's basic method, a colon ends the name.
   const bool valid = kind == "basic" && !key.name.empty() && !key.password.empty() &&
                      key.name.find(':') == std::string::npos;
   return valid ? std::optional(key) : std::nullopt;

@@ -6,7 +6,7 @@
 
 namespace palpate {
 
-/// Scheme, host and port of an address, in the form that libcurl gives them.
+/// Scheme, host and port of an address, in the form that libcurl returns.
 struct HttpOrigin {
   std::string scheme;  ///< "http" or "https".
   std::string host;    ///< Host name or IP address.
@@ -15,7 +15,7 @@ struct HttpOrigin {
   /// Returns true if scheme, host and port are equal.
   [[nodiscard]] bool operator==(const HttpOrigin&) const = default;
 };
-/// Returns the origin of an address; no value if it is invalid, or contains a user.
+/// Returns the origin of an address; no value if the address is invalid, or contains a user.
 [[nodiscard]] std::optional<HttpOrigin> httpOriginOf(const std::string& address);
 
 /// The secret for a server: a token, or a name and a password if the token is empty.

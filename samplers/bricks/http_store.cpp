@@ -38,8 +38,8 @@ bool isAddress(std::string_view name) noexcept {
 struct HttpRequest final : ObjectRequest {
   std::unique_ptr<CURL, EndsEasy> easy;
   bool too_long = false;
-  bool followed = false;  ///< It has followed a redirection.
-  bool keyed = false;     ///< It sends a key.
+  bool followed = false;  ///< True if the request has followed a redirection.
+  bool keyed = false;     ///< True if the request sends a key.
 };
 
 std::optional<std::string_view> valueOf(std::string_view line, std::string_view name) noexcept {
@@ -55,7 +55,7 @@ std::optional<std::string_view> valueOf(std::string_view line, std::string_view 
   return line;
 }
 
-/// Removes a number from the start of `text`. Returns false without a number.
+/// Removes a number from the start of `text`. Returns false if `text` does not start with a number.
 bool takeNumber(std::string_view& text, std::uint64_t& number) noexcept {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   text.remove_prefix(static_cast<std::size_t>(end - text.data()));
@@ -199,7 +199,7 @@ class HttpStore final : public ObjectStore {
   void get(const std::string& name, ObjectRequest& of) noexcept override {
     auto& request = static_cast<HttpRequest&>(of);
     CURL* const easy = request.easy.get();
-    // A long object may take long while bytes arrive, but all tries share one deadline.
+    // A transfer may last long while bytes arrive, but all tries share one deadline.
     const auto deadline = request.last + params_.opened;
     const auto perform = [&] {
       const auto left =
@@ -268,13 +268,14 @@ class HttpStore final : public ObjectStore {
     curl_easy_setopt(easy, CURLOPT_XOAUTH2_BEARER, token ? key_->token.c_str() : nullptr);
     curl_easy_setopt(easy, CURLOPT_USERNAME, sent && !token ? key_->name.c_str() : nullptr);
     curl_easy_setopt(easy, CURLOPT_PASSWORD, sent && !token ? key_->password.c_str() : nullptr);
-    // A proxy would see a key that is sent over http. Such a key is for this machine.
+    // A proxy would see a key that is sent over http. Such a key is for this machine, so it needs
+    // no proxy.
     curl_easy_setopt(easy, CURLOPT_PROXY, sent && origin_.scheme == "http" ? "" : nullptr);
   }
 
   /// If the answer redirects an ended request to the same host, for the first time, prepares the
-  /// request for the new address and returns true. The key goes only to the server that it is for,
-  /// and https is never left.
+  /// request for the new address and returns true. Sends the key only to the key's own server. Does
+  /// not follow a redirection from https to http.
   [[nodiscard]] bool follow(HttpRequest& request) noexcept {
     CURL* const easy = request.easy.get();
     long code = 0;

@@ -8,13 +8,13 @@
 
 namespace palpate {
 
-/// Makes a store of the folder at http://host[:port]/folder or https://..., by libcurl. The first
-/// call loads the module palpate_http.so. Throws VolumeError if the module is missing, or if the
-/// address is invalid, such as with a user or query, or if the file of keys is invalid.
+/// Makes a store of the folder at http://host[:port]/folder or https://..., through libcurl. The
+/// first call loads the module palpate_http.so. Throws VolumeError if the module is missing, or if
+/// the file of keys or the address is invalid. An address with a user or a query is invalid.
 ///
-/// The store sends only GET, and keeps no cookie. It follows one redirection of a request, to the
-/// same host. If PALPATE_HTTP_KEYS names a file with a key for the server, the store sends the key
-/// (http_keys.h).
+/// The store sends only GET requests, and stores no cookies. It follows one redirection of a
+/// request, to the same host. If PALPATE_HTTP_KEYS names a file with a key for the server, the
+/// store sends the key (http_keys.h).
 [[nodiscard]] std::unique_ptr<ObjectStore> makeHttpStore(const std::string& address,
                                                          const StoreParams& params = {});
 /// Type of the function that the module palpate_http.so exports and makeHttpStore() calls.

@@ -25,7 +25,7 @@ struct PosixBricks::State {
   BrickManifest manifest;
 
   std::mutex mutex;
-  /// The open folder. It is opened again if it was removed and restored.
+  /// The open folder. isThere() opens the folder again if it was removed and restored.
   std::shared_ptr<const BrickFolder> folder;
   const bool finished;                ///< True if the folder had a manifest at the start.
   BrickFolder::Stamp manifest_stamp;  ///< Stamp of the manifest when it was last found valid.
@@ -49,7 +49,8 @@ struct PosixBricks::State {
     const std::lock_guard lock(mutex);
     return folder;
   }
-  /// Returns true if the volume is in this folder. If finished, it must still have its manifest.
+  /// Returns true if the volume is in this folder. The manifest must still exist if it existed at
+  /// the start.
   bool isIn(const BrickFolder& some) const {
     return !some.isGone() && (!finished || some.has(kBrickManifestFile));
   }

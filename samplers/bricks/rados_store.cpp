@@ -17,10 +17,10 @@ namespace palpate {
 namespace {
 
 constexpr char kLibrary[] = "librados.so.2";
-/// Longer objects are read in pieces of this size [bytes].
+/// Size of the pieces in which get() reads longer objects [bytes].
 constexpr std::size_t kPiece = std::size_t{4} << 20U;
 
-/// Loads librados. It has threads of its own, so it is never unloaded.
+/// Loads librados. Never unloads it, because librados has threads of its own.
 void* load() {
   void* const library = dlopen(kLibrary, RTLD_NOW | RTLD_LOCAL);
   if (library != nullptr) return library;
@@ -101,7 +101,7 @@ std::optional<Address> parse(std::string_view name) {
   return address;
 }
 
-/// A read in progress. It owns the buffer of librados, which may write to it after drop().
+/// A read in progress. Owns the buffer to which librados may write even after drop().
 struct Read {
   ~Read() {
     if (completion != nullptr) librados().aio_release(completion);
@@ -139,7 +139,8 @@ void conclude(ObjectRequest& request, const char* bytes, int result) noexcept {
   }
 }
 
-/// Returns the size to request: for a whole object one byte more, to detect a longer one.
+/// Returns the size to request. For a whole object this is one byte above the limit, to detect a
+/// longer object.
 std::size_t sizeOf(const ObjectRequest& request) noexcept {
   return request.limit + (request.part ? 0 : 1);
 }
@@ -287,7 +288,7 @@ bool RadosStore::begin(const std::string& name, ObjectRequest& request) noexcept
   return false;
 }
 
-/// Called in a thread of librados.
+/// Marks a read as done. librados calls this function in one of its own threads.
 void RadosStore::finish(rados_completion_t /*completion*/, void* of) noexcept {
   auto& read = *static_cast<Read*>(of);
   RadosStore& store = *read.of;
@@ -306,7 +307,7 @@ void RadosStore::drop(ObjectRequest& request) noexcept {
       completion = read->completion;
     }
   }
-  // aio_cancel may call finish(), which takes the lock, so the lock is free here.
+  // aio_cancel may call finish(), which locks the mutex, so the mutex is not locked here.
   if (completion != nullptr) call_.aio_cancel(pool_, completion);
 }
 

@@ -34,7 +34,8 @@ class RequestQueue {
     wishes_ = std::move(wishes);
   }
   [[nodiscard]] bool empty() const noexcept { return wishes_.empty(); }
-  /// Moves the request of the highest priority to the fetches in progress. The queue is not empty.
+  /// Moves the request of the highest priority to the fetches in progress. The queue must not be
+  /// empty.
   [[nodiscard]] BrickId begin() {
     const BrickId id = wishes_.back().id;
     wishes_.pop_back();

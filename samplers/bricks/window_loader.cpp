@@ -95,7 +95,7 @@ void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   std::memcpy(pool.slotAt(slot), staging.data(), staging.size());
   owners[slot] = id;
   used[slot] = choices;
-  // A brick that arrives far from all proxies counts as faded in at once.
+  // A brick that arrives far from all proxies counts as completely faded in.
   pool.arrivals[slot].store(isNearProxy(id)
                                 ? Clock::now().time_since_epoch() / std::chrono::nanoseconds(1)
                                 : Pool::kLongAgo,
@@ -140,7 +140,7 @@ std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   return victim;
 }
 
-/// Requests the bricks nearest to the present and predicted positions of the hands [bricks].
+/// Requests the bricks nearest to the present and predicted positions of the hands.
 void BrickWindow::Loader::chooseRequests() {
   struct Place {
     Vec3 p;
@@ -281,7 +281,8 @@ void BrickWindow::Loader::checkVolume(Clock::time_point now) {
   }
   std::erase_if(reported, [](const auto& of) { return of.second == BrickStatus::kGone; });
   messages.erase(BrickStatus::kGone);
-  // Earlier fetches may have failed only because of the loss. They are retried at once.
+  // Earlier fetches may have failed only because of the loss, so the loader retries them
+  // immediately.
   failing.forget();
   chooseRequests();
 }

@@ -128,8 +128,8 @@ struct BrickWindow::Pool {
   bool waits;
   std::array<HandReport, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};  ///< Number of calls of newHand().
-  std::atomic<std::uint64_t> aimed{
-      0};                       ///< Counts the reports that require a new choice of requests.
+  /// Number of reports that require a new choice of requests.
+  std::atomic<std::uint64_t> aimed{0};
   std::byte* memory = nullptr;  ///< Memory of all slots, in the order of their indices.
   std::size_t slots = 0;
   std::size_t slot_bytes = 0;  ///< Size of a slot [bytes], a multiple of 64.

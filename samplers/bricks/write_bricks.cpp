@@ -34,7 +34,8 @@ std::string contentsOf(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-/// Returns what the folder contains; makes it if it is missing. Throws Error for other contents.
+/// Returns the state of the folder, and makes the folder if it is missing. Throws Error if the
+/// folder contains anything else.
 Found lookInto(const fs::path& folder, std::uint64_t identity) {
   std::error_code error;
   if (!fs::exists(fs::symlink_status(folder, error))) {
@@ -65,7 +66,7 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
                 "another version of palpate or zstd",
                 remedy);
   }
-  // A terminated run may have left these files.
+  // A terminated run may have left .partial and .zgroup.
   for (const auto& one : fs::directory_iterator(folder, error)) {
     const std::string name = one.path().filename().string();
     if (name != ".partial" && name != ".zgroup") {
@@ -245,7 +246,8 @@ class Writer {
     });
   }
 
-  /// Makes and stores a brick. `fill` returns true if it set the first voxel only, for all voxels.
+  /// Makes and stores a brick. `fill` returns true if all voxels have one value and state, and it
+  /// set only the first voxel.
   template <class Fill>
   void make(const BrickId& id, Fill fill) {
     Space& space = spaces_.local();
@@ -327,7 +329,8 @@ class Writer {
     return false;
   }
 
-  /// Keeps an earlier run's object if it is equal byte for byte: zstd may decompress a damaged one.
+  /// Keeps an earlier run's object if its voxels, compressed again, give the same bytes.
+  /// Decompression alone is not sufficient, because zstd may decompress a damaged object.
   bool keep(const BrickId& id, Space& space) {
     std::size_t got = 0;
     const std::string name = brickObject(id, input_.format);

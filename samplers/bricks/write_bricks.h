@@ -86,9 +86,10 @@ struct BrickReport {
 /// active if one of these eight voxels is active; in a level set, also if both signs occur within 3
 /// voxels. So cells that the surface crosses, and the two cells next to each, have all data.
 ///
-/// Throws Error if the folder contains other files, or bricks of another input or other options; if
-/// another run writes into it; if the disk is full; if the ranks' inputs differ. Throws VolumeError
-/// for values that are not finite or do not fit, and for an invalid extent, transform or class.
+/// Throws Error if the folder contains other files, or bricks of another input or other options.
+/// Also throws Error if another run writes into the folder, the disk is full, or the ranks' inputs
+/// differ. Throws VolumeError for values that are not finite or exceed the range of the format, and
+/// for an invalid extent, transform or class.
 [[nodiscard]] BrickReport writeBricks(const std::filesystem::path& folder, const BrickInput& input,
                                       const BrickOptions& options = {});
 

@@ -61,6 +61,9 @@ template <class Formula>
 }
 
 /// Makes a scalar field that is the distance [m] from the surface of a sphere, negative inside.
+/// @param centre  Centre of the sphere in W [m].
+/// @param radius  Radius of the sphere [m].
+/// @param voxel   Value of FieldFrame::voxel [m].
 [[nodiscard]] std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius,
                                                             double voxel = 1e-3);
 

@@ -39,8 +39,8 @@ struct VoxelArray {
 };
 
 /// Copies the values, and checks them as loadVolume checks a file. Throws VolumeError, with the
-/// array's name, if a size is not within 1 to 2^31 - 1, if the axes do not span a volume, or if
-/// loadVolume would reject the values. Slow: reads every value, in parallel.
+/// array's name, in three cases. A size is not within 1 to 2^31 - 1; the axes do not span a volume;
+/// or loadVolume would reject the values. Slow: reads every value, in parallel.
 [[nodiscard]] std::shared_ptr<const Volume> makeVolume(const VoxelArray& array,
                                                        const LoadOptions& options = {});
 

@@ -14,11 +14,11 @@ namespace palpate::detail {
 /// Along an edge, a distance changes by at most the edge's length, also if it is clipped at the
 /// band's width. The background is that width, and at least one voxel. So in a cell with the
 /// surface, values change by at most the background along each edge. A corner without data has the
-/// value of the background. Its difference to a negative neighbour is larger.
+/// value of the background, so its difference to a negative neighbour exceeds the background.
 ///
 /// kSlack allows for rounding and for inexact distances. It admits a corner without data only
 /// beside a neighbour within kSlack times the background of the surface. The surface moves by less
-/// than kSlack times the band's width: 0.15 voxel for the usual three voxels.
+/// than kSlack times the band's width: 0.15 voxel for the usual band of three voxels.
 ///
 /// @param at  Values of the corners; the last index varies fastest.
 /// @param background  Background of the grid, in the unit of the values.

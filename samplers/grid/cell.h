@@ -166,7 +166,7 @@ class TrilinearKernel {
     rows_.load(at);
   }
 
-  /// Like load(), but takes differences only between voxels with data, the bits of `known`. The
+  /// Like load(), but computes differences only between voxels with data, the bits of `known`. The
   /// derivatives at a voxel without data are zero.
   template <class Number, class Turn>
   [[gnu::noinline]] void loadKnown(const Rows<Number, kWidth>& rows, std::uint64_t known,

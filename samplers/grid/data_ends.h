@@ -10,8 +10,9 @@
 
 namespace palpate {
 
-/// Returns the meaning of inactive voxels by a grid's metadata (kMetaImportedFrom and
-/// kMetaInactiveIsMissing).
+/// Returns the meaning of inactive voxels that a grid's metadata state.
+/// @param imported_from  Value of kMetaImportedFrom; empty if it is not set.
+/// @param missing        Value of kMetaInactiveIsMissing; false if it is not set.
 [[nodiscard]] constexpr Inactive inactiveVoxels(std::string_view imported_from,
                                                 bool missing) noexcept {
   if (missing) return Inactive::kMissing;
@@ -23,8 +24,8 @@ namespace palpate {
 struct DataEnds {
   std::array<int, 3> lower{kLeast, kLeast, kLeast};  ///< First voxel of the box.
   std::array<int, 3> upper{kMost, kMost, kMost};     ///< Last voxel of the box.
-  /// The inactive voxels in the box. If they are kMissing, a place has no data if its value would
-  /// read one of them; if they are kOutside, one active voxel suffices.
+  /// Meaning of the inactive voxels in the box. If kMissing, a place has no data if its value would
+  /// read an inactive voxel. If kOutside, a place has data if its value reads one active voxel.
   Inactive inactive = Inactive::kBackground;
 
   /// Returns true if inactive voxels in the box have no data.

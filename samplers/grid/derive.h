@@ -8,15 +8,17 @@
 
 namespace palpate {
 
-/// Makes a volume of a property derived from `volume`, with the same voxels and precision: the
-/// magnitude, unit, curl, divergence, q or lambda2 of a vector, or the gradient of a scalar.
+/// Makes a volume of a property derived from `volume`, with the same voxels and precision. The
+/// property is the magnitude, unit, curl, divergence, q or lambda2 of a vector, or the gradient of
+/// a scalar.
 ///
 /// Derivatives are central differences at the voxels, per unit of the file, as makeVdbField
 /// interpolates them. Active states are kept. Inactive voxels and the background are 0. Where the
 /// data end (data_ends.h), the derivative of a vector is one-sided, and the gradient of a scalar is
 /// a difference to the background. Active tiles stay tiles, except that voxels at their faces
-/// become leaves. At faces of tiles of more than 128 voxels along an edge, the derivative is left
-/// out. docs/decisions/0017 states how far results differ from properties of interpolated values.
+/// become leaves. The derivative of a tile of more than 128 voxels along an edge is 0, also at the
+/// tile's faces. docs/decisions/0017 states how far results differ from properties of interpolated
+/// values.
 ///
 /// A vector of three grids is read trilinearly at the voxels of the first grid, where all three
 /// have data. Its tiles of more than 128 voxels along an edge become 0.

@@ -106,8 +106,9 @@ class Neighbourhood {
 
   [[nodiscard]] Value value(int n) const noexcept { return own_.value(n); }
 
-  /// Returns the derivative at voxel n by the index along an axis: half the difference of its
-  /// neighbours, the difference to one if the other has no data, or 0.
+  /// Returns the derivative at voxel n by the index along an axis: half the difference of its two
+  /// neighbours. If only one neighbour has data, returns the difference to that neighbour; if
+  /// neither has data, 0.
   [[nodiscard]] auto slope(int n, int axis) const noexcept {
     const int shift = 6 - 3 * axis;
     const int step = 1 << shift;

@@ -66,9 +66,9 @@ std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, i
 }
 
 /// Filters the values in leaves along one axis, in place and in parallel. Calls filter(lines) for
-/// each group of eight lines through a run of leaves. The lines begin and end with 8 `pad` rows of
-/// the values beyond the run; values that the filter writes there are ignored.
-/// @param reach  The widest gap within a run [voxels], at least 8 (pad - 1).
+/// each group of eight lines through a run of leaves. The lines begin and end with 8 * `pad` rows
+/// of the values beyond the run; values that the filter writes there are ignored.
+/// @param reach  The widest gap within a run [voxels], at least 8 * (pad - 1).
 template <class TreeT, class Filter>
 void filterLines(TreeT& tree, int axis, int reach, std::size_t pad, Filter filter) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -91,7 +91,7 @@ void filterLines(TreeT& tree, int axis, int reach, std::size_t pad, Filter filte
     for (Leaf* leaf : leaves) {
       at[static_cast<std::size_t>(leaf->origin()[axis] - first) / kSize] = leaf;
     }
-    // The tiles before the run, after it and in its gaps.
+    // Values of the tiles before the run, after the run and in its gaps.
     std::vector<Sum> tiles(at.size(), Sum(0.0));
     for (std::size_t i = 0; i < at.size(); ++i) {
       openvdb::Coord place = leaves.front()->origin();

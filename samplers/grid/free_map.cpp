@@ -14,8 +14,8 @@ std::int64_t floorTo(std::int64_t x, std::int64_t edge) {
   return x - (rest < 0 ? rest + edge : rest);
 }
 
-/// Computes the Chebyshev distance of all blocks to the nearest zero, in two passes: from the
-/// neighbours before each block, then from those after it (Rosenfeld, Pfaltz 1968).
+/// Computes the Chebyshev distance of all blocks to the nearest zero, in two passes (Rosenfeld,
+/// Pfaltz 1968). The first pass uses the neighbours before each block, the second those after it.
 void spread(std::vector<std::uint8_t>& distance, const std::array<std::size_t, 3>& size) {
   std::array<std::int64_t, 3> n{};
   for (std::size_t a = 0; a < 3; ++a) n[a] = static_cast<std::int64_t>(size[a]);

@@ -1,4 +1,4 @@
-/// Private to samplers: a coarse map of a grid's empty regions, where it replaces readings.
+/// Private to samplers: a coarse map of a grid's empty regions, in which no reading is needed.
 #pragma once
 
 #include <algorithm>
@@ -24,13 +24,14 @@ class FreeMap {
 
   /// Makes the map of a grid that has no data.
   FreeMap() = default;
-  /// Makes the map of a grid that has data only in these boxes. Takes a byte for each block of 8^3
-  /// voxels in their bounds; of 16^3 voxels, and so on, if that exceeds 4 MB. Slow, allocates.
+  /// Makes the map of a grid that has data only in these boxes. Needs one byte for each block of
+  /// 8^3 voxels within their bounds. If that exceeds 4 MB, doubles the edge of the blocks until the
+  /// map fits. Slow, allocates.
   explicit FreeMap(std::span<const Voxels> data);
 
-  /// Returns a lower bound of the Chebyshev distance (largest along an axis) from p_I to the
-  /// nearest voxel with data [voxels]; 0 if data may be next to p_I, or if p_I is NaN. RT: no
-  /// allocation. Cost: a few ns, and one memory access.
+  /// Returns a lower bound of the Chebyshev distance from p_I to the nearest voxel with data
+  /// [voxels]. The Chebyshev distance is the largest distance along an axis. Returns 0 if data may
+  /// be next to p_I, or if p_I is NaN. RT: no allocation. Cost: a few ns, and one memory access.
   [[nodiscard]] double around(const Vec3& p_I) const noexcept {
     double outside = 0.0;
     bool within = true;

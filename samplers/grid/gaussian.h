@@ -10,6 +10,7 @@ namespace palpate {
 
 /// Returns the number of points that a Gaussian reads on each side: three standard deviations, but
 /// at most `most`.
+/// @param deviation  Standard deviation [points], >= 0.
 [[nodiscard]] inline std::size_t gaussianReach(double deviation, std::size_t most) {
   return static_cast<std::size_t>(std::min(3.0 * deviation, static_cast<double>(most)));
 }

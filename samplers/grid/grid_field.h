@@ -137,7 +137,7 @@ class LeafBlock {
     const std::uint64_t here = leaves_[n].active(row) | leaves_[n + two_].active(row) << 8;
     return (here >> z_ & ((1U << W) - 1)) << (i * kW + j) * kW;
   }
-  /// Calls f(i, j) for each row, unrolled: a loop takes a tenth more time.
+  /// Calls f(i, j) for each row, unrolled, because a loop needs a tenth more time.
   template <class F>
   [[gnu::always_inline]] static void forRows(F f) noexcept {
     [&]<std::size_t... N>(std::index_sequence<N...> /*rows*/) __attribute__((always_inline)) {
@@ -362,7 +362,8 @@ class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
       const auto r = static_cast<Eigen::Index>(c);
       v[r] = row[0];
       if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
-        // Beyond the data, the derivative is that of the nearest point with data.
+        // Beyond the data, the derivative is that of the nearest point with data, times a weight
+        // that falls to 0.
         Vec3 q_W = p_W;
         const double weight = this->readers()[c].towardData(q_W);
         if (q_W != p_W) {

@@ -108,7 +108,7 @@ struct IndexMap {
     straight = index_from_world.isDiagonal(0.0);
   }
 
-  /// Returns the position in index space. Most volumes are not rotated, and the branch saves time.
+  /// Returns the position in index space. The branch saves time for volumes that are not rotated.
   [[gnu::always_inline]] Vec3 operator()(const Vec3& p_W) const noexcept {
     if (straight) {
       const double* m = index_from_world.data();
@@ -150,6 +150,7 @@ class LatticeReader {
   ///                     cell has data if all corners are active, or if one is active and the
   ///                     cell holds the surface (band_cell.h). Else one active corner suffices,
   ///                     unless inactive voxels are missing (Inactive).
+  /// @param axial  See Sampling::axial.
   /// @param reach  See Sampling::slope_reach.
   LatticeReader(Source source, const IndexMap& map, std::shared_ptr<const FreeMap> free,
                 bool all_corners, bool axial, double reach)
@@ -428,7 +429,8 @@ class LatticeReader {
     return true;
   }
 
-  /// Takes three numbers, because a wide load of an array would wait for their separate stores.
+  /// Loads cell (i, j, k) into the cache. Has three parameters in place of an array, because a wide
+  /// load of the array would wait for the separate stores of its elements.
   [[gnu::noinline]] void load(int i, int j, int k, Cache& cache) const noexcept {
     constexpr int kBefore = Kernel::kBefore;
     const typename Source::template Block<kWidth, Kernel::kNeedsEdges> block(
@@ -488,7 +490,8 @@ class LatticeReader {
     return holdsSurface(at, background_[0]);
   }
 
-  /// Returns true if the cell at t has data. load() marks all corners of a surface's cell.
+  /// Returns true if the cell at t has data. In a level set, load() marks all corners of a cell
+  /// with the surface as active.
   [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
                                                   const Cache& cache) const noexcept {
     const std::uint64_t active = cache.active;

@@ -19,10 +19,11 @@ struct OpenCells {
   Vec3 first_F = Vec3::Zero();
 };
 
-/// Counts the open cells of the surface V = level of a level set. A cell is open if its corners are
-/// on both sides of the level, and makeVdbField has no data there (ScalarSample::inside). It has an
-/// active corner, or lies beside a cell with data that has one. At an open cell the force vanishes
-/// within one tick. Grids of other classes have no open cells.
+/// Counts the open cells of the surface V = level of a level set. A cell is open under three
+/// conditions. Its corners are on both sides of the level. makeVdbField has no data there
+/// (ScalarSample::inside). The cell has an active corner, or lies beside a cell with data that has
+/// an active corner. At an open cell the force vanishes within one tick. Grids of other classes
+/// have no open cells.
 ///
 /// Does not search the faces of active tiles with edges of more than 128 voxels. Parallel over
 /// leaves. Cost: about 15 reads per active voxel.

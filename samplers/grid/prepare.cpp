@@ -52,7 +52,7 @@ GridClass classOf(const openvdb::GridBase& grid) {
   }
 }
 
-/// Sets range and mean of a grid's active values. Returns false if it is not a GridT.
+/// Sets range and mean of a grid's active values. Returns false if the grid is not a GridT.
 template <class GridT>
 bool describeValues(const openvdb::GridBase& base, GridInfo& info) {
   if (!base.isType<GridT>()) return false;
@@ -70,7 +70,7 @@ bool describeValues(const openvdb::GridBase& base, GridInfo& info) {
   return true;
 }
 
-/// Describes the values of a grid of a type that fields do not read; NaN: unknown.
+/// Describes the values of a grid of a type that fields do not read. Unknown numbers become NaN.
 void describeOther(const openvdb::GridBase& base, GridInfo& info) {
   info.lowest = info.highest = info.mean = info.background =
       std::numeric_limits<double>::quiet_NaN();

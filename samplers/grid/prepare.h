@@ -8,7 +8,7 @@
 
 namespace palpate {
 
-/// The refusal of a grid without active voxels.
+/// Value of GridInfo::refusal for a grid without active voxels.
 inline constexpr const char* kNoActiveVoxel =
     "it has no active voxel: write the grid with its values active";
 
@@ -24,8 +24,8 @@ struct Prepared {
 [[nodiscard]] Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& grid,
                                const LoadOptions& options);
 
-/// Prepares a grid and makes a volume from it. Throws VolumeError with the refusal, if there is
-/// one. The caller must be the only user of the grid.
+/// Prepares a grid and makes a volume from it. Throws VolumeError with GridInfo::refusal if the
+/// grid is unusable. The caller must be the only user of the grid.
 /// @param called  Name of the grid in error messages.
 [[nodiscard]] std::shared_ptr<const Volume> preparedVolume(const std::string& name,
                                                            const openvdb::GridBase::Ptr& grid,

@@ -137,7 +137,7 @@ template <class GridT>
 Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   using Tree = typename GridT::TreeType;
   openvdb::tree::LeafManager<Tree> leaves(grid.tree());
-  // Several parts, because progress is reported after each.
+  // Divides the leaves into several parts, to report the progress after each part.
   const std::size_t parts = progress && leaves.leafCount() > 10000
                                 ? std::max<std::size_t>(16, leaves.leafCount() >> 16U)
                                 : 1;
@@ -168,7 +168,8 @@ Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   return range;
 }
 
-/// Replaces unusable values by the inactive background. An unusable background becomes zero.
+/// Replaces unusable values by the background, and deactivates their voxels and tiles. An unusable
+/// background becomes zero.
 template <class GridT>
 void fillUnusable(GridT& grid) {
   using Value = typename GridT::ValueType;
@@ -217,7 +218,7 @@ void turnVectors(GridT& grid) {
 /// Boxes of the active voxels of a grid.
 struct ActiveBoxes {
   openvdb::CoordBBox as_read;  ///< Box before smoothing.
-  openvdb::CoordBBox now;
+  openvdb::CoordBBox now;      ///< Box after smoothing.
 };
 
 /// Returns the standard deviations along i, j and k [voxels]. Throws VolumeError if one is invalid.

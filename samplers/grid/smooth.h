@@ -31,8 +31,9 @@ auto sizeOf(const T& value) noexcept {
 /// addition to ten for each leaf. Leaves beside other leaves are not limited.
 inline constexpr std::size_t kMostAdded = 250'000;
 
-/// Adds leaves along one axis, wherever a filter changes values that are not in leaves: `count` in
-/// both directions beside a change of the value. Throws openvdb::ValueError if tiles need too many.
+/// Adds leaves along one axis, wherever a filter changes values that are not in leaves. Where the
+/// value changes, adds `count` leaves in both directions. Throws openvdb::ValueError if tiles need
+/// too many leaves.
 template <class TreeT>
 void addLeavesAlong(TreeT& tree, int axis, int count) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -126,7 +127,7 @@ void rebuildBand(GridT& grid) {
   using Value = typename GridT::ValueType;
   const Value band = grid.background();
   if (!(band > Value(0))) OPENVDB_THROW(openvdb::ValueError, "its background is not above zero");
-  // The tracker's constructor would throw too, but leaks memory then.
+  // Without this check, the tracker's constructor would throw, but would leak memory.
   if (!grid.hasUniformVoxels()) OPENVDB_THROW(openvdb::ValueError, "its voxels are not cubes");
   using Leaf = typename GridT::TreeType::LeafNodeType;
   openvdb::tools::LevelSetTracker<GridT> tracker(grid);
@@ -140,7 +141,7 @@ void rebuildBand(GridT& grid) {
       }
     }
   });
-  // A step of the tracker corrects the distances of another 0.3 voxels.
+  // Each step of the tracker corrects the distances in 0.3 voxels more of the band.
   constexpr double kSteps = 1.0 / 0.3;
   constexpr double kMostSteps = 40.0;
   tracker.setNormCount(static_cast<int>(

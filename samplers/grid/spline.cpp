@@ -86,8 +86,8 @@ void filterAlong(TreeT& tree, int axis, double pole) {
     for (std::size_t k = kSize; k < end; ++k) {
       for (std::size_t v = 0; v < kSize; ++v) last[v] = c[k][v] = c[k][v] + pole * last[v];
     }
-    // The state that the backward pass would have at the end of the run if it had begun infinitely
-    // far away, in the constant values beyond the run.
+    // Starts the backward pass as if it came from infinitely far away, through the constant values
+    // beyond the run.
     for (Sum& value : last) {
       value = -pole / (1.0 - pole) * after - pole * pole / (1.0 - pole * pole) * (value - after);
     }
@@ -121,13 +121,14 @@ void completeSurface(const GridT& values, typename GridT::TreeType& coefficients
 }
 
 /// Extrapolates the values of active voxels into the inactive voxels around them, so that a spline
-/// does not meet the background at the edge of the data. Works outwards in kLayers layers. A voxel
-/// gets the mean over its neighbours: along each axis two values are extrapolated linearly, and a
-/// single value is repeated. The voxels stay inactive.
+/// does not bend towards the background at the edge of the data. Works outwards in kLayers layers.
+/// A voxel gets the mean over its neighbours: along each axis two values are extrapolated linearly,
+/// and a single value is repeated. The voxels stay inactive.
 template <class TreeT>
 void continueOutward(TreeT& tree) {
   using Sum = detail::SumOf<TreeT>;
-  constexpr int kLayers = 6;  // the cubic's filter leaves |pole|^6 = 4e-4 of the step beyond them
+  // the cubic's filter reduces a step beyond the layers to |pole|^6 = 4e-4
+  constexpr int kLayers = 6;
   using Mask = openvdb::MaskTree;
   Mask known(tree, false, true, openvdb::TopologyCopy());
   for (int layer = 0; layer < kLayers; ++layer) {

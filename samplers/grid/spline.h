@@ -9,9 +9,10 @@ namespace palpate {
 
 /// Returns, for each part, the coefficients with which a B-spline of degree 2 or 3 passes through a
 /// volume's values. Along each axis, a recursive filter with one pole runs forward and back (Unser,
-/// Aldroubi, Eden 1993). The volume keeps the result. Other callers wait for it.
+/// Aldroubi, Eden 1993). The volume keeps the result. Callers that request it during the
+/// computation wait.
 ///
-/// The tree and the active states are those of the grid, with inactive leaves added around it: the
+/// The tree and the active states are those of the grid, with inactive leaves added around it. The
 /// filter reaches 8 voxels beyond the leaves, where its weight is below 1e-4. In a level set, the
 /// corners of cells that hold the surface (band_cell.h) are active too. Active tiles of 8^3 voxels
 /// become leaves. Larger tiles get leaves along their faces. At faces of 4096^3 tiles that are not

@@ -28,7 +28,8 @@ struct ValueKind {
   std::uint64_t bytes;
   /// Bytes of a value in the nodes of a grid that is saved with 16 bits per number.
   std::uint64_t half_bytes;
-  /// Bytes of a leaf after its mask: origin and bits of a bool; 0 for an array of values.
+  /// Bytes of a leaf after its mask, for bools and masks: the origin and, for bools, the values'
+  /// bits. 0 for other types, which have an array of values.
   std::uint64_t leaf_bytes = 0;
 };
 
@@ -341,8 +342,9 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads numbers of a transform, so small that no later result overflows. Zeros, infinities and
-  /// NaN make the transform singular, which later checks reject.
+  /// Reads numbers of a transform. Rejects finite numbers above 1e30, which could overflow in later
+  /// computations. Zeros, infinities and NaN make the transform singular, which later checks
+  /// reject.
   std::array<double, 16> numbers(std::size_t count) {
     std::array<double, 16> values{};
     for (std::size_t i = 0; i < count; ++i) {
@@ -390,7 +392,8 @@ class VdbCheck::Walk {
     if (has_offsets_ && static_cast<std::int64_t>(position()) != d.block) {
       damaged("a tree's nodes do not end where its values begin");
     }
-    // OpenVDB reads the values by the children's origins, not by the nodes' order in the file.
+    // OpenVDB reads the values in the order of the children's origins, not of the nodes in the
+    // file.
     std::sort(branches.begin(), branches.end(),
               [](const Branch& a, const Branch& b) { return a.origin < b.origin; });
     for (const Branch& branch : branches) {
@@ -462,8 +465,8 @@ class VdbCheck::Walk {
   /// Reads a node's values, with a mask of `Words` words, like OpenVDB's readCompressedValues().
   template <std::size_t Words>
   void values(const Storage& storage, std::uint64_t active, bool unpack = false) {
-    // Meaning of `kind`: 0 to 2: no selection mask; 3 to 5: a selection mask follows; 2, 4 and 5:
-    // one, one and two inactive values follow; 6: all values are stored.
+    // For a `kind` of 3 to 5, a selection mask follows. For 2 and 4, one inactive value follows;
+    // for 5, two inactive values. For 6, all values are stored.
     const auto kind = take<std::uint8_t>();
     if (kind > 6) damaged("the storage type of a node is " + std::to_string(kind) + ", not 0 to 6");
     if (kind == 2 || kind == 4) skip(storage.value);
@@ -473,13 +476,14 @@ class VdbCheck::Walk {
     const std::uint64_t bytes = count * storage.packed;
     if (!storage.zip && !storage.blosc) {
       skip(bytes);
-    } else if (count > 0 || !storage.half) {  // a 16-bit grid has no chunk for zero values
+    } else if (count > 0 || !storage.half) {  // a 16-bit grid has no chunk for an empty array
       chunk(storage, bytes, unpack);
     }
   }
 
-  /// Reads a compressed array of `bytes` bytes. `unpack` also decompresses it, for arrays of tiles:
-  /// if OpenVDB cannot, it loses a child of the root node with everything below.
+  /// Reads a compressed array of `bytes` bytes. If `unpack`, also decompresses the array to check
+  /// it. Arrays of tiles need this check: if OpenVDB cannot decompress one, it leaks a child of the
+  /// root node and all nodes below.
   void chunk(const Storage& storage, std::uint64_t bytes, bool unpack) {
     const auto size = take<std::int64_t>();
     if (size <= 0) {  // the array is stored without compression

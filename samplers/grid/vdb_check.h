@@ -8,15 +8,17 @@
 
 namespace palpate {
 
-/// Returns true if trees of this type (OpenVDB's name) can be read: floats, doubles and their
-/// vectors for a hand; integers, bools and masks for description. Other trees are never read.
+/// Returns true if trees of this type can be read: floats, doubles and vectors of them as volumes;
+/// integers, bools and masks only to describe them. Trees of other types are never read.
+/// @param tree_type  OpenVDB's name of the type.
 [[nodiscard]] bool isReadType(const std::string& tree_type);
 
 /// Reads a file's structure as OpenVDB would, without building a tree. Every count, size and
-/// position must fit. OpenVDB itself does not check: it reads zeros beyond the end of a truncated
-/// file, and a flipped bit can make it allocate gigabytes or crash. Every file that passes can be
-/// read. Values may be wrong, because the format has no checksum. Memory: 64 bytes per leaf.
-/// Members throw VolumeError if the file is truncated or damaged, or its version is not supported.
+/// position must fit. OpenVDB itself does not check them. It reads zeros beyond the end of a
+/// truncated file, and after a flipped bit it can allocate gigabytes or crash. Every file that
+/// passes can be read. Values may be wrong, because the format has no checksum. Memory: 64 bytes
+/// per leaf. Members throw VolumeError if the file is truncated or damaged, or its version is not
+/// supported.
 class VdbCheck {
  public:
   /// Checks everything before the trees. A file without a table of contents is checked completely.
@@ -27,8 +29,8 @@ class VdbCheck {
   VdbCheck& operator=(const VdbCheck&) = delete;
   ~VdbCheck();
 
-  /// Checks the tree of a grid, its own or a shared one. `grid` is the name as users write it.
-  /// Returns the number of bytes that OpenVDB reads. The cost depends on the tree only.
+  /// Checks the tree of a grid, which may be shared with another grid. `grid` is the name as users
+  /// write it. Returns the number of bytes that OpenVDB reads. The cost depends on the tree only.
   std::uint64_t tree(const std::string& grid);
 
  private:

@@ -50,9 +50,10 @@ struct Sampling {
   /// True if vectors have no sign, such as fibre directions. Their signs are aligned in each cell
   /// before the interpolation. Only for trilinear interpolation.
   bool axial = false;
-  double slope_reach = 0.5;  ///< Distance to each side over which the gradient of a trilinear
-                             ///< scalar takes its differences [voxels], > 0 to 1. Only 1/2 and 1
-                             ///< are exact for quadratics. For vectors the distance is always 1.
+  /// Distance to each side over which the gradient of a trilinear scalar is a difference [voxels],
+  /// > 0 and at most 1. Only 1/2 and 1 are exact for quadratics. For vectors the distance is always
+  /// 1.
+  double slope_reach = 0.5;
 
   /// Returns true if all options are equal.
   [[nodiscard]] bool operator==(const Sampling&) const = default;
@@ -63,22 +64,23 @@ struct Sampling {
 /// By default the value V is trilinear. With r = Sampling::slope_reach and a step e_a along lattice
 /// axis a, the gradient of a scalar is g_a(x) = (V(x + r e_a) - V(x - r e_a)) / 2r. The Jacobian of
 /// a vector consists of trilinearly interpolated central differences. Where the data end
-/// (data_ends.h), it is one-sided, and the gradient is a difference to the background. Both are
-/// continuous, per unit of the file, in W. cellGradient() is the gradient of the cell's polynomial.
+/// (data_ends.h), the Jacobian is one-sided, and the gradient is a difference to the background.
+/// The gradient and the Jacobian are continuous. They are per unit of the file, in the axes of W.
+/// cellGradient() is the gradient of the cell's polynomial.
 ///
 /// `inside`: In a level set, all eight voxels of the cell are active, or the cell holds the surface
-/// (band_cell.h), because values beyond the band are not distances. In other grids at least one
-/// voxel is active. For kNearest the nearest voxel is active. For a vector of three grids, all
-/// three are inside. Values are always the stored ones, also in inactive voxels. Beyond 1e9 voxels
-/// from the origin, the value is the background, with zero derivatives.
+/// (band_cell.h). Values beyond the band are not distances. In other grids at least one voxel is
+/// active. For kNearest the nearest voxel is active. For a vector of three grids, all three are
+/// inside. Values are always the stored ones, also in inactive voxels. Beyond 1e9 voxels from the
+/// origin, the value is the background, with zero derivatives.
 ///
 /// Components of staggered grids and of three scalars are read at their own positions: 3 readings.
 ///
 /// B-splines: the first call for a volume and a degree computes the coefficients, in parallel. The
 /// volume keeps them. They take about as much memory as the volume and the leaves added around it.
 /// The spline passes through the stored values to within rounding. Near the edge of a narrow band,
-/// the jump to the constant values beyond causes ripples: a fourth of the jump at one voxel's
-/// distance, and a fifteenth at two voxels.
+/// the jump to the constant values beyond causes ripples. Their height is a fourth of the jump at a
+/// distance of one voxel, and a fifteenth at two voxels.
 ///
 /// Axial vectors: signs have no meaning, and may change from cell to cell, also in derivatives.
 /// Directions that span more than 90 degrees in a cell have no common direction.

@@ -40,7 +40,8 @@ void initialise() {
   static std::once_flag once;
   std::call_once(once, [] {
     openvdb::initialize();
-    // OpenVDB would trust this table of leaf sizes. VdbCheck checks the sizes before each leaf.
+    // OpenVDB would trust the table of leaf sizes in this metadata. VdbCheck checks the sizes
+    // before each leaf.
     openvdb::io::DelayedLoadMetadata::unregisterType();
   });
 }
@@ -115,7 +116,7 @@ class GridReader : private openvdb::io::Archive {
   openvdb::GridBase::Ptr read(const std::string& name) {
     const openvdb::io::GridDescriptor& d = *by_name_.at(name);
     openvdb::GridBase::Ptr grid = readOwn(d);
-    // VdbCheck has checked that the grid that stores the tree does not share one itself.
+    // VdbCheck has checked that the parent grid stores its own tree.
     if (d.isInstance()) {
       grid->setTree(readOwn(grids_.at(d.instanceParentName()))->baseTreePtr());
     }
@@ -203,7 +204,8 @@ class VdbFile {
     if (!isVdb(steady_->place())) {
       throw VolumeError(path.string(), "it is not a .vdb file", importOf(path));
     }
-    // Equals the path in the system's list of maps; that of a private copy ends with "(deleted)".
+    // Equals the path in the system's list of maps. The path of a private copy ends with
+    // "(deleted)".
     canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
     guarded([&] {
       check_.emplace(steady_->place(), path_.string());
@@ -259,9 +261,11 @@ class VdbFile {
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      // After the last part, a lost lease does no harm. kept() is called for its time stamp.
+      // After the last part, a lost lease does no harm. The call of kept() then only updates its
+      // time stamp.
       if (!steady_->kept() && done < 1.0) throwTaken();
-      // The system scans the whole mapped file, so this is not done for every small grid.
+      // Drops the pages only after kMappedBytes, because the system scans the whole mapped file in
+      // each call.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);
       if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
       if (options.progress) options.progress(begun + share * done);
@@ -294,7 +298,7 @@ class VdbFile {
   /// disk, and are later read in parallel. Only one thread reads at a time.
   [[nodiscard]] openvdb::GridBase::Ptr read(const std::string& name) const {
     openvdb::GridBase::Ptr grid;
-    // Isolated: a thread that waits for OpenVDB's loops might begin to read another grid.
+    // Without isolation, a thread that waits for OpenVDB's loops might begin to read another grid.
     tbb::this_task_arena::isolate([&] {
       const std::lock_guard lock(reading_);
       const std::string type = typeOf(name);
@@ -375,7 +379,8 @@ class VdbFile {
     }
   }
 
-  /// Smaller grids are read through the stream: parallel reading would not save time [bytes].
+  /// Size below which a grid is read through the stream [bytes]: parallel reading would not save
+  /// time.
   static constexpr std::uint64_t kSmallGrid = std::uint64_t{1} << 20U;
   /// Largest part of the file that may be in memory in addition to its grids [bytes].
   static constexpr std::uint64_t kMappedBytes = std::uint64_t{1} << 24U;

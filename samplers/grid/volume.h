@@ -16,7 +16,9 @@ namespace palpate {
 
 /// Standard deviation of the Gaussian that smooths a grid.
 struct SmoothWidth {
-  double sigma = 0.0;          ///< [voxels, or file]; 0: no smoothing. At most kMostSmooth voxels.
+  /// Standard deviation [voxels, or the file's unit of length], at most kMostSmooth voxels; 0: no
+  /// smoothing.
+  double sigma = 0.0;
   bool in_file_units = false;  ///< True if `sigma` has the file's unit of length.
 
   /// Returns true if the widths are equal.
@@ -28,9 +30,12 @@ inline constexpr double kMostSmooth = 32.0;
 
 /// Meaning of inactive voxels in the box of active voxels, as the metadata of the grid state.
 enum class Inactive : std::uint8_t {
-  kBackground,  ///< They have the value of the background: the centre of a vortex is at rest.
-  kOutside,     ///< They have no data: the grid is from a mesh, which ends between voxels.
-  kMissing,     ///< They have no data: the grid is from an image with holes.
+  /// Inactive voxels have the value of the background, such as zero velocity in the core of a
+  /// vortex.
+  kBackground,
+  /// Inactive voxels have no data: the grid is from a mesh, whose border is between voxels.
+  kOutside,
+  kMissing,  ///< Inactive voxels have no data: the grid is from an image with missing voxels.
 };
 
 /// Meaning of a grid's values, as the metadata of the grid state.
@@ -85,7 +90,7 @@ class Volume {
   Volume(GridInfo info, std::unique_ptr<const Grid> grid);
   Volume(const Volume&) = delete;
   Volume& operator=(const Volume&) = delete;
-  /// Frees the grid, which takes milliseconds. The haptic thread must not drop the last reference.
+  /// Frees the grid, which needs milliseconds. The haptic thread must not drop the last reference.
   ~Volume();
 
   /// Returns the description of the grid.
@@ -116,9 +121,10 @@ struct LoadOptions {
   NonFinite non_finite = NonFinite::kRefuse;
   /// Width of a Gaussian that smooths the grid. Every voxel counts, active or not, and so does the
   /// background. A voxel that changes and differs from the background then becomes active, except
-  /// in a grid that was made from a mesh. The band of a level set is built again. Smoothing needs
-  /// memory for one copy of the grid, and for the voxels within three standard deviations of it.
-  /// Exception: the faces of tiles of 4096^3 voxels that are not next to a leaf stay sharp.
+  /// in a grid whose inactive voxels have no data (Inactive). The band of a level set is rebuilt.
+  /// Smoothing needs memory for one copy of the grid, and for the voxels within three standard
+  /// deviations of it. Exception: the faces of tiles of 4096^3 voxels that are not next to a leaf
+  /// stay sharp.
   SmoothWidth smooth;
   /// Receives the progress of reading, from 0 to 1. If it throws an Error, the load ends.
   std::function<void(double done)> progress;
@@ -135,9 +141,10 @@ struct LoadOptions {
 
 /// Loads one grid and checks every value, in parallel. Throws VolumeError for a file that
 /// describeGrids rejects, and for an unknown name (the error suggests the nearest name). Also
-/// throws it for an unusable grid: points, values other than scalar and vector floats, a frustum or
-/// singular map, no active voxel, or values that are not finite. During the call, a program that
-/// opens the file for writing waits, unless the file was copied (samplers/leased_file.h).
+/// throws VolumeError for an unusable grid: points, other values than scalar and vector floats, a
+/// frustum or singular map, no active voxel, or values that are not finite. During the call, a
+/// program that opens the file for writing waits, unless the file was copied
+/// (samplers/leased_file.h).
 ///
 /// Each component of a staggered grid keeps its position on a face of its voxel; the split needs
 /// twice the grid's memory. Scalars vel.x, vel.y and vel.z of one type can be loaded as "vel".
@@ -165,8 +172,9 @@ struct LoadResult {
   std::exception_ptr error;
 };
 
-/// Loads volumes in parallel; equal requests once, and each file opened once. `progress` receives
-/// the joint progress, from any thread but one at a time. It must not use TBB.
+/// Loads volumes in parallel. Loads equal requests only once, and opens each file only once. Calls
+/// `progress` with the joint progress, from 0 to 1, from any thread, one call at a time. `progress`
+/// must not use TBB.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);

@@ -112,7 +112,8 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
   return out;
 }
 
-/// Returns how many frames of the largest size the budget holds. Throws VolumeError if too few.
+/// Returns the number of frames of the largest size that fit into the budget. Throws VolumeError if
+/// this number is too small.
 std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t budget,
                      const std::string& name) {
   const std::uint64_t bytes = std::max<std::uint64_t>(largest, 1);
@@ -182,7 +183,8 @@ struct FrameSequence::Slot {
   std::atomic<std::int64_t> held{0};  ///< Time at which a reader last held the frame [ns].
   std::atomic<std::uint64_t> stay{0};
   std::atomic<std::uint64_t> bytes{0};
-  // The thread that has closed the slot writes it. Readers counted in `users` read it.
+  // Only the thread that has closed the slot writes this member. Only readers that `users` counts
+  // may read it.
   Loaded loaded;
 };
 
@@ -524,7 +526,8 @@ bool FrameSequence::wait(std::span<const PlayMoment> moments, double seconds) co
 }
 
 std::uint64_t FrameSequence::neededFor(double speed) const noexcept {
-  // Also counts the frames that were held within kKept, and one frame that is being loaded.
+  // Also counts the frames that readers held within the last kKept, and one frame that is being
+  // loaded.
   double shortest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i < when_.times.size(); ++i) {
     shortest = std::min(shortest, when_.times[i] - when_.times[i - 1]);

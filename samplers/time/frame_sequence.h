@@ -19,7 +19,8 @@ namespace palpate {
 
 /// Times of the frames of a sequence.
 struct FrameTimes {
-  /// Times of the frames, ascending [s]; if `repeat`, also the time at which the first one returns.
+  /// Times of the frames, ascending [s]; if `repeat`, also the time at which the first frame
+  /// returns.
   std::vector<double> times;
   bool repeat = false;  ///< True if the sequence repeats; else the last frame stays.
 
@@ -32,8 +33,8 @@ struct FrameTimes {
 
 /// Options of a sequence.
 struct SequenceParams {
-  std::uint64_t budget =
-      1ULL << 30;  ///< Memory for frames [bytes]. Each counts as much as the largest.
+  /// Memory for frames [bytes]. Each frame counts as much as the largest frame.
+  std::uint64_t budget = 1ULL << 30;
   /// If true, attend() of a field waits up to 60 s for its frames, so that equal motions give equal
   /// forces in virtual time.
   bool waits = false;
@@ -51,7 +52,8 @@ struct SequenceState {
   std::uint64_t bytes = 0;     ///< Size of the frames in memory [bytes].
   /// Number of frames loaded so far, including those that the constructor loaded.
   std::uint64_t fetched = 0;
-  std::uint64_t failed = 0;  ///< Number of frames that could not be loaded. They are tried again.
+  /// Number of frames that could not be loaded. The loader tries them again.
+  std::uint64_t failed = 0;
 };
 
 /// Blend of frames at one time: (1 - share) of frame `low` plus `share` of frame `high`.
@@ -65,18 +67,18 @@ struct PlayMoment {
   [[nodiscard]] bool operator==(const PlayMoment&) const = default;
 };
 
-/// The frames of one grid with a placement. Its thread loads frames before they are played. The
-/// first frame is always in memory. Readers never block the loader. The loader keeps a frame while
-/// a Hold exists, and for 50 ms after that unless SequenceParams::waits is set.
+/// The frames of one grid with a placement. A thread of this object loads frames before they are
+/// played. The first frame is always in memory. Readers never block the loader. The loader keeps a
+/// frame while a Hold exists, and for 50 ms after that unless SequenceParams::waits is set.
 class FrameSequence {
   struct Slot;
 
  public:
   /// Loads each frame once, in order, to find where the frames have data. A frame without the grid
   /// or without an active voxel is background everywhere. Throws VolumeError if a frame cannot be
-  /// read or is a vector of three grids, if no frame has data, or if types differ. Also throws it
-  /// if the budget does not hold five frames, if the times do not ascend, or if their number is not
-  /// that of the frames.
+  /// read or is a vector of three grids, if no frame has data, or if types differ. Also throws
+  /// VolumeError if the memory budget is too small for five frames, or if the times do not ascend
+  /// or do not match the number of frames.
   FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes& when,
                 const Placement& placement, const Sampling& sampling,
                 const SequenceParams& params = {});
@@ -97,7 +99,8 @@ class FrameSequence {
 
   /// Returns the blend of available frames at a time [s]. RT: no allocation. Cost: binary search.
   [[nodiscard]] PlayMoment at(double play) const noexcept PALPATE_NONBLOCKING;
-  /// Returns the distance from a to b [frames]; if the sequence repeats, the shorter one. RT.
+  /// Returns the signed distance from a to b [frames], positive forward. If the sequence repeats,
+  /// returns the shorter of the two distances. RT.
   [[nodiscard]] double way(const PlayMoment& a, const PlayMoment& b) const noexcept;
 
   /// Keeps a frame in memory while the object lives.
@@ -115,7 +118,7 @@ class FrameSequence {
     /// Returns true if the object holds a frame.
     [[nodiscard]] explicit operator bool() const noexcept { return slot_ != nullptr; }
     [[nodiscard]] const FieldPtr& field() const noexcept;  ///< Returns the field of the frame.
-    /// Returns a number that differs after the frame was loaded again.
+    /// Returns a number that changes when the frame is loaded again.
     [[nodiscard]] std::uint64_t stay() const noexcept;
 
    private:
@@ -129,7 +132,7 @@ class FrameSequence {
   /// Reports the play position and its rate [s/s] to the loader. RT: atomic stores only.
   void tell(const PlayMoment& at, double rate) const noexcept PALPATE_NONBLOCKING;
   /// Waits until every frame of these moments is in memory or known to be unavailable. Returns
-  /// false if that takes longer than `seconds` [s]. Not RT.
+  /// false after `seconds` [s]. Not RT.
   [[nodiscard]] bool wait(std::span<const PlayMoment> moments, double seconds) const;
   /// Returns a lock that a caller must hold while it waits for frames. Callers wait one at a time,
   /// because the frames that one caller needs may fill the whole memory. Not RT.
@@ -148,7 +151,8 @@ class FrameSequence {
   [[nodiscard]] int count() const noexcept;
   /// Returns the index of a frame from a number that continues to count when the sequence repeats.
   [[nodiscard]] int within(int frame) const noexcept;
-  /// Returns the next available frame from `frame` on, in direction `way` (1 or -1), or -1.
+  /// Returns the next available frame from `frame` on, in direction `way` (1 or -1); -1 if there is
+  /// none.
   [[nodiscard]] int good(int frame, int way) const noexcept;
 
   std::vector<VolumeRequest> frames_;

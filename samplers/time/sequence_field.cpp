@@ -19,14 +19,16 @@ using Hold = FrameSequence::Hold;
 
 /// Duration of the fade after a jump of play [s].
 constexpr double kJump = 0.05;
-/// Largest distance between the moment shown in the last tick and the moment that the rate of play
-/// implies, weighted by the share of the shown moment [frames]. A larger distance is a jump.
+/// Largest distance without a jump between the moment shown in the last tick and the moment that
+/// the rate of play implies [frames]. The distance is weighted by the share of the shown moment.
 constexpr double kLittle = 0.005;
 /// Longest wait for frames in virtual time [s].
 constexpr double kPatience = 60.0;
-/// Most attempts to hold all frames of a tick. One fails if a frame leaves memory first.
+/// Largest number of attempts to hold all frames of a tick. An attempt fails if a frame leaves
+/// memory before it is held.
 constexpr int kTries = 1000;
-/// Most frames in a reading: two around the play position, and two from which it fades.
+/// Largest number of frames in a reading: two around the play position, and two from which the
+/// reading fades.
 constexpr std::size_t kFrames = 4;
 /// Largest number of readers in ticks at the same time.
 constexpr std::size_t kSeats = 16;
@@ -40,7 +42,8 @@ struct Part {
   FieldCache cache;
 };
 
-/// The frames that a reader reads in a tick. The caches stay valid for its next tick.
+/// Place for the frames that a reader reads in a tick. The caches stay valid for the reader's next
+/// tick.
 struct Seat {
   std::array<Part, kFrames> parts;
   std::size_t count = 0;
@@ -221,7 +224,8 @@ class SequenceField : public Base {
     return out;
   }
 
-  /// Takes a seat for the frames of the shown moment and of the moment from which it fades.
+  /// Takes a seat, and puts into it the frames of the shown moment and of the moment from which the
+  /// reading fades.
   void sit(Reading& of, Pair shown, Pair left) const noexcept {
     takeSeat(of);
     if (of.seat == kNoSeat) {

@@ -12,14 +12,15 @@ namespace palpate {
 /// weighted mean of the two. So readings are continuous in time, at any speed and in both
 /// directions.
 ///
-/// After a jump of play (a seek, the end of a loop, late frames), the reading fades within 50 ms
-/// from the last played moment to the present moment. While frames are missing, it stays at the
-/// shown moment. So it is continuous in time for any change of the play position.
+/// Play jumps after a seek, at the end of a loop, or if frames are late. The reading then fades
+/// within 50 ms from the last played moment to the present moment. While frames are missing, the
+/// reading stays at the last shown moment. So the reading is continuous in time for any change of
+/// the play position.
 ///
-/// The field has data where any blended frame has data. In a blend, surfaces are searched by the
-/// default of ScalarField::firstFall. A reading outside of a tick (without attend()) uses the
-/// first frame. At most 16 readers may be in ticks at the same time; further readers read the first
-/// frame.
+/// The field has data where any blended frame has data. In a blend, the default
+/// ScalarField::firstFall searches for surfaces. A reading outside of a tick (without attend())
+/// uses the first frame. At most 16 readers may be in ticks at the same time; further readers read
+/// the first frame.
 ///
 /// RT: no lock, no allocation. Cost: two readings; four during a fade.
 [[nodiscard]] FieldPtr makeSequenceField(std::shared_ptr<const FrameSequence> sequence);

@@ -25,8 +25,8 @@ constexpr std::size_t kParts = 4;
 constexpr double kMostStretch = 10.0;
 /// Number of floats stored for each node and frame: u and the rate of u.
 constexpr std::size_t kNumbers = 2 * kLanes;
-/// Two intervals count as equal if the shorter is at least this share of the longer: rounding of
-/// times, such as to milliseconds, leaves even steps even.
+/// Two intervals count as equal if the shorter is at least this share of the longer. So times that
+/// are rounded, for example to milliseconds, still have even steps.
 constexpr double kEven = 0.9;
 
 /// Quadratic B-spline weights of three neighbouring nodes, with their first and second derivatives.
@@ -47,11 +47,12 @@ struct Moment {
   std::array<double, 4> rate{};
 };
 
-/// Returns the rate of a number in a frame, by its mean rates in the intervals h0 [s] before and h1
-/// [s] after: the slope of the parabola through the three frames. If the intervals differ, that
-/// parabola may turn within an interval, and the cubic would overshoot its frames. The limits of
-/// Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980) keep the cubic monotone: the rate is 0 at a
-/// turning point and beside a rest, and at most three times the smaller mean rate elsewhere.
+/// Returns the rate of a number in a frame: the slope of the parabola through the frame and its two
+/// neighbours. d0 and d1 are the mean rates in the intervals h0 [s] before and h1 [s] after the
+/// frame. If the intervals differ, that parabola may turn within an interval, and the cubic would
+/// overshoot its frames. The limits of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980) keep the
+/// cubic monotone: the rate is 0 at a turning point and beside an interval of rest. Elsewhere it is
+/// at most three times the smaller mean rate.
 double rateOf(double d0, double d1, double h0, double h1) {
   const double parabola = (d0 * h1 + d1 * h0) / (h0 + h1);
   if (std::min(h0, h1) >= kEven * std::max(h0, h1)) return parabola;
@@ -162,7 +163,8 @@ class GridWarp final : public Warp {
   [[nodiscard]] double topAcceleration() const noexcept override { return top_acceleration_; }
 
   /// Checks the warp at nodes and middles of cells, at frames and between them. Throws SceneError
-  /// if it folds space or stretches too much. Sets the bounds of shifts, speed and acceleration.
+  /// if the warp folds space or stretches too much. Sets the bounds of shifts, speed and
+  /// acceleration.
   void look(const std::string& path) {
     boundShifts();
     std::mutex mutex;
@@ -286,7 +288,8 @@ class GridWarp final : public Warp {
     return c[at];
   }
 
-  /// Computes each frame's rate from it and its two neighbours.
+  /// Computes the rate in each frame from the displacements of the frame and its two neighbours. In
+  /// the first and last frame of a warp that does not repeat, the rate is 0.
   void takeRates() {
     const std::size_t all = nodes_.size() / (count_ * kNumbers);
     if (count_ < 2) return;
@@ -324,7 +327,8 @@ class GridWarp final : public Warp {
         if (f + 1 == count_) continue;
         const double h = times_[f + 1] - times_[f];
         shifts_.extend(-(u + h / 3.0 * rate));
-        // The second derivative of a cubic is linear, so it is largest at one of the ends.
+        // The second derivative of a cubic is linear, so its magnitude is largest at one of the
+        // ends.
         const float* next = node + kNumbers;
         const Vec3 way = (Vec3(next[0], next[1], next[2]) - u) / h;
         const Vec3 after(next[4], next[5], next[6]);

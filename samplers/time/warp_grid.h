@@ -40,16 +40,17 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
 /// In space u is the quadratic B-spline through the nodes. Its slope is continuous, and its
 /// curvature across the lattice's faces is zero. Beyond the faces, u is that of the nearest point
 /// on them. In time u is the cubic Hermite curve through the frames, with slopes of parabolas
-/// through three frames: the rate is continuous. In a frame between uneven intervals the slope is
-/// limited, so that u does not overshoot there. Outside of the frames' times, u is constant, or
-/// repeats.
+/// through three frames: the rate is continuous. At the first and last frame of a warp that does
+/// not repeat, the slope is zero. In a frame between uneven intervals the slope is limited, so that
+/// u does not overshoot there. Outside of the frames' times, u is constant, or repeats.
 ///
-/// Throws SceneError, with `path` and the faulty part (/times/2): no frame; times that do not
-/// ascend or differ in number from the frames; a repeated warp that does not end as it begins; a
-/// displacement that is not finite; more memory than kMostWarpMemory; a warp that folds space or
-/// changes lengths by a factor above ten. The last condition is checked at nodes and middles of
-/// cells, at frames and at the quarters between them. Slow, parallel. Takes 32 bytes per node and
-/// frame, with one more node on each side, and twice that during the call. RT: at() reads 27 nodes.
+/// Throws SceneError, with `path` and the faulty part (/times/2), in these cases. There is no
+/// frame. Times do not ascend, or differ in number from the frames. A repeated warp does not end as
+/// it begins. A displacement is not finite. The warp needs more memory than kMostWarpMemory. The
+/// warp folds space, or changes lengths by a factor above ten; this is checked at nodes and middles
+/// of cells, at frames and at the quarters between them. Slow, parallel. Needs 32 bytes of memory
+/// per node and frame, with one more node on each side, and twice that during the call. RT: at()
+/// reads 27 nodes.
 [[nodiscard]] WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when,
                                const std::string& path);
 
