@@ -27,7 +27,7 @@ std::unique_ptr<Device> makeSimulated(ArmParams arm, const HandTarget& target,
 }
 
 std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
-  // In real time, a simulated arm gets the limits of a real arm.
+  // In real time, the loop treats the simulated arm like a real one.
   ArmParams arm;
   arm.hand = options.realtime;
   return makeSimulated(arm, options.target, options);
@@ -54,7 +54,7 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
 
 /// Opens a simulated hand that follows a mouse or a client.
 std::unique_ptr<Device> openLed(const HandTarget& target, const DeviceOptions& options) {
-  // This device has no motor, so a late tick cannot hurt.
+  // This device has no motor, so a late tick cannot hurt a hand.
   ArmParams arm;
   arm.late = 60.0;
   return makeSimulated(arm, target, options);

@@ -17,10 +17,11 @@ struct DeviceOptions {
   HandTarget target;     ///< Target that a simulated hand follows.
   HandTarget mouse;      ///< Target that the mouse in a window sets; may be empty.
   HandTarget client;     ///< Target that a client of the program's server sets; may be empty.
-  /// The loop runs in real time. A real arm needs this; a simulated arm then gets its limits.
+  /// The loop runs in real time, which a real arm requires. The loop then treats a simulated arm
+  /// like a real one (DeviceInfo::hand).
   bool realtime = false;
-  bool passive = false;                         ///< Use of the tank: TankUse::kAct.
-  double refill = 0.0;                          ///< TankParams::refill [W].
+  bool passive = false;  ///< True: the energy tank reduces the force (TankUse::kAct).
+  double refill = 0.0;   ///< TankParams::refill [W].
   std::function<void(const std::string&)> say;  ///< Receives messages for the user; may be empty.
   /// Returns true if the program should end; polled while an arm is awaited. May be empty.
   std::function<bool()> stop;

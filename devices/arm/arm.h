@@ -42,7 +42,7 @@ struct ArmHost {
   std::function<bool()> stop = nullptr;
   /// The arm's measured friction, for the energy tank; zeros if it is unknown.
   MeasuredArm measured = {};
-  /// Use of the energy tank. If the arm's friction is unknown, the tank is off.
+  /// Use of the energy tank. The tank is off if the arm's friction is unknown.
   TankUse tank = TankUse::kObserve;
   double refill = 0.0;  ///< TankParams::refill [W].
   /// True during `palpate devices --test`. A PID device then has its full gain; other limits hold.
@@ -53,7 +53,7 @@ struct ArmHost {
   std::int64_t (*now)() noexcept = nowNs;
 };
 
-/// Key of an arm's test result, which holds only for the same arm with the same description.
+/// Key of an arm's test result, which is valid only for the same arm with the same description.
 struct ArmIdentity {
   std::string name;  ///< Profile's name, or `plugin:NAME`.
   /// Serial number, or the port where the arm is plugged in. Empty: both are unknown.
@@ -72,7 +72,7 @@ struct ArmIdentity {
 /// Counts of readings and writes since an arm was opened.
 struct ArmTraffic {
   std::int64_t dropped = 0;     ///< Reports that were discarded unread because they were old.
-  std::int64_t writes = 0;      ///< Forces that were sent.
+  std::int64_t writes = 0;      ///< Forces that were sent or passed on to a plug-in.
   std::int64_t longest_ns = 0;  ///< The longest write [ns].
 };
 

@@ -21,7 +21,7 @@
 
 namespace palpate {
 
-/// Memory that the program, the guardian and its watchers share.
+/// Memory that the program, the guardian's process and its watchers share.
 struct Guardian::Shared {
   struct Loop {
     std::atomic<std::uint64_t> heart{0};
@@ -96,7 +96,7 @@ class Message {
   msghdr head_{};
 };
 
-/// Moves both descriptors above 2, because standApart() replaces the descriptors 0 to 2.
+/// Moves both ends above 2, because standApart() replaces the descriptors 0 to 2.
 bool aboveStandard(std::array<int, 2>& ends) noexcept {
   bool good = true;
   for (int& end : ends) {
@@ -202,7 +202,7 @@ Guardian::~Guardian() {
   Guardian* self = this;
   the_guardian.compare_exchange_strong(self, nullptr);
   if (getpid() == maker_) {
-    shutdown(socket_, SHUT_RDWR);   // the child then makes its watchers write zero, and ends
+    shutdown(socket_, SHUT_RDWR);   // the child then makes its watchers write zero and ends
     constexpr int kPatience = 300;  // [ms]: longest wait for the child, which a device may block
     for (int ms = 0; waitpid(child_, nullptr, WNOHANG) == 0; ++ms) {
       if (ms == kPatience) {
@@ -287,7 +287,7 @@ void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
 void Guardian::guard(int socket) noexcept {
   shared_->punctual = standApart(socket);
   std::array<pid_t, kMostLoops> watchers{};
-  // Does not wait for the watcher: it may hang in a driver, and this process must serve other arms.
+  // Does not wait for the watcher, which may hang in a driver: this process must serve other arms.
   const auto end = [](pid_t& watcher) {
     if (watcher > 0) kill(watcher, SIGKILL);
     watcher = 0;
@@ -361,8 +361,8 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
     if (std::exchange(pulse, shared_->pulse.load(std::memory_order_relaxed)) != pulse) {
       kept_at = now;
     }
-    // If the guardian hangs, stops this pulse, so that the loop cuts its force. Only the guardian
-    // can start a watcher for an arm that is plugged in again.
+    // If the guardian hangs, this watcher stops the pulse, so that the loop cuts its force: only
+    // the guardian can start a watcher for an arm that is plugged in again.
     if (now - kept_at < kAlone) loop.pulse.fetch_add(1, std::memory_order_relaxed);
     if (const std::uint64_t seen = loop.heart.load(std::memory_order_relaxed); seen != beats) {
       beats = seen;

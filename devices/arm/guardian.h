@@ -21,7 +21,7 @@ namespace palpate {
 /// The child is a fork() of the process: construct it in main() before any thread is started.
 class Guardian {
  public:
-  /// Time without a tick after which zero is written [s]. The force is zero by 20 ms.
+  /// Time without a tick after which the guardian writes zero [s]. The force is zero within 20 ms.
   static constexpr double kGuardTime = 0.015;
   /// Largest number of loops at a time; each has its own watching process.
   static constexpr std::size_t kMostLoops = 8;
@@ -42,7 +42,7 @@ class Guardian {
   /// again, call this before the loop gives force. Throws DeviceError as watch().
   void renew(const LoopWatch& loop, const ZeroForce& zero);
 
-  /// Stops watching a loop that has ended. Its slot is then free for another loop.
+  /// Stops watching a loop that has ended. The guardian can then watch another loop instead.
   void forget(const LoopWatch& loop);
 
   /// Cuts every loop's force and makes the child write zero force, within 2 ms. Callable from any
@@ -50,9 +50,9 @@ class Guardian {
   void zero() noexcept;
 
   /// Makes exit(), SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGXCPU and crashes call zero()
-  /// first. In all other cases only the child writes zero. The first SIGINT, SIGTERM, SIGHUP or
-  /// SIGQUIT sets `interrupted`, if given; another one more than 0.5 s later ends the process. Only
-  /// one guardian at a time may catch signals.
+  /// first. If the program ends in another way, such as by SIGKILL, only the child writes zero. The
+  /// first SIGINT, SIGTERM, SIGHUP or SIGQUIT sets `interrupted`, if given; another one more than
+  /// 0.5 s later ends the process. Only one guardian at a time may catch signals.
   void catchSignals(volatile std::sig_atomic_t* interrupted = nullptr);
 
   /// Returns the child's process id, for tests.

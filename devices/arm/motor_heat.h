@@ -1,22 +1,24 @@
-/// Estimates the heat of a motor from its commands, and limits the next command by it.
+/// Estimates the heat of a motor from its commands, and limits the next command so that the motor
+/// stays cool enough.
 #pragma once
 
 #include "palpate/engine/types.h"
 
 namespace palpate {
 
-/// Model: a winding's heat follows its squared command with one time constant. The limit is the
-/// heat of the command that the motor can hold forever (`continuous`). Up to the share kWarm of the
-/// limit, a motor may get its peak command. Above, the allowed command falls (allowedByHeat); at
-/// the limit it is `continuous`. The heat stays within the limit even if the program stops and its
-/// last command stays for kHold. A motor starts at the limit, because its earlier use is unknown.
+/// Model: a winding's heat follows the square of its command with one time constant. The limit is
+/// the heat of the command that the motor can hold forever (`continuous`). Up to the share kWarm of
+/// the limit, a motor may get its peak command. Above, the allowed command falls (allowedByHeat);
+/// at the limit it is `continuous`. The heat stays within the limit even if the program stops and
+/// its last command stays for kHold. A motor starts at the limit, because its earlier use is
+/// unknown.
 class MotorHeat {
  public:
   /// Longest time for which the last command may stay on after the program stops [s].
   static constexpr double kHold = 0.02;
 
   /// @param continuous  Command that the motor can hold forever, in any unit; 0: no limit.
-  /// @param heating     Time constant of its winding [s]; > 0 if `continuous` is.
+  /// @param heating Time constant of its winding's heat [s]; must be > 0 if `continuous` > 0.
   MotorHeat(double continuous, double heating) noexcept
       : continuous_(continuous), heating_(heating), heat_(continuous * continuous) {}
 

@@ -17,7 +17,7 @@ constexpr double kLetGo = 2.0;  // [s] for the user to let go of the arm
 constexpr double kRest = 1.0;   // [s] without motion before the first push
 // [s]: the pushes start after this time even if the arm never rests.
 constexpr double kUneasy = 6.0;
-// [m]: an arm that moved farther is falling, because a hand that holds it moves less.
+// [m]: an arm that moved farther is falling, because a hand that lets go moves it less.
 constexpr double kFell = 0.01;
 constexpr double kCaught = 1.0;    // [s]: longest time for which a falling arm is pushed back
 constexpr double kGravity = 9.8;   // [m/s^2]
@@ -31,7 +31,8 @@ constexpr double kBack = 1.5;      // [s] for the spring to bring the arm back
 constexpr double kSpring = 15.0;   // [N/m], of the spring that brings the arm back
 constexpr double kDamper = 1.5;    // [N s/m], of the damper parallel to this spring
 constexpr double kSmooth = 0.01;   // [s]: time constant of the velocity filter
-// Cosine between push and motion; at a larger angle the returning spring would add energy.
+// Cosine of the angle between push and motion. At a larger angle the spring that brings the arm
+// back could add energy.
 constexpr double kStraight = 0.9;
 constexpr double kLightest = 0.02;  // [kg], of a real arm; a smaller mass shows a wrong unit
 constexpr double kHeaviest = 2.0;
@@ -90,8 +91,8 @@ ArmAxes axesWithin(const Mat3& projector) {
   const auto rank = (solver.eigenvalues().array() > 0.5).count();
   ArmAxes axes;
   if (rank == 3) return axes;
-  // A plane is described by its normal, a line by its direction. The axes turn by the smallest
-  // angle that brings the nearest axis onto this vector.
+  // `one` is the normal of a plane, or the direction of a line. The axes turn by the smallest angle
+  // that brings the nearest axis onto `one`.
   Vec3 one = solver.eigenvectors().col(rank == 2 ? 0 : 2);
   Eigen::Index next = 0;
   one.cwiseAbs().maxCoeff(&next);
@@ -195,7 +196,7 @@ Vec3 SelfTest::runPhase() noexcept {
 }
 
 void SelfTest::awaitRest() noexcept {
-  // Restarts at each motion, because the user's hand may still be letting go.
+  // Restarts at each motion, because the user may still be letting go of the arm.
   if ((position_ - from_).norm() > kBegun) {
     from_ = position_;
     still_since_ = now_;
@@ -217,7 +218,7 @@ void SelfTest::awaitRest() noexcept {
 }
 
 Vec3 SelfTest::catchFall() noexcept {
-  // The arm stopped or turned back: the motors can hold it.
+  // If the arm has stopped or turned back, the motors can hold it.
   if (velocity_.dot(falls_) < kStill) caught_ = true;
   if ((position_ - home_).dot(falls_) < kMoved || inPhase() > kCaught) enter(Phase::kDone);
   return -params_.force * falls_;

@@ -38,7 +38,7 @@ struct SelfTestParams {
 
 /// Results along one axis of ArmAxes.
 struct AxisResult {
-  /// The arm has a motor for this axis. If false, the fields below are not set.
+  /// The arm has motors for this axis. If false, the fields below are not set.
   bool driven = false;
   /// The test has begun to push along this axis; false after a fall or an early end.
   bool pushed = false;
@@ -85,7 +85,8 @@ struct SelfTestResult {
 /// has moved by 2 mm. The largest force then acts up to 12 mm, and is reversed until the arm stops.
 /// If the arm has moved in the direction of its pushes, a weak spring brings it back. The friction
 /// comes from a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to all
-/// samples in motion. It uses the delay of F that fits best. RT: next() does not allocate.
+/// samples in motion. The fit uses the delay of F that leaves the smallest error. RT: next() does
+/// not allocate.
 class SelfTest {
  public:
   /// Allocates the memory that next() fills.
@@ -193,8 +194,9 @@ class SelfTest {
 
 /// Compares the path `way` [m] that the arm reports with the distance `length` [m] by which a user
 /// has moved its tip along the axis. Returns the problem as text; empty if the difference is within
-/// a ruler's error. The pushes cannot find a wrong scale, which gives a wrong stiffness. If the
-/// signs of both encoders and motors are wrong, the arm renders a mirrored world.
+/// a ruler's error. The pushes cannot detect a wrong scale, which would give a wrong stiffness.
+/// They also cannot detect wrong signs of both encoders and motors, with which the arm would render
+/// a mirrored world.
 [[nodiscard]] std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes,
                                        int axis);
 

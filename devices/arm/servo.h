@@ -1,5 +1,5 @@
 /// Runs palpate inside another program's servo loop, such as that of CHAI3D, OpenHaptics or a
-/// robot. That loop reads the arm and sends the force that a Servo computes.
+/// robot. The other program reads the arm and sends the force that a Servo computes.
 #pragma once
 
 #include <memory>
@@ -31,10 +31,10 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   ///              into HandState::fault, the position's age into HandState::age. While the position
   ///              repeats exactly, the Servo counts up HandState::still. So the force fades
   ///              (StillFade) if a driver no longer reads its arm.
-  /// @param dt    Time since the last call [s]. The force is cut until clear() if dt exceeds a
-  ///              period by 5 ms, or by three periods if three periods are longer than 5 ms
-  ///              (WatchLimits::late). It is also cut if, for that time, every dt is not finite or
-  ///              below a hundredth of the period, and, in real time, if this call takes too long.
+  /// @param dt Time since the last call [s]. A call that is too late cuts the force until clear():
+  /// its dt exceeds a period by 5 ms, or by three periods if these are longer (WatchLimits::late).
+  /// The force is also cut if, for this time, every dt is not finite or below a hundredth of the
+  /// period. In real time, a call that takes too long also cuts the force.
   /// @return      Force for the arm in W [N].
   /// RT: no allocation, no lock, no system call.
   [[nodiscard]] Vec3 tick(const HandState& hand, double dt) noexcept PALPATE_NONBLOCKING;

@@ -129,8 +129,8 @@ MeasuredArm measuredArm(const ArmIdentity& identity) {
   measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
   measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
   measured.mass = std::max(0.0, *std::min_element(mass.begin(), mass.end()));
-  // [s]: for friction other than b and c, the amplifiers' lag, and the times of reading and writing
-  // in a tick, which the fit does not model.
+  // [s]: error of the delay from effects that the fit does not model: friction other than b and c,
+  // the amplifiers' lag, and the times of reading and writing in a tick.
   constexpr double kUnknown = 0.5e-3;
   double early = kMostDelay;
   double late = 0.0;

@@ -13,8 +13,8 @@ namespace palpate {
 /// Returns the file in which `palpate devices --test` keeps its results:
 /// $XDG_STATE_HOME/palpate/arms.json or ~/.local/state/palpate/arms.json.
 [[nodiscard]] std::filesystem::path testedArmsFile();
-/// Returns true if this arm has passed with its present description, with its scale measured along
-/// every axis. An arm without ArmIdentity::own never counts as tested.
+/// Returns true if this arm has passed its test with its present description and with its scale
+/// measured along every axis. An arm without ArmIdentity::own never counts as tested.
 [[nodiscard]] bool isTested(const ArmIdentity& arm);
 /// Returns the test's measurements, with friction reduced by its uncertainty; zeros if not tested.
 [[nodiscard]] MeasuredArm measuredArm(const ArmIdentity& arm);

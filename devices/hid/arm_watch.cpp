@@ -183,7 +183,7 @@ std::string ArmWatch::arm(std::int64_t now) const {
                          p_W.z());
     }
     if (pose.reachable) {
-      // A 3D mouse sends no reports while it rests.
+      // A 3D mouse sends no reports while it rests, so the age of its position is not shown.
       const double age = seconds(now - oldest);
       const bool old = age > profile_.limits.stale && profile_.rate_control <= 0.0;
       out += old ? fmt::format(", {:.2f} s ago\n", age) : "\n";

@@ -14,7 +14,7 @@ namespace palpate {
 
 /// Decodes an arm's reports by a profile and formats their values. Use each object on one thread.
 ///
-/// Computes joints like HidDevice, but without homing: a counter that wraps begins with the turn
+/// Computes joints like HidDevice, but without homing: a counter that wraps begins in the range
 /// that brings the tip nearest to the origin of W. With home_at_open, the first reports give the
 /// home pose.
 class ArmWatch {
@@ -61,8 +61,9 @@ class ArmWatch {
   std::vector<double> home_raw_;  ///< First raw values of the joints' fields.
   std::vector<bool> seen_;
   Joints joints_{};
-  std::int64_t passed_by_ = 0;  ///< Reports that are not shown: kMostStrange kinds are already.
-  std::int64_t span_ = 0;       ///< Time of the last call of picture() [ns].
+  /// Reports of further unknown kinds, beyond kMostStrange; they are not shown.
+  std::int64_t passed_by_ = 0;
+  std::int64_t span_ = 0;  ///< Time of the last call of picture() [ns].
   bool begun_ = false;
   std::vector<std::byte> buffer_;
 };

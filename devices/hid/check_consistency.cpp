@@ -36,8 +36,9 @@ void checkOutput(const JsonNode& fields, const HidProfile& profile) {
   }
 }
 
-/// If the arm homes itself, palpate takes the turn of each counter that brings the tip nearest to
-/// the origin of W. This is right only if one more turn would move the tip out of the workspace.
+/// If the arm homes itself, palpate assumes that each counter is in the range that brings the tip
+/// nearest to the origin of W. This is right only if the next range moves the tip out of the
+/// workspace.
 void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileFacts& facts) {
   if (profile.home_at_open || !profile.home.empty()) return;  // homing determines the turn
   const ArmPose middle = profile.kinematics->at(facts.middle);
@@ -48,7 +49,8 @@ void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileF
     const double range =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits));
     const double way = range * middle.jacobian[i].norm();
-    // A counter's range of a whole turn of the joint leads to the same position.
+    // If the counter's range is a whole turn of the joint, one more range leads to the same
+    // position.
     Joints turned = facts.middle;
     turned[i] += range;
     const bool same =
@@ -113,7 +115,8 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
       strongest = &motor;
     }
   }
-  // A motor that moves the tip across the force needs little torque: checks the largest share only.
+  // A motor that moves the tip across the force needs little torque, so only the largest share is
+  // checked.
   if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
     root.child("kinematics")
         .child("joints")

@@ -93,7 +93,8 @@ HidReportSpec reportOf(const FileReport& file, const Node& node, bool output) {
   return report;
 }
 
-/// Returns the output report. Its fields share no bit, and it fits into a guardian's buffer.
+/// Returns the output report. Checks that its fields share no bit, and that the report fits into a
+/// guardian's buffer.
 HidReportSpec outputOf(const FileReport& file, const Node& node) {
   HidReportSpec report = reportOf(file, node, true);
   constexpr std::size_t kMostOut = ZeroForce::kMostBytes - 1;
@@ -308,7 +309,8 @@ std::vector<HidStep> stepsOf(const std::vector<FileStep>& file, const Node& root
   return steps;
 }
 
-/// Reads the reports. Their numbers and the names of all input fields must be unique.
+/// Adds the reports to the profile. Checks that their numbers and the names of all input fields are
+/// unique.
 void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile) {
   const Node input = root.child("input");
   std::set<std::string> names;
@@ -362,8 +364,8 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
   }
 }
 
-/// Reads the axes of a PID device. Until the device's descriptor is known, positions are fractions
-/// of the travel and forces are fractions of the full force.
+/// Adds the axes of a PID device to the profile. Until the device's descriptor is known, positions
+/// are fractions of the travel and forces are fractions of the full force.
 void takePid(const Node& root, HidProfile& profile) {
   const Node axes = root.child("pid").child("axes");
   std::vector<PidAxisSpec>& all = profile.pid;

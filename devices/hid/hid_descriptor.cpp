@@ -65,13 +65,14 @@ struct Globals {
   std::uint32_t unit = 0;
 };
 
-/// Returns the ends of a range; both are signed if the lower end is below 0.
+/// Returns the ends of a range. If the lower end is below 0, both ends are signed.
 std::pair<std::int64_t, std::int64_t> range(const Item& least, const Item& most) {
   const std::int64_t low = least.withSign();
   return {low, low < 0 ? most.withSign() : static_cast<std::int64_t>(most.value)};
 }
 
-/// HID 1.11 defines four bits with a sign, but most devices write a signed byte.
+/// Returns the exponent in an item. HID 1.11 defines four bits with a sign, but most devices write
+/// a signed byte.
 int exponentOf(const Item& item) {
   const auto whole = static_cast<int>(std::clamp<std::int64_t>(item.withSign(), -8, 15));
   return whole > 7 ? whole - 16 : whole;

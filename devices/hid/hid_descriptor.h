@@ -30,15 +30,15 @@ struct DescribedUsages {
 /// Adjacent fields that one item of a descriptor describes.
 struct DescribedFields {
   DescribedReport::Way way = DescribedReport::Way::kInput;  ///< Direction of their report.
-  /// Number of their report; 0: it has no number.
+  /// Number of their report; 0: the report has no number.
   std::uint8_t id = 0;
   std::uint32_t bit = 0;    ///< Lowest bit of the first field, in the bytes after the number.
   std::uint32_t bits = 0;   ///< Bits of each field, > 0.
   std::uint32_t count = 0;  ///< Number of fields, > 0.
   bool constant = false;    ///< The fields are padding without meaning.
-  /// Each field holds an index into `usages`, counted from `least`.
+  /// The value of each field is an index into `usages`, counted from `least`.
   bool array = false;
-  bool relative = false;   ///< The fields hold changes, not positions.
+  bool relative = false;   ///< The values are changes, not positions.
   std::int64_t least = 0;  ///< Lowest raw ("logical") value.
   std::int64_t most = 0;   ///< Highest raw value.
   /// Physical value of `least`, in 10^exponent units; default `least`.
@@ -67,10 +67,10 @@ struct HidDescriptor {
 /// Parses a report descriptor (Device Class Definition for HID 1.11, 6.2.2). Any bytes are safe.
 /// Cost: O(bytes), and for each field O(enclosing collections).
 ///
-/// Returns no value if the bytes describe no report or are invalid. Invalid are: an item that is
-/// cut off, a pop without a push, an end without a begin, a report number 0. Also invalid are a
-/// report of more than 16 kB (the limit of Linux), more than 1,024 items with fields, 32 nested
-/// collections, or 1,024 usages of one item.
+/// Returns no value if the bytes describe no report or are invalid. The following are invalid: an
+/// item that is cut off, a pop without a push, an end without a begin, a report number outside of 1
+/// to 255. A report of more than 16 kB (the limit of Linux) is also invalid. So are more than 1,024
+/// items with fields, 64 pushes, 32 nested collections, or 1,024 usages of one item.
 [[nodiscard]] std::optional<HidDescriptor> parseHidDescriptor(std::span<const std::byte> bytes);
 
 /// A difference between a profile and the device.

@@ -17,7 +17,7 @@ namespace palpate {
 namespace {
 
 constexpr auto kFirstReport = std::chrono::seconds(1);
-// Some firmware sends a report only when asked.
+// Time between two reports of zero force while the driver waits: some firmware sends only replies.
 constexpr auto kAsk = std::chrono::milliseconds(10);
 constexpr auto kMend = std::chrono::milliseconds(50);
 using Clock = std::chrono::steady_clock;
@@ -183,8 +183,8 @@ HidDevice::~HidDevice() {
 }
 
 void HidDevice::leave(ReportPort& port, HidInput& input) noexcept {
-  // Repeats a report that could not be sent. A failed step does not stop the later steps, because
-  // they switch the amplifiers off.
+  // Repeats a report that could not be sent. Continues after a failed step, because later steps may
+  // switch the amplifiers off.
   constexpr int kTries = 3;
   const auto insist = [](auto&& goes_out) {
     for (int i = 0; i < kTries && !goes_out(); ++i) continue;
@@ -354,7 +354,8 @@ void HidDevice::mendLoop() noexcept {
       port.reset();
     }
     if (port != nullptr) {
-      // Redirects the guardian's descriptor to the new device; its number stays the same.
+      // Redirects the guardian's descriptor to the new device. The descriptor's number stays the
+      // same.
       if (guard_ >= 0) (void)dup3(port->guardDescriptor(), guard_, O_CLOEXEC);
       port_ = std::move(port);
       gone_ = false;
@@ -367,7 +368,8 @@ void HidDevice::mendLoop() noexcept {
 
 ArmDissipation HidDevice::dissipation() const noexcept {
   ArmDissipation arm;
-  // The test measures friction by pushing. The friction of a joint without a motor is unknown.
+  // The self-test measures friction by pushing, so the friction of a joint without a motor is
+  // unknown.
   if (!undriven_.empty()) return arm;
   // Assumes that in another pose a lever may be longer by this factor. Then one count moves the tip
   // farther, and the joint's friction is smaller at the tip.

@@ -39,16 +39,21 @@ struct HidWrites {
 };
 
 /// Reads and drives an arm. The haptic thread calls read() and write(). A second thread sends the
-/// newest force, because sending blocks: at most one report a tick and output_rate reports a
-/// second. A third thread finds the device again after it was unplugged.
+/// newest force, because sending blocks. It sends at most one report a tick and output_rate reports
+/// a second. A third thread finds the device again after it was unplugged.
 ///
-/// The kernel keeps the OLDEST 63 reports. If that many wait, HidDevice discards them as old. After
-/// a pause of more than HidLimits::stale without read(), the arm is not ready until a new report
-/// comes.
+/// The kernel keeps the OLDEST 63 reports. If 60 or more wait, HidDevice discards them as old.
+/// After a pause of more than HidLimits::stale without read(), the arm is not ready until a new
+/// report comes.
 ///
-/// Faults: Fault::kGone while the device is absent. Fault::kMiscounted, before kGone, if counters
-/// may have wrapped unnoticed. Fault::kWrite if a force waits and nothing was sent for 20 ms plus a
-/// period of output_rate. An arm that is not homed, not enabled or out of reach is not ready.
+/// Faults:
+/// - Fault::kGone: the device is absent.
+/// - Fault::kMiscounted, before kGone: counters may have wrapped unnoticed.
+/// - Fault::kWrite: a force waits, and nothing was sent for 20 ms plus a period of output_rate.
+/// - Fault::kStale: a report with flags is too old.
+/// - Fault::kTemperature, kPower, kSwitch: a flag of the profile reports this state.
+///
+/// An arm that is not homed, not enabled or out of reach is not ready.
 class HidDevice final : public Arm {
  public:
   /// Runs the profile's "open" and "home" steps on this thread (slow), and its "close" steps if
@@ -83,7 +88,8 @@ class HidDevice final : public Arm {
   [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
   /// Returns the counts of reports. Call it on the thread that reads, or after its end.
   [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
-  /// Returns the counts since the opening, without the profile's steps. Callable from any thread.
+  /// Returns the counts since the opening; the reports of the profile's steps do not count.
+  /// Callable from any thread.
   [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
   /// Returns how often the device was plugged in since the opening, plus one for the opening.
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
@@ -93,7 +99,7 @@ class HidDevice final : public Arm {
   struct Outgoing {
     std::array<std::byte, 1025> bytes{};
   };
-  /// Prevents the closing of the port during this object's life.
+  /// Prevents the thread that closes ports from closing this port while this object exists.
   class Using {
    public:
     Using(std::atomic<ReportPort*>& port, std::atomic<bool>& in) noexcept : in_(in) {
@@ -113,7 +119,7 @@ class HidDevice final : public Arm {
   };
 
   void begin();
-  /// Sets the time of flags that came during the preparation to `now` [ns].
+  /// Sets the time of the flags that came before, during the preparation, to `now` [ns].
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;
   void prepare(ReportPort& port, HidInput& input);
@@ -177,7 +183,7 @@ class HidDevice final : public Arm {
 
   // `mended_` is used by the thread that finds the device again, then by the haptic thread.
   HidInput mended_;
-  /// Palpate cannot home the arm: only its user can bring it to its home pose.
+  /// Palpate cannot home the arm: only the user can bring it to its home pose.
   bool homeless_ = false;
 
   // Members for the haptic thread only.
@@ -186,10 +192,11 @@ class HidDevice final : public Arm {
   /// For counters that wrap: raw value to which the first reading must be nearest.
   std::vector<double> about_;
   bool ticked_ = false;
-  /// Raw values of joints in the home pose, if the profile has home_at_open.
+  /// If the profile has home_at_open: raw values of the joints' fields in the home pose.
   std::vector<double> home_raw_;
-  std::vector<bool> flags_in_;          ///< For each report: it has a flag.
-  std::vector<std::int64_t> flags_at_;  ///< For each report: its last time [ns], or kNever.
+  std::vector<bool> flags_in_;  ///< For each report: true if it has a flag.
+  /// For each report: time at which it last came [ns], or kNever.
+  std::vector<std::int64_t> flags_at_;
   bool heard_ = false;
   std::uint32_t plugging_seen_ = 1;
   std::int64_t heard_at_ = 0;    ///< Time of the last report [ns].

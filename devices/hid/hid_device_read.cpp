@@ -101,12 +101,12 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
     plugging_seen_ = plugging;
     adoptMended(now);
   }
-  // The arm may have moved since the opening. If the arm homed itself, its counters start with the
-  // first tick. If palpate homed it at the opening, the counters continue from there.
+  // The arm may have moved since the opening. The counters of an arm that homes itself therefore
+  // start again at the first tick. If palpate homed the arm at the opening, the counters continue.
   if (!std::exchange(ticked_, true) && !profile_.home_at_open && profile_.home.empty()) {
     forgetCounters();
   }
-  // The reports that wait after a pause are old and are dropped.
+  // After a pause, the waiting reports are old, so their position is not used.
   const bool paused = dt > profile_.limits.stale;
   if (paused) forgetReports(now);
   ReadStatus got = port ? input_.takeNewest(*port) : ReadStatus::kGone;
@@ -130,7 +130,8 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
   for (std::size_t r = 0; r < flags_at_.size(); ++r) {
     if (input_.came(r) && !paused) flags_at_[r] = now;
   }
-  // A 3D mouse repeats its report while deflected; the last report is valid until it is stale.
+  // A 3D mouse repeats its report while it is deflected. The last report is valid until it is
+  // stale.
   const double since = 1e-9 * static_cast<double>(now - heard_at_);
   const double moves = std::clamp(profile_.limits.stale - (since - dt), 0.0, dt);
   if (got == ReadStatus::kReport || (got == ReadStatus::kNothing && silent())) follow(moves);
@@ -161,7 +162,8 @@ void HidDevice::applyFlags(HandState& hand) noexcept {
     // lookAtFlags() handles a flag that has not come yet.
     if (!silent() && flags_at_[flag.field.report] == kNever) continue;
     const bool says = input_.raw(flag.field) == flag.equals;
-    // Homing resets the counters, so their values before homing must not be used as a reference.
+    // Homing resets the device's counters, so their values before homing must not be used as a
+    // reference.
     if (flag.means == HidFlag::Means::kHomed && !says) forgetCounters();
     if (flag.means == HidFlag::Means::kHomed || flag.means == HidFlag::Means::kEnabled) {
       hand.ready = hand.ready && says;
@@ -199,7 +201,7 @@ void HidDevice::lookAtWrites(std::int64_t now, HandState& hand) noexcept {
 void HidDevice::lookForMotion(std::int64_t now) noexcept {
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     const double raw = input_.raw(profile_.joints[i].from);
-    // A joint that does not move the tip does not show that the position is still measured.
+    // A changed count proves that the position is still measured only if the joint moves the tip.
     if (raw != counts_[i] && !pose_.jacobian[i].isZero(0.0)) moved_at_ = now;
     counts_[i] = raw;
   }
@@ -210,7 +212,7 @@ Mat3 HidDevice::drivesHere() const noexcept {
   // A joint without a motor turns freely, so no force can act in the direction of its motion.
   for (const std::size_t i : undriven_) {
     const Vec3 free = onto * (profile_.world_from_device * pose_.jacobian[i]);
-    constexpr double kNone = 1e-6;  // [m/rad]
+    constexpr double kNone = 1e-6;  // [m/rad]: shorter levers count as zero
     if (free.norm() > kNone) onto -= free * free.transpose() / free.squaredNorm();
   }
   return onto;

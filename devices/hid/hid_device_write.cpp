@@ -10,7 +10,7 @@ namespace palpate {
 
 namespace {
 
-// [ns]: longest sleep of the writer, after which it checks whether it should end.
+// [ns]: longest sleep of the writer thread, so that the thread soon ends if the device is closed.
 constexpr std::int64_t kLongestSleep = 1000000;
 
 }  // namespace
@@ -54,7 +54,8 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
   for (MotorHeat& motor : heat_) motor.tell(0.0);
   std::copy(zero_.begin(), zero_.end(), report.begin());
   const Vec3 force_D = profile_.world_from_device.transpose() * (drivesHere() * force_W);
-  // If a motor's limit is exceeded, reduces all motors by one share: the force keeps its direction.
+  // If a motor's limit is exceeded, reduces all motors by the same share, so that the force keeps
+  // its direction.
   std::array<double, kMostJoints> raw{};
   std::array<double, kMostJoints> room{};
   const std::array<double, kMostJoints> weight = carried();
@@ -125,7 +126,8 @@ void HidDevice::writeLoop() noexcept {
   request.lock_memory = false;
   request.awake = false;
   (void)becomeRealtime(request, StayAwake(false));
-  // Uses the machine's clock. A report that drives no motor is sent without waiting.
+  // Uses the machine's clock. If the last report drove a motor, a report that drives no motor is
+  // sent without waiting.
   Pace pace(profile_.output_rate, nowNs());
   bool drives = false;
   for (std::uint32_t seen = 0;;) {
@@ -137,7 +139,8 @@ void HidDevice::writeLoop() noexcept {
     seen = sent_.load(std::memory_order_acquire);
     if (quit_) return;
     out_.refresh();
-    // After a miscount the device is still connected and accepts zero force.
+    // Checks the port, not gone_: after a miscount the device is still connected and must get zero
+    // force.
     const Using port(open_port_, writing_);
     if (!port) continue;
     const std::int64_t began = host_.now();

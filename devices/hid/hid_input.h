@@ -1,4 +1,4 @@
-/// The input of an arm on a HID device: the newest values of its reports.
+/// Stores the newest values of the reports of an arm on a HID device.
 #pragma once
 
 #include <array>
@@ -18,8 +18,9 @@ class HidInput {
   explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to the profile. Allocates.
 
   /// Reads all waiting reports. Returns kReport if every report with a joint's field has come since
-  /// the last kReport. Returns kNothing if one of them is missing, or if the kernel's ring had
-  /// overflowed: the waiting reports are then old and are discarded. RT: as ReportPort::read.
+  /// the last kReport. Returns kNothing if one of these reports is missing, or if the kernel's ring
+  /// had overflowed: the waiting reports are then old, so they are discarded. RT: as
+  /// ReportPort::read.
   [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
   /// Returns true if this report has come since forget() and since the last overflow of the ring.
   [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
@@ -38,10 +39,12 @@ class HidInput {
 
   /// Numbers of reports since the construction, by their use.
   struct Counts {
-    std::int64_t reports = 0;    ///< Positions that were used.
-    std::int64_t taken = 0;      ///< Valid reports of all kinds that the profile has.
-    std::int64_t passed_by = 0;  ///< Reports that were not used because a newer one waited.
-    std::int64_t dropped = 0;    ///< Discarded after an overflow of the ring.
+    std::int64_t reports = 0;  ///< Calls of takeNewest() that returned kReport.
+    std::int64_t taken = 0;    ///< Valid reports of all kinds that the profile has.
+    /// Valid reports beyond the first one of a call that returned kReport. With one kind of report,
+    /// newer reports have replaced them.
+    std::int64_t passed_by = 0;
+    std::int64_t dropped = 0;  ///< Reports that were discarded after an overflow of the ring.
     /// Reports that are too short, or have a number that is not in the profile.
     std::int64_t strange = 0;
     /// Repetitions of a report, recognised by HidReportSpec::sequence.
@@ -58,8 +61,8 @@ class HidInput {
   std::size_t head_ = 0;
   std::vector<std::size_t> first_;  ///< Index of each report's fields in values_.
   std::vector<double> values_;
-  std::vector<bool> joints_in_;  ///< For each report: it has a joint's field.
-  std::vector<bool> fresh_;      ///< For each report: it has come since the last kReport.
+  std::vector<bool> joints_in_;  ///< For each report: true if it has a joint's field.
+  std::vector<bool> fresh_;      ///< For each report: true if it has come since the last kReport.
   std::vector<bool> came_;
   std::vector<bool> known_;
   Counts counts_;

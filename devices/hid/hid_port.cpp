@@ -47,8 +47,8 @@ const char* remedyForOpen(int error) {
              : "plug the arm in again";
 }
 
-/// Has one hidapi handle to read and one to write. Two threads must not share a handle, because
-/// hidapi frees the handle's error text on every failure.
+/// A port through hidapi, with one handle to read and one to write. Two threads must not share a
+/// handle, because hidapi frees the handle's error text on every failure.
 class HidPort final : public ReportPort {
  public:
   HidPort(const std::string& path, const Say& say) : path_(path) {
@@ -258,7 +258,8 @@ bool isOpenHere(const std::string& path) {
 
 void claim(int descriptor, const std::string& path, const Say& say) {
   using Clock = std::chrono::steady_clock;
-  // Waits this long for any owner, because the owner may be a program that is being killed.
+  // Waits at least this long for every owner, because the owner may be a program that is being
+  // killed.
   constexpr auto kDying = std::chrono::milliseconds(50);
   const auto begin = Clock::now();
   for (bool said = false; flock(descriptor, LOCK_EX | LOCK_NB) != 0;) {

@@ -52,13 +52,14 @@ class ReportPort {
                                         [[maybe_unused]] std::size_t& size) noexcept {
     return false;
   }
-  /// Returns another descriptor that accepts the bytes of write(), for a guardian; -1: none.
+  /// Returns a second file descriptor that accepts the bytes of write(), for a guardian; -1: none.
   [[nodiscard]] virtual int guardDescriptor() const noexcept { return -1; }
 };
 
 /// A plugged-in device.
 struct HidDeviceName {
-  std::string path;              ///< Path such as /dev/hidraw0; changes with each plugging in.
+  /// Path such as /dev/hidraw0. It may change each time the device is plugged in.
+  std::string path;
   std::uint16_t vendor = 0;      ///< Vendor number, USB's idVendor.
   std::uint16_t product = 0;     ///< Product number, USB's idProduct.
   std::uint16_t usage_page = 0;  ///< Usage page of one of its top-level collections.
@@ -101,8 +102,9 @@ using Say = std::function<void(const std::string&)>;
 void claim(int descriptor, const std::string& path, const Say& say = {});
 inline constexpr double kLongestClaim = 2.0;  ///< [s], longest wait of claim()
 
-/// Returns the nodes, such as /dev/input/event5, through which the kernel's driver (hid-pidff)
-/// plays effects on a HID device; may be empty. `sys`: the system's folder of HID devices.
+/// Returns the nodes, such as /dev/input/event5, through which programs play effects on a HID
+/// device by the kernel's driver (hid-pidff); may be empty. `sys`: the system's folder of HID
+/// devices.
 [[nodiscard]] std::vector<std::string> effectNodes(
     const std::string& path, const std::filesystem::path& sys = "/sys/class/hidraw");
 /// If a program of this user has a node open for writing, throws DeviceError that names it.

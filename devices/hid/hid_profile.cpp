@@ -40,7 +40,8 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
 
 namespace {
 
-/// Returns all values of "name" in a file that may be invalid JSON, for profile and buttons.
+/// Returns all values of "name" in a file that may be invalid JSON: the names of the profile and of
+/// its buttons.
 std::set<std::string> namesIn(const std::filesystem::path& file) {
   constexpr const char* kKey = "\"name\"";
   std::ifstream in(file);

@@ -1,4 +1,4 @@
-/// The profile of an arm that speaks HID: its identification, reports, geometry and limits, from a
+/// The profile of an arm that uses HID: its identification, reports, geometry and limits, from a
 /// JSON file (devices/hid/hid_profile.schema.json). See docs/profiles.md.
 #pragma once
 
@@ -42,18 +42,19 @@ struct FieldRef {
   std::size_t field = 0;   ///< Index in HidReportSpec::fields.
 };
 
-/// A state of the arm, which holds while an input field has a given value.
+/// A state of the arm, which is active while an input field has a given value.
 struct HidFlag {
   /// The state, and its effect on the force.
   enum class Means : std::uint8_t {
-    kHomed,      ///< The encoders know the arm's position. Until then the force is zero.
+    /// The arm is homed: its encoders report its true position. Otherwise the force is zero.
+    kHomed,
     kEnabled,    ///< The user holds the dead-man switch. Otherwise the force is zero.
     kHot,        ///< Fault::kTemperature.
     kUnpowered,  ///< Fault::kPower.
     kOpen,       ///< Fault::kSwitch.
   };
   FieldRef field;       ///< The field to compare.
-  double equals = 1.0;  ///< Raw number of the field while the state holds.
+  double equals = 1.0;  ///< Raw number of the field while the state is active.
   /// kHomed and kEnabled are conditions for a force; the others are faults.
   Means means = Means::kHomed;
 };
@@ -68,7 +69,7 @@ struct HidJoint {
   double home = 0.0;
   std::optional<std::size_t> to;  ///< Output field of its motor; empty: the joint has no motor.
   double torque_constant = 1.0;   ///< [N m per unit of the output field]
-  /// Value that its motor can hold forever [unit of the output field]; 0: any value of the field.
+  /// Value that its motor can hold forever [unit of the output field]; 0: every value of the field.
   double continuous = 0.0;
   double heating = 0.0;  ///< Time constant of its winding's heat [s].
 };
@@ -84,7 +85,7 @@ struct HidMass {
 struct HidButton {
   std::string name;     ///< Name in HandleInfo::buttons.
   FieldRef field;       ///< The field to compare.
-  double equals = 1.0;  ///< Its raw number while it is pressed.
+  double equals = 1.0;  ///< Raw number of the field while the button is pressed.
 };
 
 /// A rotation of the handle: that of an encoder of the handle, or that of a joint of the arm.
@@ -124,7 +125,7 @@ inline constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};  ///< Nam
 
 /// An axis of a device of USB's PID class, which reports neither metres nor newtons.
 struct PidAxisSpec {
-  /// 0 is x. Selects both the usage in the device's descriptor and the axis of the arm.
+  /// The axis; 0 is x. Selects both the usage in the device's descriptor and the axis of the arm.
   int axis = 0;
   /// Travel from the smallest to the largest position [m]; < 0: in the opposite direction.
   double way = 0.0;
@@ -153,14 +154,14 @@ inline constexpr double kLongestClose = 5.0;
 /// One arm, as read and checked by parseHidProfile.
 struct HidProfile {
   std::string name;         ///< Name in `hid:NAME`.
-  std::string description;  ///< One line for people.
+  std::string description;  ///< One line for the user.
   std::string firmware;     ///< Firmware that the arm needs, and whether it has its own watchdog.
   std::string source;       ///< The file, for error messages.
-  /// Hash of the whole profile. It shows whether a stored test result is for this profile.
+  /// Hash of the whole profile. Identifies the profile for which a test result is stored.
   std::uint64_t fingerprint = 0;
   /// Devices of this profile; a device needs to match only one entry.
   std::vector<HidMatch> match;
-  double input_rate = 1000.0;           ///< Positions per second by the maker's data [Hz].
+  double input_rate = 1000.0;           ///< Positions per second, from the maker's data [Hz].
   double output_rate = 1000.0;          ///< Most reports sent per second [Hz]; 0: no output.
   std::vector<HidReportSpec> input;     ///< At least one; if there are several, each has its `id`.
   std::optional<HidReportSpec> output;  ///< Empty: the arm has no motors.
@@ -180,13 +181,13 @@ struct HidProfile {
   /// Rotation from the arm's frame D to W.
   Mat3 world_from_device = Mat3::Identity();
   Vec3 origin_D = Vec3::Zero();  ///< [m], for p_W = world_from_device (p_D - origin_D).
-  std::vector<HidMass> masses;   ///< Masses that its motors carry; may be empty.
-  Vec3 down_D = -Vec3::UnitZ();  ///< Direction of gravity in the arm's axes.
+  std::vector<HidMass> masses;   ///< Masses that the arm's motors carry; may be empty.
+  Vec3 down_D = -Vec3::UnitZ();  ///< Direction of gravity in the arm's axes, a unit vector.
   HidHandle handle;              ///< Buttons, orientation, gripper.
   std::vector<HidStep> open,     ///< Steps before the first report.
-      home,          ///< Steps after the first report, until the arm knows its position.
-      close;         ///< Steps at the end, or after "open" or "home" has failed.
-  HidLimits limits;  ///< Required in a file with an output.
+      home,                      ///< Steps after the first report, which home the arm.
+      close;                     ///< Steps at the end, or after "open" or "home" has failed.
+  HidLimits limits;              ///< Required in a file with an output.
   std::map<std::string, std::string> sources;  ///< Source of each number, keyed by JSON pointer.
 };
 

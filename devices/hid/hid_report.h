@@ -19,7 +19,7 @@ struct ReportField {
   std::uint32_t bit = 0;      ///< Index of the lowest bit, in the bytes after the report's number.
   std::uint32_t bits = 16;    ///< 1 to 32; a float has 32.
   Type type = Type::kSigned;  ///< Encoding of its bits.
-  bool big_endian = false;    ///< The field consists of whole bytes, highest byte first.
+  bool big_endian = false;    ///< True: the field consists of whole bytes, highest byte first.
   double scale = 1.0;         ///< Input: value = scale * raw + offset.
   double offset = 0.0;        ///< Output: raw = scale * value + offset.
   double least = 0.0;         ///< Lowest raw number; output values are limited to it.
@@ -35,15 +35,17 @@ struct ReportField {
 /// Returns the raw number in a report, which must be long enough. RT: no allocation.
 [[nodiscard]] double rawOf(std::span<const std::byte> report,
                            const ReportField& field) noexcept PALPATE_NONBLOCKING;
-/// Writes a raw number, rounded and limited to `least` and `most`; keeps all other bits. Writes 0
-/// if the number is not finite. RT: no allocation.
+/// Writes a raw number, limited to `least` and `most`; keeps all other bits. Integer fields round
+/// the number. Writes 0 if the number is not finite. RT: no allocation.
 void putRaw(std::span<std::byte> report, const ReportField& field,
             double raw) noexcept PALPATE_NONBLOCKING;
 
-/// Unwraps a counter of `bits` bits, which must move by less than half its range between readings.
+/// Extends a counter that wraps around. Between two readings the counter must move by less than
+/// half of its range.
 class Unwrapped {
  public:
-  /// Returns the extended count. The first count after forget() is the one nearest to `about`.
+  /// Returns the extended count of a reading `raw` of a counter with `bits` bits. The first count
+  /// after forget() is the one nearest to `about`.
   [[nodiscard]] double follow(double raw, std::uint32_t bits,
                               double about) noexcept PALPATE_NONBLOCKING;
   void forget() noexcept { known_ = false; }  ///< The next reading counts as the first one again.

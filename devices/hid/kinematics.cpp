@@ -211,7 +211,8 @@ class Delta final : public Kinematics {
       : base_(base), shift_(base - plate), upper_(upper), fore_(fore) {}
   [[nodiscard]] std::size_t joints() const noexcept override { return 3; }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
-    // Moves the elbows inwards by the plate's radius, so that all three spheres meet at the tip.
+    // Moves the elbows inwards by the plate's radius. The forearms then all end at the tip, so the
+    // tip is an intersection of three spheres about the elbows.
     std::array<Vec3, 3> elbow;
     std::array<Vec3, 3> moves;
     for (std::size_t i = 0; i < 3; ++i) {

@@ -24,7 +24,7 @@ struct ArmPose {
   /// Column i: d position / d joint i [m/rad], dimensionless for a sliding joint.
   std::array<Vec3, kMostJoints> jacobian = standing();
   /// False if the links cannot meet at these joints, or if a parallel arm's motors cannot hold its
-  /// tip there. Then `position_D` is the nearest possible position, and no motor may be driven.
+  /// tip there. Then `position_D` may be only approximate, and no motor may be driven.
   bool reachable = true;
 
   /// Returns the Jacobian of a point that does not move with any joint.
@@ -64,10 +64,10 @@ class Kinematics {
   }
 };
 
-/// Makes three sliding joints along x, y, z, so that the joints are the position. Link i moves with
-/// slides 0 to i; its frame has the arm's axes.
+/// Makes three sliding joints along x, y, z: their values are the tip's coordinates. Link i moves
+/// with joints 0 to i; its frame has the arm's axes.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeCartesian();
-/// Makes sliding joints along the given axes only; 0 is x.
+/// Makes sliding joints along `axes` only; 0 is x.
 ///
 /// @pre 1 to 3 axes, each once.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeSlides(std::span<const int> axes);
@@ -95,14 +95,14 @@ struct ChainLink {
 /// Link 0 turns with A only; its frame is the arm's at A = 0. Links 1 and 2 are the upper and the
 /// lower link. Their origin is the joint where the link begins, x points along the link, y in the
 /// direction in which A turns, z in the direction in which its own angle grows. Throws DeviceError
-/// for lengths that are not positive.
+/// unless b and c are positive and a is finite.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeCapstanArm(double a, double b, double c);
 
 /// Makes a planar loop of five bars (Campion, Wang and Hayward 2005). Motors at (0, 0) and (-base,
 /// 0) turn bars of length[0] and length[3]. From the ends of these, bars of length[1] and length[2]
 /// meet at the tip, on the side of larger y. z is 0. The links are the bars, with x along the bar,
-/// away from the motor, and y to the left of x. Throws DeviceError for lengths that are not
-/// positive.
+/// away from the motor, and y to the left of x. Throws DeviceError unless all lengths are positive
+/// and `base` is 0 or more.
 [[nodiscard]] std::shared_ptr<const Kinematics> makePantograph(const std::array<double, 4>& length,
                                                                double base);
 

@@ -25,7 +25,7 @@ struct FoundArm {
   /// firmware gives no number, or gives all devices the same number (mbed's "0123456789").
   [[nodiscard]] std::string serial() const;
   /// Returns the identity for names and stored tests: the serial number, else the port, else an
-  /// empty text. If two arms without serial numbers swap ports, each is taken for the other.
+  /// empty text. If two arms without serial numbers swap ports, palpate takes each for the other.
   [[nodiscard]] std::string identity() const;
   /// Compares the device's own report descriptor with a profile (complaintAbout). Returns the first
   /// difference; no value if they agree, or if the system does not show the descriptor.
@@ -42,9 +42,9 @@ struct FoundArm {
 struct ArmName {
   std::string profile;  ///< A profile's name, or a path that ends in .json; empty: any profile.
   std::string serial;   ///< Empty: any arm. May contain any character.
-  [[nodiscard]] bool isFile() const;  ///< True if it ends in .json.
+  [[nodiscard]] bool isFile() const;  ///< Returns true if `profile` ends in .json.
 };
-/// Splits a name into its parts. Returns no value if it is not the name of an arm.
+/// Splits a name into its parts. Returns no value if the name is not that of an arm.
 [[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
 
 /// Returns the profile that a name selects; `hid` alone does not select one. If the name is
@@ -64,7 +64,7 @@ struct ChosenArm {
 [[nodiscard]] ChosenArm findArm(const std::string& name,
                                 const std::function<void(const std::string&)>& say);
 
-/// An open arm, and the key under which its test is stored.
+/// An open arm and its identity.
 struct OpenedArm {
   std::unique_ptr<Arm> device;  ///< Not null.
   ArmIdentity identity;         ///< Key under which its test is stored.
@@ -74,7 +74,8 @@ struct OpenedArm {
 /// the device's reports differ from the profile's.
 [[nodiscard]] OpenedArm openArm(const std::string& name, const ArmHost& host);
 
-/// Returns the key of the test of an arm of this profile; `own` is FoundArm::identity.
+/// Returns the key of the test of an arm of this profile. `own` is FoundArm::identity; `numbered`
+/// is true if `own` is a serial number.
 [[nodiscard]] ArmIdentity identityOf(const HidProfile& profile, const std::string& own,
                                      bool numbered = true);
 

@@ -65,7 +65,7 @@ void addTo(PidReport& to, const DescribedFields& of) {
   for (std::uint32_t i = 0; i < std::min(of.count, kMostSideBySide); ++i) {
     const std::optional<ReportField> field = fieldAt(of, i);
     if (!field) return;
-    // The last usage also holds for all surplus fields, so only the first field of a usage counts.
+    // Surplus fields repeat the last usage. PidReport::find() returns the first field of a usage.
     PidField found{of.usage(i), innermost(of), *field, 1.0, of.unit != 0};
     const double range = static_cast<double>(of.most) - static_cast<double>(of.least);
     if (range > 0.0 && of.physical_most > of.physical_least) {
@@ -88,7 +88,8 @@ std::size_t sizeOf(const HidDescriptor& device, Way way, std::uint8_t id) {
   return at == device.reports.end() ? 0 : at->size;
 }
 
-/// Returns the first report with fields for which `is` holds, and all these fields of the report.
+/// Finds the first report that has fields for which `is` returns true. Returns the report with
+/// these fields.
 template <class Is>
 std::optional<PidReport> reportOf(const HidDescriptor& device, Is is) {
   std::optional<PidReport> found;

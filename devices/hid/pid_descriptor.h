@@ -81,8 +81,8 @@ struct PidInput {
   ReportField at;
 };
 
-/// Reports and fields of a device. Only index, type, magnitude and operation of a constant force
-/// are required. PidPort does not send reports that the device lacks.
+/// Reports and fields of a device. The device must have the index, type, magnitude and operation of
+/// a constant force. PidPort does not send reports that the device lacks.
 struct PidMap {
   bool numbered = false;
   std::vector<DescribedReport> reports;
@@ -100,8 +100,8 @@ struct PidMap {
 [[nodiscard]] PidMap readPidMap(const HidDescriptor& device, const std::string& name);
 
 /// Returns the profile of a PID device (HidProfile::pid) with the fields of the device. Inputs are
-/// the device's positions, in counts. Each axis has 32 output bits of magnitude, in counts, from
-/// which PidPort makes reports. Throws DeviceError for an axis that the device lacks.
+/// the device's positions, in counts. For each axis the output has a magnitude of 32 bits, in
+/// counts, from which PidPort makes reports. Throws DeviceError for an axis that the device lacks.
 [[nodiscard]] HidProfile describedBy(const PidMap& map, HidProfile profile);
 
 }  // namespace palpate

@@ -14,9 +14,9 @@
 
 namespace palpate {
 
-/// Reads and drives one to three axes of a PID device: a HidDevice behind a PidPort. The device's
-/// own descriptor gives the reports. An effect lasts PidPort::duration(), so the force ends by
-/// itself if the program is gone. If duration() is 0, only a report ends the force.
+/// Reads and drives one to three axes of a PID device, by a HidDevice that uses a PidPort. The
+/// device's own descriptor describes the reports. An effect lasts PidPort::duration(), so the force
+/// ends by itself if the program ends. If duration() is 0, only a report ends the force.
 ///
 /// Switched-off actuators and lost power are Fault::kPower; an open safety switch is
 /// Fault::kSwitch. After the fault, the force grows from zero as at the start.
@@ -27,14 +27,15 @@ class PidDevice final : public Arm {
   /// Friction assumed for an arm without a measured friction [N s/m].
   static constexpr double kLikelyViscous = 0.5;
 
-  /// Opens the device. Slow. Throws DeviceError with the problem in words. `profile` has
+  /// Opens the device. Slow. Throws DeviceError with the problem in words. `profile` has axes in
   /// HidProfile::pid. A device that host.find returns must have the same descriptor. If not
   /// `tested`, the limits are kUntestedForce, kUntestedStiffness and kUntestedGain.
   PidDevice(const HidProfile& profile, std::span<const std::byte> descriptor,
             std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
 
   /// Returns the description, which never changes. DeviceInfo::output_rate follows from the time
-  /// that reports take; max_stiffness is the passivity bound of docs/stability.md for that delay.
+  /// that reports take. max_stiffness is at most the passivity bound of docs/stability.md for that
+  /// delay.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override { arm_->write(force); }

@@ -15,7 +15,7 @@ namespace {
 
 using Way = DescribedReport::Way;
 
-// Attempts to get an effect's block: some firmware needs milliseconds.
+// Number of requests for the index of a new effect, 1 ms apart: some firmware needs milliseconds.
 constexpr int kAsks = 20;
 constexpr int kRounds = 8;         // timed writes of each axis at the opening
 constexpr double kRenewals = 4.0;  // restarts of an effect within its duration
@@ -57,13 +57,14 @@ std::optional<double> told(std::span<const std::byte> body, const ReportField& f
   return rawOf(body, field);
 }
 
-/// Returns the seconds per count of a duration field; without a unit, a millisecond.
+/// Returns the seconds per count of a duration field. A field without a unit counts milliseconds.
 double secondsACount(const PidField& field) {
   const double step = field.unit ? field.step : 1e-3;
   return step > 0.0 && std::isfinite(step) ? step : 1e-3;
 }
 
-/// Returns the shortest duration >= PidPort::kDuration [counts]; the largest count means forever.
+/// Returns the shortest duration >= PidPort::kDuration [counts]. Avoids the largest count, which
+/// may mean forever.
 double durationIn(const PidField& field) {
   const double wanted = std::ceil(PidPort::kDuration / secondsACount(field) - 1e-9);
   const double least = std::max(1.0, field.at.least);
@@ -270,8 +271,8 @@ void PidPort::prepare(Effect& effect, int axis) {
   }
   putNone(report, effect.set, pid::kTriggerButton);
   put(report, effect.set, pid::kX + static_cast<std::uint32_t>(axis), 1.0);
-  // A device with two axes takes a direction as an angle, clockwise from "away from the user": x is
-  // a quarter turn. A device with three axes has a bit for each axis.
+  // A device with two axes gets the direction as an angle, clockwise from "away from the user": x
+  // is a quarter turn. A device with three axes gets a bit for each axis.
   const bool plane = report.find(pid::kX + 2) == nullptr && axis < 2;
   const auto direction = std::find_if(report.fields.begin(), report.fields.end(),
                                       [](const auto& f) { return f.inside == pid::kDirection; });
@@ -345,7 +346,7 @@ bool PidPort::write(std::span<const std::byte> report) noexcept {
   }
   const std::int64_t now = params_.now();
   // Some firmware switches its actuators off when all effects are stopped, for example by a
-  // guardian. Enabling them again gives no force, because the loop has latched a fault.
+  // guardian. Enabling the actuators again gives no force, because the loop has latched a fault.
   const bool off =
       state_.fallen() == PidState::kActuators && rests && now - enabled_ > kEnableAgain;
   const bool due =

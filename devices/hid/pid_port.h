@@ -46,7 +46,7 @@ struct PidParams {
 /// durations 0 and the largest possible one as infinite; these two are never sent.
 class PidPort final : public ReportPort {
  public:
-  /// Intended duration() [s]; rounded up to counts of the device's duration field.
+  /// Intended duration() [s], which is rounded up to counts of the device's duration field.
   static constexpr double kDuration = 0.5;
   static constexpr double kMostDuration = 2.0;  ///< Longest accepted duration() [s].
 
@@ -57,7 +57,8 @@ class PidPort final : public ReportPort {
   /// Sets the magnitudes to 0, ends all effects and disables the actuators.
   ~PidPort() override;
 
-  /// Passes reports on unchanged and updates PidState. RT: as the wrapped port.
+  /// Reads a report from the wrapped port, returns it unchanged, and updates PidState. RT: as the
+  /// wrapped port.
   [[nodiscard]] ReadStatus read(std::span<std::byte> to,
                                 std::size_t& size) noexcept PALPATE_NONBLOCKING override;
   /// Sends the magnitudes, in the layout of describedBy: one report for each magnitude that has
@@ -109,7 +110,8 @@ class PidPort final : public ReportPort {
   std::int64_t enabled_ = 0;  ///< Last time the actuators were enabled [ns].
 };
 
-/// Returns the report, with its number, that alone stops the force; empty if it cannot be sent.
+/// Returns the one report, with its number, that stops the force; empty if the device has no such
+/// output report.
 [[nodiscard]] std::vector<std::byte> stoppingReport(const PidMap& map);
 
 }  // namespace palpate

@@ -63,7 +63,7 @@ Mat3 within(const Mat3& squares) {
 
 /// Sets ProfileFacts::moves and ProfileFacts::drives, from poses around the middle.
 void lookAbout(const HidProfile& profile, ProfileFacts& facts) {
-  // [rad], or [m] for a sliding joint: distance of these poses in each joint.
+  // Step between the poses in each joint [rad], or [m] for a sliding joint.
   constexpr double kAside = 0.3;
   constexpr int kPoses = 27;
   Mat3 moves = Mat3::Zero();

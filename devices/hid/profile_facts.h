@@ -8,7 +8,7 @@
 
 namespace palpate {
 
-/// One motor, when the tip is at the origin of W.
+/// The load of one motor while the tip is at the origin of W.
 struct MotorFact {
   std::size_t joint = 0;  ///< Index in HidProfile::joints.
   std::string field;      ///< Its output field.
@@ -23,10 +23,10 @@ struct MotorFact {
 /// Results of factsOf. Unless a member's comment says otherwise, all joints are at `middle`.
 struct ProfileFacts {
   Vec3 home_W = Vec3::Zero();  ///< The tip when every joint is at its `home` [m].
-  /// Joints at which the tip is at the origin of W, or as near to it as the search came.
+  /// Joints at which the tip is at the origin of W, or as near to the origin as the search came.
   Joints middle{};
-  /// Distance from the origin of W to the tip at `middle` [m]. Infinite: the search failed, and the
-  /// members below are for the home pose.
+  /// Distance from the origin of W to the tip at `middle` [m]. Infinite: the search has failed, and
+  /// `middle` is the home pose.
   double off = 0.0;
   /// Travel of the tip if each integer field moves by one count [m]: twice the largest error.
   double step = 0.0;
@@ -34,7 +34,7 @@ struct ProfileFacts {
   std::vector<MotorFact> motors;
   Vec3 carried_W = Vec3::Zero();  ///< Force at the tip by which the motors carry the masses [N].
   /// Projector onto the directions in W in which the joints move the tip, from poses around the
-  /// middle. A planar arm has the directions of its plane; most arms have all.
+  /// middle. For a planar arm these are the directions of its plane; for most arms, all directions.
   Mat3 moves = Mat3::Identity();
   Mat3 drives = Mat3::Identity();  ///< Like `moves`, but with the joints that have motors only.
 };

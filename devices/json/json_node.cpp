@@ -19,8 +19,8 @@ std::string listed(const std::vector<std::string>& names) {
 
 constexpr std::size_t kMostLevels = 64;
 
-/// Builds a document and finds keys that occur twice in one object, in linear time. The library's
-/// own callback parser takes quadratic time for an array.
+/// Builds a document and finds keys that occur twice in one object. Takes linear time; the
+/// library's own callback parser takes quadratic time for an array.
 class DocumentReader final : public Json::json_sax_t {
  public:
   [[nodiscard]] Json takeDocument() { return std::move(document_); }
@@ -81,7 +81,8 @@ class DocumentReader final : public Json::json_sax_t {
   }
 
   Json document_;
-  Json* next_ = &document_;  ///< Receives the next value, unless it is an element of an array.
+  /// Place of the next value, unless the value is an element of an array.
+  Json* next_ = &document_;
   std::vector<Json*> open_;  ///< Open objects and arrays, outermost first.
   std::optional<std::string> repeated_;
   std::string error_;

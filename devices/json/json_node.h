@@ -24,10 +24,14 @@ template <class Trouble>
   throw Trouble(where, why, remedy);
 }
 
-/// A value of a JSON file and its path. Reading functions check the value; errors name the path.
+/// A value of a JSON file and its path. The reading functions check the value. Errors name the
+/// path.
 class JsonNode {
  public:
-  /// @param source  File name for errors. `json` must outlive the node.
+  /// @param json    The value; must outlive the node.
+  /// @param source  File name, for errors.
+  /// @param path    Path of the value in the file, for errors.
+  /// @param raise   Throws an error; must not return.
   JsonNode(const Json& json, std::string source, std::string path, JsonRaise raise)
       : json_(&json), source_(std::move(source)), path_(std::move(path)), raise_(raise) {}
 
@@ -39,13 +43,14 @@ class JsonNode {
   [[nodiscard]] JsonNode need(const std::string& key) const;
   [[nodiscard]] JsonNode element(std::size_t i) const;
 
-  /// Checks that this is an object whose keys are all in `keys` or `also`. Errors list `keys` only.
+  /// Checks that the value is an object whose keys are all in `keys` or `also`. Errors name `keys`
+  /// only.
   const JsonNode& object(const std::vector<std::string>& keys,
                          const std::vector<std::string>& also = {}) const;
   [[nodiscard]] double number() const;
   [[nodiscard]] double positive() const;
   [[nodiscard]] double notNegative() const;
-  /// Reads a number from -`most` to `most`. The limit detects values in millimetres or degrees.
+  /// Reads a number from -`most` to `most` [`unit`]. A larger number is probably in a wrong unit.
   [[nodiscard]] double sized(double most, const char* unit) const;
   [[nodiscard]] std::string text() const;
   [[nodiscard]] std::string name() const;

@@ -1,5 +1,5 @@
-/// Private to devices and scenes: tables of the keys and values that a JSON file may have. One
-/// table reads the file, checks it and gives its JSON Schema. Slow: for reading files only.
+/// Private to devices and scenes: tables of the keys and values that a JSON file may have. A table
+/// reads and checks a file, and generates the file's JSON Schema. Slow: not for a tick.
 #pragma once
 
 #include <algorithm>
@@ -42,7 +42,8 @@ struct JsonType {
   [[nodiscard]] JsonType<U> as(Make make) const {
     return {schema, [read = read, make](const JsonNode& node) -> U { return make(read(node)); }};
   }
-  /// Also rejects values for which `good` is false; the schema does not show this condition.
+  /// Returns a type that also rejects values for which `good` is false. The schema omits this
+  /// condition.
   template <class Good>
   [[nodiscard]] JsonType where(Good good, const char* why, const char* remedy) const {
     return {schema, [read = read, good, why, remedy](const JsonNode& node) {
@@ -51,14 +52,16 @@ struct JsonType {
               return value;
             }};
   }
-  /// Adds the schema to `definitions`. The returned type's schema refers to it by `name`.
+  /// Adds the schema to `definitions`. The returned type's schema refers to this definition by
+  /// `name`.
   [[nodiscard]] JsonType defined(const char* name, JsonSchema& definitions) const {
     definitions[name] = schema;
     return {{{"$ref", std::string("#/definitions/") + name}}, read};
   }
 };
 
-// Types of single values. Their ranges include both ends, except for jsonPositive().
+// Types of single values. Types with Positive in their name exclude 0; all other ranges include
+// both ends.
 
 [[nodiscard]] JsonType<double> jsonNumber();
 [[nodiscard]] JsonType<double> jsonPositive();
@@ -68,15 +71,15 @@ struct JsonType {
 [[nodiscard]] JsonType<std::string> jsonText();
 [[nodiscard]] JsonType<std::string> jsonName();  ///< A text with at least one character.
 
-/// A number > 0 and at most `most`; `why` and `remedy` are the error for all other values.
+/// A number > 0 and at most `most`. If it is larger, `why` and `remedy` are the error.
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* why, const char* remedy);
-/// A number > 0 and at most `most` in `unit`. The limit detects values in millimetres or degrees.
+/// A number > 0 and at most `most` [`unit`]. A larger number is probably in a wrong unit.
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* unit);
-/// A number >= 0 and at most `most` in `unit`.
+/// A number >= 0 and at most `most` [`unit`].
 [[nodiscard]] JsonType<double> jsonNotNegativeUpTo(double most, const char* unit);
-/// A number between -`most` and `most` in `unit`.
+/// A number from -`most` to `most` [`unit`].
 [[nodiscard]] JsonType<double> jsonUpTo(double most, const char* unit);
-/// A text that matches an ECMAScript regular expression with bounded repetitions.
+/// A text that matches `pattern`, an ECMAScript regular expression whose repetitions are bounded.
 [[nodiscard]] JsonType<std::string> jsonMatching(const char* pattern, const char* why,
                                                  const char* remedy);
 
@@ -102,7 +105,7 @@ template <std::size_t N>
   return type;
 }
 
-/// A text that is one of the given words; read as the value paired with it.
+/// A text that is one of `words`. The reader returns the value that is paired with the word.
 template <class T>
 [[nodiscard]] JsonType<T> jsonWord(std::vector<std::pair<const char*, T>> words) {
   JsonSchema names = JsonSchema::array();
@@ -110,7 +113,7 @@ template <class T>
   return {{{"enum", names}},
           [words = std::move(words)](const JsonNode& node) { return node.word<T>(words); }};
 }
-/// A value of the enum T, written as its wordFor().
+/// A value of the enum T. The file contains the word that wordFor() returns for the value.
 template <class T>
 [[nodiscard]] JsonType<T> jsonWordOf(std::initializer_list<T> values) {
   std::vector<std::pair<const char*, T>> words;
@@ -118,7 +121,7 @@ template <class T>
   return jsonWord<T>(std::move(words));
 }
 
-/// A list of `least` to `most` elements; `why` and `remedy` are the error for all other values.
+/// A list of `least` to `most` elements. `why` and `remedy`: the error for another length or type.
 template <class T>
 [[nodiscard]] JsonType<std::vector<T>> jsonList(const JsonType<T>& element, std::size_t least,
                                                 std::size_t most, const char* why,
@@ -142,7 +145,8 @@ template <class T>
   return list;
 }
 
-/// An object with freely chosen keys. `why` and `remedy`: the error for fewer than `least` keys.
+/// An object with at least `least` keys, whose names are free. `why` and `remedy`: the error for
+/// fewer keys or another type.
 template <class T>
 [[nodiscard]] JsonType<std::map<std::string, T>> jsonMap(const JsonType<T>& value,
                                                          std::size_t least, const char* why,
@@ -171,12 +175,13 @@ template <class T>
 [[nodiscard]] JsonSchema jsonFileSchema(const char* title, const char* description,
                                         const JsonSchema& object, const JsonSchema& definitions);
 
-/// A row is a key that an object may have, with its type and the member of Spec that gets its
-/// value. Rows are read in order, the rows of a choice last.
+/// A table of rows. A row has a key, the type of its value, and the member of Spec that receives
+/// the value. Rows are read in order, the rows of a choice last.
 template <class Spec>
 class JsonObject {
  public:
-  /// Adds a required (need) or optional (may) key. `put`: a member or a function of Spec and value.
+  /// Adds a required (need) or optional (may) key. `put`: a pointer to a member of Spec, or a
+  /// function that receives the Spec and the value.
   template <class T, class Put>
   JsonObject& need(const char* key, const JsonType<T>& type, Put put) {
     return add(key, type, put, true);
@@ -185,7 +190,7 @@ class JsonObject {
   JsonObject& may(const char* key, const JsonType<T>& type, Put put) {
     return add(key, type, put, false);
   }
-  /// Adds a key for a text that the program ignores.
+  /// Adds an optional key whose text the program ignores.
   JsonObject& remark(const char* key) {
     return may(key, jsonText(), [](Spec&, const std::string&) {});
   }
@@ -208,7 +213,7 @@ class JsonObject {
   JsonObject& mustHold(const char* key, const JsonObject& object, const char* description) {
     return hold(key, object, description, true);
   }
-  /// Rejects keys that are likely mistakes, with the given error.
+  /// Rejects `keys`, which are likely mistakes, with the error `why` and `remedy`.
   JsonObject& refuse(std::vector<const char*> keys, const char* why, const char* remedy) {
     for (const char* key : keys) refusals_.push_back({key, why, remedy});
     return *this;
@@ -223,7 +228,7 @@ class JsonObject {
     relations_.push_back({key, other, false, why, remedy});
     return *this;
   }
-  /// Calls `set` before the rows are read.
+  /// Adds a function that read() calls with the Spec before it reads the rows.
   JsonObject& always(std::function<void(Spec&)> set) {
     set_.push_back(std::move(set));
     return *this;
@@ -235,7 +240,7 @@ class JsonObject {
     for (auto& [word, object] : objects) choices_.push_back({word, std::move(object)});
     return *this;
   }
-  /// Adds alternative sets of rows. The first key of a set selects this set.
+  /// Adds alternative sets of rows. A file selects a set if it has the set's first key.
   JsonObject& chooseByKey(std::vector<JsonObject> objects) {
     for (JsonObject& object : objects) {
       std::string first = object.rows_.front().key;
@@ -282,7 +287,7 @@ class JsonObject {
               return spec;
             }};
   }
-  /// Returns the schema: for each choice one object that permits no further keys.
+  /// Returns the schema. It has one object for each choice, which permits only the choice's keys.
   [[nodiscard]] JsonSchema schema() const {
     std::vector<JsonSchema> closed;
     addSchemas({{"type", "object"},

@@ -32,7 +32,7 @@ void give(T* theirs, const T& ours) {
               size - kHead);
 }
 
-/// Returns entry i. The entries have the size that the host's version knows.
+/// Returns entry i of an array. Its entries have the size of the host's version of the struct.
 inline palpate_plugin_found* at(palpate_plugin_found* found, int i) {
   return reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) +
                                                  static_cast<std::size_t>(i) * found->size);
@@ -51,7 +51,8 @@ void copy(char (&to)[kRoom], const char* from) {
   va_end(words);
 }
 
-/// Runs `work`. If it throws, writes the cause into `error` and returns `otherwise`.
+/// Runs `work` and returns its result. If `work` throws, writes the cause into `error` and returns
+/// `otherwise`.
 template <class Result, class Work>
 Result safely(const char* plugin, char* error, std::size_t room, Result otherwise,
               Work work) noexcept {

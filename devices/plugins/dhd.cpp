@@ -39,7 +39,7 @@ constexpr Model kModels[] = {
 // TO CHECK: the SDK's x points to the user, y to the right, z up; origin in the middle [m].
 constexpr Frame kFrame = {{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}}};
 
-// Timeout of the arm's own watchdog, in its steps of 125 us: 30 ms.
+// Timeout of the arm's own watchdog, in units of 125 us: 30 ms.
 constexpr unsigned char kWatchdog = 240;
 
 palpate_plugin_host host;
@@ -80,7 +80,7 @@ bool send(const Arm& arm, const double (&force_W)[3]) {
   return dhdSetForceAndTorqueAndGripperForce(f[0], f[1], f[2], 0, 0, 0, 0, arm.id) >= 0;
 }
 
-// A share of gravity makes the SDK carry the same share of the weight.
+// If the SDK is set to a share of this gravity, it carries the same share of the weight.
 constexpr double kGravity = 9.81;  // [m/s^2]
 bool carryNow(const Arm& arm, double share) {
   if (share <= 0.0) return dhdSetGravityCompensation(DHD_OFF, arm.id) >= 0;
@@ -103,7 +103,8 @@ bool readNow(Arm& arm, palpate_plugin_reading& r) {
   double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   const int got = dhdGetPositionAndOrientationFrame(&p[0], &p[1], &p[2], turned, arm.id);
   if (got < 0) return false;
-  // If called too soon, the SDK repeats its last answer, which does not count as a new reading.
+  // If this call comes too soon, the SDK repeats its last answer, which does not count as a new
+  // reading.
   if (got == DHD_TIMEGUARD && r.taken != 0) return true;
   r.taken = host.now();
   kFrame.toW(p, 1.0, r.position);
@@ -230,7 +231,7 @@ void carry(palpate_plugin_device* device, double share) {
   of(device).share = share;
 }
 
-// Bound on the weight at the tip for the models above; their makers do not publish it.
+// Assumed bound on the weight at the tip for the models above; their makers publish no value.
 constexpr double kMostWeight = 10.0;  // [N]
 constexpr palpate_plugin_weight kWeight = {sizeof(palpate_plugin_weight), 0, carry, kMostWeight};
 

@@ -23,7 +23,7 @@ constexpr double kStiffness = 400.0;  ///< [N/m]
 constexpr double kDamping = 3.0;      ///< [N s/m]
 constexpr double kRadius = 0.1;       ///< [m]
 constexpr double kResolution = 1e-5;  ///< [m]
-constexpr double kContinuous = 2.0;   ///< [N]; not published, assumed as half of kForce.
+constexpr double kContinuous = 2.0;   ///< [N]; not published, assumed to be half of kForce.
 constexpr double kHeating = 10.0;     ///< [s]; not published, assumed.
 constexpr double kRate = 1000.0;      ///< [Hz]; the arm itself can exchange data at 4000 Hz.
 constexpr char kSource[] =
@@ -35,7 +35,7 @@ constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Longest wait for the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Longest wait for the user [ns].
-/// Time after the opening in which a silent arm is not reported to the user [ns].
+/// Time for which prepare() does not report a silent arm to the user [ns].
 constexpr std::int64_t kFirstAnswer = 1'000'000'000;
 constexpr std::int64_t kStopTime = 15'000'000;  ///< Longest wait for the service thread [ns].
 constexpr std::int64_t kStopPoll = 100'000;     ///< Time between two checks in stop() [ns].
@@ -153,7 +153,7 @@ Device& of(palpate_plugin_device* device) {
   return *static_cast<Device*>(device->data);
 }
 
-/// Fills in the fields for which the caller's struct has room, except `size`.
+/// Copies the fields for which the caller's struct has room, and keeps the caller's `size`.
 template <class T>
 void give(const T& from, T* to) {
   const std::uint32_t size = to->size;
@@ -212,7 +212,8 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
       tell(error, room, name + wanted);
       return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_FAILED;
     }
-    // The service's first answer may come late, so a silent arm is not reported before.
+    // The service's first answer may come late, so a silent arm is not reported before
+    // kFirstAnswer.
     const bool early = device.line.away && machineNow() - since < kFirstAnswer;
     if (!early && wanted != said) {
       if (host.say != nullptr) host.say((name + wanted).c_str());

@@ -1,6 +1,6 @@
 /// Private to devices: reads and writes the messages of Haply's Inverse Service.
 ///
-/// The service's JSON has three versions (generations); each message shows its own. Sources:
+/// The service's JSON has three versions (generations). Each message shows its generation. Sources:
 ///   3.5  docs.haply.co/inverseSDK: "WebSocket Protocol", "Control Commands", "Basis Permutation",
 ///        "Mount & Workspace Transforms", "Simulation Channel". A message has `session_id`,
 ///        `config` has `preset`, `basis` and `mount`; a force is `set_cursor_force.vector`.
@@ -37,7 +37,7 @@ inline constexpr double kWidest = 3600.0;  ///< Largest magnitude of a joint's a
 struct DeviceId {
   std::array<char, 48> text{};  ///< Zero-terminated.
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
-  /// If the text is not a valid id, leaves the id empty and returns false.
+  /// Copies `from`. If `from` is not a valid id, leaves the id empty and returns false.
   bool assign(std::string_view from) noexcept;
 };
 

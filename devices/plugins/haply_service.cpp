@@ -178,7 +178,7 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
   if (!last) return;
   // A message that cannot be read also counts as an answer, so the next message may be sent.
   answered_ = true;
-  // The first message of a connection may come without a request, so it must not exceed asked_.
+  // The first message of a connection may come without a request, so got_ must not exceed asked_.
   got_ = std::min(got_ + 1, asked_);
   answered_at_ = machineNow();
   if (!too_long_) message(partial_);
@@ -191,7 +191,8 @@ void Service::message(std::string_view bytes) {
   if (readMessage(bytes, in_) != Verdict::kState) return;
   // Later messages may lack session_id, so the highest generation of a connection is kept.
   generation_ = std::max(generation_, in_.generation);
-  // No message says which handle is on which arm: takes the first awake handle for the first arm.
+  // No message states which handle is on which arm. Assigns the first awake handle to the first
+  // arm, the second to the second.
   std::array<const GripState*, kMaxGrips> awake{};
   std::size_t awake_count = 0;
   for (std::size_t i = 0; i < in_.grip_count; ++i) {
@@ -248,7 +249,7 @@ void Service::attend(std::int64_t machine) {
   const std::int64_t pause = !served || !known ? kAskForArms : answered_ ? kPeriod : kAskAgain;
   // The service handles all waiting messages before a new zero force, so their number is limited.
   const bool full = asked_ - got_ >= kMostUnanswered;
-  // After kSilence, the missing answers count as lost.
+  // After kSilence without an answer, the missing answers count as lost.
   if (full && machine - std::max(sent_, answered_at_) >= kSilence) got_ = asked_;
   if (!full && machine - sent_ >= pause) lws_callback_on_writable(wsi_);
 }
@@ -259,7 +260,7 @@ int Service::writable(lws* to) {
   const std::span<char> text(room.data() + LWS_PRE, kRoom);
   std::array<ForceTo, kMaxArms> forces{};
   std::array<Line*, kMaxArms> served{};
-  // Read before the arm's force, so the force is zero if this is true.
+  // Line::leaves, read before the arm's force: if it is true, the force is zero.
   std::array<bool, kMaxArms> leaving{};
   std::array<std::uint64_t, kMaxArms> stops{};
   std::size_t count = 0;
@@ -300,7 +301,8 @@ void Service::letGo(std::int64_t machine) {
   for (auto& one : lines_) {
     Line* line = one.load();
     if (line == nullptr || !line->leaves) continue;
-    // Waits for the answer to the zero force: a socket closed with an unread answer may lose it.
+    // Waits for the answer to the zero force: if a socket is closed with an unread answer, the zero
+    // may be lost.
     if (line->leaves_at == 0) line->leaves_at = machine;
     const bool told =
         (line->told_zero && got_ >= line->told_in) || machine - line->leaves_at > kLeaving;

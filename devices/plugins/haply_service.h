@@ -1,8 +1,9 @@
 /// Private to devices: the connection to Haply's Inverse Service, on a thread of its own, for all
 /// arms of the process.
 ///
-/// The service sends one state per message that it receives. So the thread keeps sending the newest
-/// forces: each after the previous message is answered, and at most one per kPeriod.
+/// The service sends one state for each message that it receives. So the thread sends the newest
+/// forces again and again: each message after the answer to the previous one, and at most one per
+/// kPeriod.
 ///
 /// A force is sent while three conditions hold: it is younger than kForceHolds; the arm's last
 /// valid position came less than kSilence ago; a zero force was written since the last stop() or
@@ -29,9 +30,10 @@ namespace palpate::haply {
 inline constexpr std::int64_t kForceHolds = 40'000'000;
 /// Time without a valid position until the force is zero, by the host's clock [ns].
 inline constexpr std::int64_t kSilence = 30'000'000;
-/// Time between two messages after an answer, by the machine's clock, as the next three [ns].
+/// Time between two messages if the first was answered [ns]. This time and the next three are
+/// measured by the machine's clock.
 inline constexpr std::int64_t kPeriod = 500'000;
-/// Time between two messages, if the first was not answered [ns].
+/// Time between two messages if the first was not answered [ns].
 inline constexpr std::int64_t kAskAgain = 5'000'000;
 /// Time between two messages while no arm is open [ns].
 inline constexpr std::int64_t kAskForArms = 250'000'000;
@@ -48,7 +50,7 @@ struct Reading {
 struct Order {
   Triple force_D{};
   std::int64_t when = 0;           ///< Time of the write, by the host's clock [ns].
-  std::uint64_t acknowledged = 1;  ///< Value of Line::stops when zero force was last written.
+  std::uint64_t acknowledged = 1;  ///< Value of Line::stops when the host last wrote zero force.
 };
 
 /// The data of an open arm that the threads share.
@@ -58,10 +60,10 @@ struct Line {
   DeviceId id;
   /// Number of stops. After a stop the force is off until zero is written.
   std::atomic<std::uint64_t> stops{1};
-  /// Value of `stops` that the last sent message took into account.
+  /// Value of `stops` when the force of the last sent message was chosen.
   std::atomic<std::uint64_t> obeyed{0};
   std::atomic<std::uint64_t> losses{0};  ///< Number of times that the arm has fallen silent.
-  std::atomic<int> powered{-1};          ///< ArmState::powered of the last message that gave it.
+  std::atomic<int> powered{-1};  ///< ArmState::powered of the last message that contained it.
   std::atomic<int> ready{-1};
   std::atomic<int> calibrated{-1};
   std::atomic<bool> away{true};  ///< The arm is silent, or the connection is down.

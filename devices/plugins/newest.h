@@ -29,7 +29,7 @@ class Newest {
   }
 
   /// Reads the newest value. Returns false, and leaves `value` unchanged, if no value has come
-  /// since the last take(), or if a write is in progress.
+  /// since the last take(), or if a write stays in progress.
   [[nodiscard]] bool take(T& value) noexcept {
     std::uint64_t words[kWords];
     for (int tries = 0; tries < 1000; ++tries) {
@@ -66,7 +66,8 @@ class Orders {
   /// the arm's own watchdog although palpate hangs.
   static constexpr std::int64_t kHolds = 50'000'000;
 
-  /// Called on the haptic thread. Returns the result for palpate_plugin_device::write.
+  /// Stores an order. Called on the haptic thread. Returns the result for
+  /// palpate_plugin_device::write.
   int write(const palpate_plugin_force& force, double share, std::int64_t now) noexcept {
     Order order;
     bool zero = true;
@@ -83,13 +84,13 @@ class Orders {
     order.share = share;
     order.written = now;
     newest_.put(order);
-    // Opens the latch after the zero is stored, so that no older force follows.
+    // Ends the stop after the zero is stored, so that no older force follows.
     if (zero) stopped_.store(false, std::memory_order_release);
     return PALPATE_PLUGIN_OK;
   }
 
   /// Stops the force. Waits until a zero has been sent, because the process may end next, but at
-  /// most about 10 ms. Callable from any thread and from signal handlers.
+  /// most `tries` times 0.1 ms. Callable from any thread and from signal handlers.
   void stop(int tries = 100) noexcept {
     stopped_.store(true, std::memory_order_release);
     const std::uint32_t stops = stops_.fetch_add(1, std::memory_order_acq_rel) + 1;
@@ -109,10 +110,11 @@ class Orders {
     zeros_.store(order.stops, std::memory_order_release);
   }
 
-  /// Called on the SDK's thread. Returns zero after a stop, and if the last order is too old.
+  /// Returns the order to send now: zero after a stop, or if the last order is too old. Called on
+  /// the SDK's thread.
   [[nodiscard]] Order now(std::int64_t now) noexcept {
     const std::uint32_t stops = stops_.load(std::memory_order_acquire);
-    // Reads the latch before the force: if a zero has ended a stop, no older order is taken.
+    // Reads `stopped_` before the force: if a zero has ended a stop, no older order is taken.
     const bool stopped = stopped_.load(std::memory_order_acquire);
     (void)newest_.take(last_);
     Order order = stopped || now - last_.written > kHolds ? Order{} : last_;

@@ -2,8 +2,8 @@
 // tried on an arm.
 //
 // Threads: the library has no locks, so after the arm is prepared one thread makes all calls.
-// `stop` sets a flag for this thread, and waits until a zero has been sent, usually 1 ms. We do not
-// know of a watchdog in the Falcon.
+// `stop` sets a flag for this thread, and waits until a zero has been sent, usually 1 ms. We found
+// no description of a watchdog in the Falcon.
 #include <atomic>
 #include <cstdlib>
 #include <ctime>
@@ -23,7 +23,7 @@
 namespace {
 
 using namespace palpate_plugins;
-using namespace libnifalcon;  // by version, the firmware is inside or outside this namespace
+using namespace libnifalcon;  // in some versions the firmware is outside this namespace
 
 // TO CHANGE: the limits and their source. CHAI3D 3.3.0 gives 3,000 N/m; this is the smaller value.
 constexpr double kForce = 8.0;
@@ -106,7 +106,7 @@ void turnsOf(Arm& arm) {
       continue;
     }
     heard = now;
-    arm.orders.sent(order);  // the exchange begins with the zero of setForce
+    arm.orders.sent(order);  // the exchange has begun with the force of setForce()
     palpate_plugin_reading r{};
     r.size = sizeof r;
     r.taken = now;
@@ -118,7 +118,8 @@ void turnsOf(Arm& arm) {
     r.buttons = arm.falcon.getFalconGrip()->getDigitalInputs() & 0xfU;
     arm.readings.put(r);
   }
-  // The zero of setForce() is sent in the first exchange. Two exchanges are for safety.
+  // The first exchange sends the zero of setForce(). The second exchange repeats the zero for
+  // safety.
   constexpr int kTries = 20;
   int sent = 0;
   for (int i = 0; i < kTries && sent < 2; ++i) {
@@ -159,7 +160,7 @@ int facts(palpate_plugin_device*, palpate_plugin_facts* theirs) {
 int home(Arm& arm, char* error, std::size_t room) {
   FalconDevice& falcon = arm.falcon;
   auto firmware = falcon.getFalconFirmware();
-  // An arm that was without power has lost its firmware, and may not accept it at once.
+  // An arm that was without power has lost its firmware, and may reject the first uploads.
   bool loaded = falcon.isFirmwareLoaded();
   constexpr int kTries = 10;
   for (int i = 0; i < kTries && !loaded; ++i) {

@@ -16,7 +16,8 @@ namespace {
 
 using namespace palpate_plugins;
 
-// TO CHANGE: limits by the API's model name, and their source. Default: the API's nominal limits.
+// TO CHANGE: the limits of each model, by the API's model name, and their source. A model that is
+// not listed gets the API's nominal limits.
 struct Model {
   const char* name;  // HD_DEVICE_MODEL_TYPE
   double force, stiffness, damping, radius;
@@ -185,7 +186,8 @@ void describe(Arm& arm) {
     f.workspace_radius = m.radius;
     copy(f.source, m.source);
   }
-  // `continuous` stays zero: the API has no time constant, but reports HD_WARM_MOTORS.
+  // `continuous` stays zero, because the API has no time constant of the motors' heat. The API
+  // reports HD_WARM_MOTORS instead.
 }
 
 int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {

@@ -1,5 +1,5 @@
-/// palpate-plugin: the process in which a plug-in runs. palpate starts it. A user may run
-/// `palpate-plugin list FILE` to see what a plug-in reports.
+/// palpate-plugin: the program in whose process a plug-in runs. palpate starts this program: with
+/// `serve` to drive an arm, with `list` to list a plug-in's arms.
 #include <cstdio>
 #include <fcntl.h>
 #include <string>

@@ -1,4 +1,4 @@
-/** The plug-in's side of the contract by which palpate drives arms that it does not know. C99.
+/** The interface of plug-ins, by which palpate drives arms that it does not support itself. C99.
  *
  *  A plug-in is a shared library, NAME.so, in one of palpate's plug-in folders. It exports one
  *  symbol, `palpate_plugin`, and talks to the arm through the maker's library. By default a plug-in
@@ -16,8 +16,8 @@
  *  [any]     on any thread, while any other function runs, even if that function hangs.
  *
  *  Growth: every struct begins with its size, as known to the side that made the struct. The side
- *  that reads the struct takes all later bytes as zero. New fields are only added at the end, and
- *  zero means "as before". Everything else is an extension, requested by name.
+ *  that reads the struct treats all bytes beyond this size as zero. New fields are only added at
+ * the end, and zero means "as before". Everything else is an extension, requested by name.
  *
  *  Texts are UTF-8 and end with a zero byte. palpate checks all values from a plug-in. Numbers that
  *  are not finite, a time in the future and a quaternion of length zero are faults or count as
@@ -42,7 +42,7 @@ enum {
   PALPATE_PLUGIN_OK = 0,
   PALPATE_PLUGIN_NOTHING = 1, /**< read: there is no new reading. */
   PALPATE_PLUGIN_GONE = -1,   /**< The arm is unplugged, or no longer answers. */
-  PALPATE_PLUGIN_FAILED = -2  /**< The arm is there and has refused. */
+  PALPATE_PLUGIN_FAILED = -2  /**< The arm is connected, but has refused. */
 };
 
 /** Functions that palpate offers to a plug-in. */

@@ -119,7 +119,7 @@ PluginArm::PluginArm(std::unique_ptr<PluginPort> port, const std::string& name, 
   info_.limits.friction = host.measured.coulomb;
   if (traits_.drives && host.measured.viscous > 0.0) {
     ArmDissipation& arm = info_.limits.tank.arm;
-    // Assumes that in another pose a lever may be twice as long.
+    // Assumes that in another pose a lever may be longer by this factor.
     constexpr double kElsewhere = 2.0;
     arm.viscous = host.measured.viscous / (kElsewhere * kElsewhere);
     arm.coulomb = host.measured.coulomb / kElsewhere;
@@ -153,7 +153,8 @@ HandState PluginArm::read() noexcept {
     order_.number = written_seen_ = withheld_seen_ = 0;
     news_ = {};
   }
-  // After a long pause between reads, the arm may have moved, so both times restart.
+  // After a long pause between reads, the arm may have moved or taken orders, so both times
+  // restart.
   if (dt > info_.watch.stale) moved_at_ = written_at_ = now;
   const bool there = port_->read(news_);
   if (!there || news_.read < 0) {

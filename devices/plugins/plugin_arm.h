@@ -1,4 +1,5 @@
-/// An arm that a plug-in drives, in this process or in its own. Checks all values of the plug-in.
+/// An arm that a plug-in drives, in this process or in the plug-in's own process. Checks all values
+/// of the plug-in.
 #pragma once
 
 #include <cstdint>
@@ -33,8 +34,8 @@ namespace palpate {
 /// (StillFade).
 ///
 /// Faults:
-/// - Fault::kWrite: a write was not taken within 20 ms plus a period, or the plug-in's process has
-///   refused an order that violates the gate's limits.
+/// - Fault::kWrite: the plug-in did not take a force within 20 ms plus a period, or its process has
+/// refused an order that violates the gate's limits.
 /// - Fault::kGone: the plug-in has ended, or the arm is unplugged.
 /// - Fault::kNotFinite: numbers are not finite.
 /// - Fault::kLate: the plug-in's process has taken the force off because orders came late.
@@ -43,7 +44,7 @@ class PluginArm final : public Arm {
   /// Throws DeviceError if the facts are not usable (infoFor).
   PluginArm(std::unique_ptr<PluginPort> port, const std::string& name, bool tested,
             const ArmHost& host = {});
-  /// Writes zero force first.
+  /// Writes zero force, then closes the port.
   ~PluginArm() override;
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }

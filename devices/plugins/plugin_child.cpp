@@ -50,7 +50,7 @@ PluginChild::PluginChild(const std::filesystem::path& program,
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
   posix_spawn_file_actions_addopen(&files, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-  // Keeps the output of the maker's library out of the program's output.
+  // Sends the output of the maker's library to stderr, because stdout has the program's own output.
   posix_spawn_file_actions_adddup2(&files, STDERR_FILENO, STDOUT_FILENO);
   int next = kPluginControl;
   for (const int own : given) posix_spawn_file_actions_adddup2(&files, own, next++);
@@ -83,7 +83,8 @@ PluginChild::PluginChild(const std::filesystem::path& program,
 }
 
 bool PluginChild::lives() {
-  // If the program ignores SIGCHLD, process_ may be another process by now; waitpid() then fails.
+  // If the program ignores SIGCHLD, the number process_ may belong to another process by now. Then
+  // waitpid() fails.
   int what = 0;
   const pid_t changed = process_ > 0 ? waitpid(process_, &what, WNOHANG | WUNTRACED) : 0;
   if (changed > 0 && WIFSTOPPED(what)) {
@@ -145,8 +146,8 @@ PluginAnswer receivePluginMessages(int control, PluginChild& child, double patie
     (void)poll(&waits, 1, kPluginPoll);
     std::optional<PluginMessage> message;
     const PluginReceived took = receivePluginMessage(control, message);
-    // A process that the child has started may keep the socket open, so the answer ends when the
-    // child has ended and no message waits.
+    // A process that the child has started may keep the socket open. So also ends when the child
+    // has ended and no message waits.
     const bool silent = took == PluginReceived::kNothing;
     if (took == PluginReceived::kEnd || (silent && !lives)) return PluginAnswer::kEnded;
     lives = child.lives();

@@ -16,13 +16,13 @@
 
 namespace palpate {
 
-inline constexpr int kPluginPoll = 10;  ///< [ms] between two checks of a process.
+inline constexpr int kPluginPoll = 10;  ///< Time between two checks of a process [ms].
 inline constexpr const char* kPluginProgram = "palpate-plugin";
 
 class OwnedDescriptor {
  public:
   OwnedDescriptor() = default;
-  /// Moves the descriptor above the numbers that a child process gets.
+  /// Moves the descriptor `own` above the numbers that a child process gets.
   explicit OwnedDescriptor(int own);
   OwnedDescriptor(OwnedDescriptor&& other) noexcept : own_(std::exchange(other.own_, -1)) {}
   OwnedDescriptor& operator=(OwnedDescriptor&& other) noexcept {
@@ -79,7 +79,7 @@ enum class PluginReceived : std::uint8_t {
 
 enum class PluginAnswer : std::uint8_t {
   kAll,   ///< The process has sent all its messages.
-  kLate,  ///< The time `patience` has passed.
+  kLate,  ///< The time limit `patience` has passed.
   kEnded,
   kStopped,  ///< `stop` has returned true.
 };

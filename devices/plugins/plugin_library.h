@@ -31,10 +31,11 @@ struct PluginHost {
 
 class PluginDevice;
 
-/// A plug-in in this process. Use each object on one thread; load a file only once at a time.
+/// A plug-in that is loaded into this process. Use each object on one thread; load a file only once
+/// at a time.
 class PluginLibrary {
  public:
-  /// Throws DeviceError if the file is not a plug-in, or one of another version.
+  /// Throws DeviceError if the file is not a plug-in, or is a plug-in of another version.
   PluginLibrary(const std::filesystem::path& file, PluginHost host);
   ~PluginLibrary();
   PluginLibrary(const PluginLibrary&) = delete;
@@ -73,8 +74,10 @@ class PluginDevice {
   /// Returns the largest weight that the motors can carry [N], or 0.
   [[nodiscard]] double carries() const noexcept { return weight_ != nullptr ? weight_->most : 0.0; }
 
-  // RT, if the plug-in's function is.
-  // If no new reading has come, `reading` stays unchanged, even if the plug-in has written into it.
+  // The next four functions: RT, if the plug-in's functions are.
+
+  /// Reads the newest reading. If no new reading has come, `reading` stays unchanged, even if the
+  /// plug-in has written into it.
   [[nodiscard]] int read(palpate_plugin_reading& reading) const noexcept {
     palpate_plugin_reading next = reading;
     next.size = sizeof(next);

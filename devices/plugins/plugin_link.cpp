@@ -49,7 +49,7 @@ std::optional<PluginMessage> pluginMessageOf(std::span<const std::byte> bytes) {
 void waitForWord(std::atomic<std::uint32_t>& word, std::uint32_t seen,
                  std::int64_t until) noexcept {
   constexpr std::int64_t kSecond = 1000000000;
-  // The time is relative, because the kernel's clock for this call differs from nowNs().
+  // Passes a relative time, because the kernel's clock for this call differs from that of nowNs().
   const std::int64_t wait = until - nowNs();
   if (wait <= 0) return;
   timespec time{};

@@ -27,7 +27,7 @@ namespace palpate {
 namespace {
 
 constexpr double kEnds = 1.0;  // [s] for a process to end after a request
-// [s]: a process hangs if its haptic thread makes no pass for this time.
+// [s]: if a process's haptic thread makes no pass for this time, the process hangs.
 constexpr double kHung = 0.5;
 constexpr int kTriesAgain = 500;             // [ms] between two attempts to start a process
 constexpr std::array<std::byte, 4> kZero{};  // message of a guardian; any message means zero force
@@ -149,7 +149,7 @@ class ProcessPort final : public PluginPort {
     if (life.life() == nullptr) return false;
     PluginLink& link = *life.life()->link;
     link.ticked_at.store(nowNs(), std::memory_order_relaxed);
-    // If the process is writing at this time, keeps the old news until the next tick.
+    // If the process is just writing its news, keeps the old news until the next tick.
     (void)link.news.load(news);
     return true;
   }
@@ -187,7 +187,8 @@ class ProcessPort final : public PluginPort {
 
   [[nodiscard]] bool over() const noexcept { return quit_ || (host_.stop && host_.stop()); }
 
-  /// A callback must not end this thread, so its exceptions are dropped.
+  /// Prints a line for the user, unless it repeats the last one. Drops exceptions of host_.say,
+  /// because they must not end this thread.
   void tell(const std::string& words) noexcept {
     try {
       if (host_.say && words != told_) host_.say("plugin:" + file_.stem().string() + ": " + words);
@@ -227,7 +228,8 @@ class ProcessPort final : public PluginPort {
         tell(hangs ? "its process hung: palpate starts it again"
                    : "its process has ended: palpate starts it again");
       }
-      // Starts the new process at once, because it takes off the force that the old one has left.
+      // Starts the new process at once, because it takes off the force that the old process has
+      // left.
       while (!quit_ && !mend()) std::this_thread::sleep_for(std::chrono::milliseconds(kTriesAgain));
       beat_at = nowNs();
     }

@@ -27,7 +27,7 @@ struct FoundPluginArm {
   std::string model;                          ///< Model, as text for the user.
   std::optional<palpate_plugin_facts> facts;  ///< Facts; missing if the arm could not be opened.
   double carries = 0.0;                       ///< PluginPort::carries.
-  std::string trouble;                        ///< Why it could not be opened, in one line.
+  std::string trouble;                        ///< Why the arm could not be opened, in one line.
 };
 /// An installed plug-in, and the arms that it has found.
 struct FoundPlugin {
@@ -40,12 +40,14 @@ struct FoundPlugin {
   /// Why the plug-in cannot be used, in one line; empty if it can.
   std::string trouble;
 };
-/// Queries all plug-ins, each in its own process for at most `patience` [s]. Skips open arms.
+/// Queries all plug-ins, each in its own process for at most `patience` [s]. Lists arms that are in
+/// use without their facts.
 [[nodiscard]] std::vector<FoundPlugin> findPlugins(double patience = 5.0);
 
 /// Opens an arm of a plug-in, in a process of palpate-plugin. If the plug-in crashes or hangs, the
 /// force is taken off and the process is restarted. Throws DeviceError. May take minutes, because
-/// an arm may home itself. If `program` is empty, uses the file in this program's folder.
+/// an arm may home itself. `program` is the file of palpate-plugin; if empty, palpate-plugin in
+/// this program's folder.
 [[nodiscard]] std::unique_ptr<PluginPort> openPluginProcess(
     const std::filesystem::path& file, const std::string& serial, const ArmHost& host,
     const std::filesystem::path& program = {});

@@ -26,17 +26,17 @@ class GrowthCheck {
 
   double slew_;
   double size_ = 0.0;
-  /// Growth that is allowed now.
+  /// Growth that is permitted now, beyond `size_`.
   double room_ = slew_ * kLate;
 };
 
-/// Passes orders to an arm and returns its news, on its own thread. Takes the force off if no more
-/// orders come. Reads the arm kLead before the program's next expected read, so the position is
-/// fresh and the tick never waits.
+/// Passes orders to an arm and publishes the arm's news, on the thread that calls loop(). Takes the
+/// force off if no more orders come. Reads the arm kLead before the program's next expected read,
+/// so the position is fresh and the tick never waits.
 class PluginServer {
  public:
   static constexpr std::int64_t kLead = 100'000;  ///< Lead of a reading [ns].
-  /// Longest time without an order before the force becomes zero [s].
+  /// Time without an order after which the force becomes zero [s].
   static constexpr double kSilent = 0.015;
 
   /// @param period  Period of the readings until the program's period is known [s].
@@ -75,7 +75,8 @@ class PluginServer {
   /// have overwritten it. Call it once for each order.
   [[nodiscard]] bool isSound(const PluginOrder& order, std::int64_t now) noexcept;
   void read() noexcept;
-  /// Sets force and carried weight to zero, on the haptic thread: no older order can follow.
+  /// Sets force and carried weight to zero. Called on the haptic thread, so that no older order can
+  /// follow.
   void takeOff() noexcept;
   [[nodiscard]] std::int64_t nextReading(std::int64_t now) noexcept;
 
@@ -87,7 +88,7 @@ class PluginServer {
   std::atomic<std::int64_t> period_;
   std::atomic<bool> ended_{false};
   std::atomic<bool> done_{false};
-  /// Orders are not passed on until a zero order comes.
+  /// Orders are withheld until a zero order comes.
   std::atomic<bool> stopped_{false};
   std::atomic<bool> blamed_{false};  ///< The plug-in hung.
 

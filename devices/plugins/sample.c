@@ -20,7 +20,7 @@ static const double kFriction = 1.0;            /* Friction of an arm without a 
 static const double kWeight = 0.3;              /* [N] */
 static const double kPeak = 4.0;                /* [N] */
 static const double kContinuous = 1.5;          /* Force that the motors can hold forever [N]. */
-static const double kHeating = 20.0;            /* Time constant of their heat [s]. */
+static const double kHeating = 20.0;            /* Time constant of the motors' heat [s]. */
 static const int64_t kPeriod = 1000000;         /* Period of the positions [ns]. */
 static const int64_t kWatchdog = 50000000;      /* [ns] */
 static const int64_t kLongest = 200 * 1000000L; /* Longest time that one read simulates [ns]. */
@@ -174,7 +174,8 @@ static int writeArm(palpate_plugin_device* device, const palpate_plugin_force* t
   memcpy(a->force, f.force, sizeof a->force);
   a->share = a->next_share;
   a->written = host.now();
-  /* Only a zero force ends a stop, so clears the stop after the zero is stored. */
+  /* Only a zero force ends a stop. Clears `stopped` after the zero is stored, so that no older
+   * force follows. */
   if (zero) __atomic_store_n(&a->stopped, 0, __ATOMIC_RELEASE);
   return PALPATE_PLUGIN_OK;
 }

@@ -12,7 +12,7 @@ namespace palpate {
 
 /// A value in memory that two processes share. If the writer dies during a write, readers reject
 /// the value. For any content of this memory, a reader takes bounded time and reads only this
-/// object. Mailbox does not guarantee this: it takes a slot's number from the shared memory.
+/// object. Mailbox does not guarantee this, because it reads a slot's index from the shared memory.
 template <class T>
 class Seqlock {
   static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % 8 == 0);

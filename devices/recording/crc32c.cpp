@@ -9,7 +9,8 @@ namespace {
 constexpr std::uint32_t kPolynomial = 0x82F63B78U;  // 0x1EDC6F41 with its bits reversed
 constexpr std::size_t kSlices = 8;
 
-/// Slicing by eight (Kounavis and Berry 2005). Table k serves a byte with k bytes after it.
+/// Tables for slicing by eight (Kounavis and Berry 2005). Table k is for a byte that k bytes
+/// follow.
 constexpr auto kTables = [] {
   std::array<std::array<std::uint32_t, 256>, kSlices> tables{};
   for (std::uint32_t byte = 0; byte < 256; ++byte) {

@@ -31,7 +31,8 @@ Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
   beside_ = fmt::format("{}.{}.begun", file_.string(), ::getpid());
   descriptor_ = ::open(beside_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor_ < 0) {
-    // Another run with this process number, which may have been killed, has made the file.
+    // If the file exists, another run with the same process number has made it, and was probably
+    // killed.
     const bool exists = errno == EEXIST;
     throw Error(file_.string(),
                 exists ? fmt::format("its unfinished file {} exists already", beside_.string())
@@ -125,7 +126,8 @@ void Recorder::writeNew() {
   Ring::Slot slot;
   while (rows_.size() < rows_.capacity() && ring_->slots.try_dequeue(slot))
     rows_.push_back(slot.row);
-  // expect() precedes the publishing of a scene, so scenes_ has all scenes of the ticks.
+  // The program calls expect() before it publishes a scene, so scenes_ has all scenes of these
+  // ticks.
   std::vector<RecordedScene> scenes;
   {
     const std::lock_guard lock(mutex_);

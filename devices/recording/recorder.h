@@ -14,20 +14,22 @@
 
 namespace palpate {
 
-/// Passes ticks through a ring buffer to a thread that writes the file. At most the ticks
-/// of the last kWritten are lost if the program is killed, of the last kSynced if the power fails.
+/// Passes ticks through a ring buffer to a thread that writes the file. If the program is killed,
+/// at most the ticks of the last kWritten are lost. If the power fails, at most those of the last
+/// kSynced are lost.
 class Recorder {
  public:
   static constexpr double kWritten = 0.05;  ///< Longest time until a tick is in the file [s].
   static constexpr double kSynced = 1.0;    ///< Longest time until a tick is on the disk [s].
 
-  /// Creates a temporary file in the folder of `file`, with its header. Throws Error if this fails.
+  /// Creates a temporary file in the folder of `file` and writes the header. Throws Error if this
+  /// fails.
   Recorder(std::filesystem::path file, const RecordedSetting& setting);
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
   ~Recorder();
 
-  /// Moves the file to its final place, where it replaces an existing file. Call it before the
+  /// Renames the temporary file to `file`, which replaces an existing file. Call it before the
   /// first tick. Without this call an existing file stays unchanged. Throws Error if the move
   /// fails.
   void begin();
@@ -58,7 +60,7 @@ class Recorder {
   void write(const std::string& chunk);
   void fail(const std::string& why);
 
-  static constexpr std::size_t kRoom = 65536;  // 6 s at 10 kHz, in case the disk is busy
+  static constexpr std::size_t kRoom = 65536;  // [ticks]: 6 s at 10 kHz, in case the disk is busy
 
   std::filesystem::path file_;
   std::filesystem::path beside_;  ///< Path of the temporary file; empty after begin().

@@ -77,8 +77,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   return asText(bytesOf(mark)) + asText(records);
 }
 
-// Fields of a record: name in RecordedTick, member of Telemetry, unit, and whether a replay of the
-// inputs and scenes determines the field.
+// Fields of a record: name in RecordedTick, member of Telemetry, unit, and RecordedField::output.
 // clang-format off
 #define PALPATE_EACH_FIELD(FIELD)                       \
   FIELD(tick, tick, "", false)                          \
@@ -138,7 +137,8 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(fault, fault, "", true)
 // clang-format on
 
-// put() copies a field to a record. take() copies it back; any byte gives a valid enum value.
+// put() copies a field to a record. take() copies the field back, and converts any byte to a valid
+// enum value.
 template <class T>
 void put(T& to, T from) noexcept {
   to = from;
@@ -456,7 +456,7 @@ std::string recordingHeader(const RecordedSetting& setting) {
 }
 
 std::string recordingChunk(std::span<const RecordedTick> ticks) {
-  // Small chunks limit how many ticks one wrong bit can destroy.
+  // One wrong bit destroys a whole chunk, so chunks are small.
   constexpr std::size_t kMost = 1024;
   std::string before;
   for (; ticks.size() > kMost; ticks = ticks.subspan(kMost)) {
@@ -525,7 +525,8 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
   std::size_t last_whole = offset;  // end of the last complete chunk
   // Start of a chunk that continues beyond the file's end.
   std::optional<std::size_t> cut;
-  std::size_t patience = 4 * bytes_.size();  // bytes of invalid chunks that may still be checked
+  // bytes of invalid chunks that the search may still check
+  std::size_t patience = 4 * bytes_.size();
   std::int64_t last_tick = 0;
   while (offset < bytes_.size() && bytes_.size() - offset >= kRecord) {
     ChunkMark mark = at<ChunkMark>(bytes_, offset);
@@ -540,7 +541,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
                       (mark.kind != static_cast<std::uint64_t>(ChunkKind::kTicks) ||
                        comesAfter(records, last_tick));
     if (!good) {
-      // The chunk is damaged. Searches the next chunk record by record.
+      // The chunk is damaged. Searches for the next chunk, record by record.
       offset += kRecord;
       patience -= std::min(patience, records.size());
       if (patience == 0) break;

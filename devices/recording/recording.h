@@ -23,7 +23,7 @@
 
 namespace palpate {
 
-/// One tick; its fields cover every byte.
+/// The record of one tick. The fields cover every byte of the record.
 struct RecordedTick {
   std::int64_t tick;               ///< Telemetry::tick.
   std::uint64_t scene;             ///< Telemetry::scene.
@@ -109,15 +109,15 @@ struct RecordedField {
 /// A scene that the hand received.
 struct RecordedScene {
   std::uint64_t id = 0;  ///< RecordedTick::scene.
-  /// JSON that describes its origin; see scenes/apps/cli/recorded.h.
+  /// JSON that describes the scene's origin; see scenes/apps/cli/recorded.h.
   std::string text;
 };
 
-/// Contents of a recording's header; numbers are exact.
+/// Contents of a recording's header. Numbers are read back exactly.
 struct RecordedSetting {
   DeviceInfo device;     ///< Device of the hand, with the `limits` that the loop used.
   double rate = 1000.0;  ///< Rate of the loop [Hz].
-  /// JSON object about program, machine and run; not interpreted here.
+  /// JSON object about program, machine and run. Recording does not interpret it.
   std::string about;
 };
 
@@ -167,7 +167,8 @@ class Recording {
 
 /// Returns the header with which a writer begins a recording.
 [[nodiscard]] std::string recordingHeader(const RecordedSetting& setting);
-/// Returns the chunks of at most 1,024 ticks each. `ticks`: not empty, with rising numbers.
+/// Returns the bytes of the chunks of these ticks, at most 1,024 ticks each. `ticks` is not empty,
+/// and the numbers of its ticks rise.
 [[nodiscard]] std::string recordingChunk(std::span<const RecordedTick> ticks);
 /// Returns the bytes of the chunk of a scene.
 [[nodiscard]] std::string recordingChunk(const RecordedScene& scene);

@@ -11,7 +11,8 @@
 namespace palpate {
 
 /// Replays a recorded hand, one tick per write, independent of the force. Has the properties of the
-/// recorded arm. Does not replay commands and lateness; HandTick does.
+/// recorded arm. Does not replay cleared faults, cuts and late ticks. A HandTick with the recorded
+/// TickInput replays them.
 class ReplayDevice final : public Device {
  public:
   /// Begins at the tick with index `begin`, which is less than the recording's size.

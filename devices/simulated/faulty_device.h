@@ -41,11 +41,13 @@ inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 class FaultyDevice final : public Device {
  public:
   static constexpr double kJump = 0.02;  ///< Shift of the positions [m].
-  static constexpr double kRun = 4.5;    ///< [m/s]: above WatchLimits::max_speed, but not a jump.
-  static constexpr double kHang = 0.03;  ///< [s]: longer than every limit of the loop.
+  /// Speed of a runaway position [m/s]: above WatchLimits::max_speed, but not a jump.
+  static constexpr double kRun = 4.5;
+  /// Duration of a read or write that hangs [s]; longer than every limit of the loop.
+  static constexpr double kHang = 0.03;
 
   /// Has the trouble from `begin` until `end` [s], counted in ticks of `rate` [Hz]. Throws
-  /// DeviceError if a force could reach a real hand, for example if the device has a ZeroForce.
+  /// DeviceError if the device has a ZeroForce, because it may be a real arm.
   FaultyDevice(std::unique_ptr<Device> device, Trouble trouble, double rate, double begin,
                double end = std::numeric_limits<double>::infinity());
 
@@ -69,7 +71,7 @@ class FaultyDevice final : public Device {
   std::int64_t tick_ = 0;
   std::int64_t since_ = 0;  ///< Number of readings since the trouble began.
   Vec3 force_ = Vec3::Zero();
-  /// The last reading before the trouble; for repeated positions, the last that was reported.
+  /// The last reading before the trouble; for Trouble::kRepeated, the reading that is repeated.
   HandState whole_;
 };
 

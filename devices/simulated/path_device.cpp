@@ -38,7 +38,7 @@ PathDevice::PathDevice(std::vector<PathPoint> path, double rate)
   info_.limits = {20.0, 2000.0};
   info_.max_stiffness = 1e5;
   info_.hand = false;
-  // A path has no real hand, so a late tick cannot hurt.
+  // A path has no real hand that a late tick could hurt.
   info_.watch.late = 60.0;
   info_.source =
       "no hardware: the largest force is that of a delta.3 (20 N, CHAI3D 3.3.0); the probe "

@@ -86,7 +86,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   if (arm.viscous > 0.0) {
     info_.limits.tank.use = arm.tank;
     info_.limits.tank.refill = arm.refill;
-    // Each of the three axes is rounded, with an error of up to half a step.
+    // The readings of all three axes are rounded, each with an error of up to half a step.
     ArmDissipation& known = info_.limits.tank.arm;
     known.viscous = arm.viscous;
     known.coulomb = arm.coulomb;
@@ -98,7 +98,8 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
       "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/safety/limit_force.h";
   position_ = aim_ = target_.at(0.0);
 
-  // A force acts `delay` after its reading, so ceil(delay * rate) forces are pending in the queue.
+  // A force acts `delay` after its reading. The oldest force that can still act was written `whole
+  // + 1` ticks ago.
   const DelayInPeriods delay = inPeriods(arm.delay, rate);
   queue_.assign(static_cast<std::size_t>(delay.whole) + 2, Vec3::Zero());
   early_ = propagator(delay.part / rate);
@@ -106,8 +107,8 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
 }
 
 SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {
-  // Solves x'' = -2 s x' - w2 x + f/m by its matrix exponential. The resting place is f/k, or its
-  // limit without a spring.
+  // Solves x'' = -2 s x' - w2 x + f/m by its matrix exponential. With a spring of stiffness k the
+  // arm comes to rest at f/k. Without a spring, uses the limit for k = 0.
   const double m = arm_.mass;
   const double s = (arm_.viscous + grip_.damping) / (2.0 * m);
   const double w2 = grip_.stiffness / m;
@@ -204,7 +205,7 @@ bool SimulatedDevice::ended() const noexcept {
 
 HandTarget explore(const Box& bounds, double seconds) {
   constexpr double kVisit = 5.0;  // [s] for one side
-  // Share of the visit in which the hand goes round from the previous side.
+  // Share of the visit in which the hand moves around the box from the previous side.
   constexpr double kRound = 0.2;
   const int visits = std::max(1, static_cast<int>(std::lround(seconds / kVisit)));
   const double length = seconds / visits;
@@ -221,7 +222,7 @@ HandTarget explore(const Box& bounds, double seconds) {
     // Radius of the box's ellipsoid in direction `out`.
     const auto radius = [&](const Vec3& out) { return 1.0 / out.cwiseQuotient(half).norm(); };
 
-    // First the hand goes round the outside from the previous side, along a great circle.
+    // First the hand moves around the outside from the previous side, along a great circle.
     if (visit > 0 && u < kRound) {
       const Vec3 from = side(visit - 1);
       const Vec3 to = side(visit);

@@ -94,8 +94,9 @@ double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate
 double passiveStiffness(const ArmParams& arm, double rate, double damping) {
   const double left = arm.viscous - std::abs(damping);
   if (!(left > 0.0)) return 0.0;
-  // Solves b = K (T/2 + t_d) + K^2 T^2 phi (1 - phi) / (4 b) for K, where phi is the delay's
-  // fraction of a period. A lag acts like a mixture of delays, so the worst fraction is taken.
+  // Solves b - |B| = K (T/2 + t_d) + K^2 T^2 phi (1 - phi) / (4 b) for K. B is the coupling's
+  // damping, phi the delay's fraction of a period. A lag acts like a mixture of delays, so the
+  // worst fraction is used.
   const double part = arm.lag > 0.0 ? 0.5 : inPeriods(arm.delay, rate).part;
   const double late = 0.5 / rate + arm.delay + arm.lag;
   const double q = part * (1.0 - part) / (rate * rate * 4.0 * arm.viscous);
@@ -121,7 +122,7 @@ CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, 
   room.passive = passiveStiffness(arm, rate, damping);
   room.stable = stableStiffness(arm, grip, rate, damping);
   room.amplitude = holdingAmplitude(arm, rate, stiffness);
-  // Searches, because the delay's fraction of a period depends on the rate.
+  // Searches step by step, because the delay's fraction of a period depends on the rate.
   constexpr double kFastest = 1e5;  // [Hz]
   double faster = rate;
   while (faster <= kFastest && passiveStiffness(arm, faster, damping) < stiffness) faster *= 1.01;

@@ -62,7 +62,8 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 /// wall [m]. Infinite if viscous friction suffices alone; 0 without Coulomb friction.
 [[nodiscard]] double holdingAmplitude(const ArmParams& arm, double rate, double stiffness);
 
-/// Stability margins of a coupling on an arm. `passive` alone suggests too soft a coupling.
+/// Stability margins of a coupling on an arm. A coupling that is limited by `passive` alone is
+/// softer than necessary.
 struct CouplingRoom {
   double passive = 0.0;    ///< passiveStiffness [N/m]
   double stable = 0.0;     ///< stableStiffness of the arm in a hand [N/m]

@@ -18,10 +18,10 @@ namespace palpate {
 namespace {
 
 constexpr double kFar = 0.02;       // [m]: a swing beyond this distance counts as running away
-constexpr double kMade = 1e-5;      // [J]: energy gain of the hand from which a cell is active
+constexpr double kMade = 1e-5;      // [J]: a cell is active if the hand gains more energy than this
 constexpr std::size_t kCoarse = 8;  // spacing of the cells that are computed first
 constexpr double kLastly = 0.75;    // share of the time after which the final behaviour is judged
-// Ratio of a swing's sizes in the last and the third quarter of the run, below which it decays.
+// A swing decays if the ratio of its sizes in the last and the third quarter is below this value.
 constexpr double kDying = 0.8;
 
 Primitive plane(const Vec3& normal, double strength) {
@@ -99,8 +99,8 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
   MapCell cell;
   double energy = 0.0;
   double least = 0.0;
-  // The force that acts was sent `whole` ticks ago. For the fraction `part` of the tick, the force
-  // before it still acts.
+  // The force that acts was sent `whole` ticks ago. For the fraction `part` of the tick, the
+  // previous force still acts.
   const DelayInPeriods delay = inPeriods(setting.arm.delay, setting.rate);
   const auto whole = static_cast<std::size_t>(delay.whole);
   const double part = delay.part;
@@ -186,7 +186,8 @@ StabilityMap drawMap(const MapSetting& setting, const MapContact& contact, const
     for (std::size_t row = 0; row < n; row += half) {
       for (std::size_t column = 0; column < n; column += half) {
         if (cells[row * n + column]) continue;
-        // Compares the coarse cells around this cell, or the two between which it lies.
+        // Compares the coarse cells around this cell, or the two coarse cells between which this
+        // cell lies.
         const MapCell& one = *cells[row / step * step * n + column / step * step];
         bool all = true;
         for (const std::size_t r : {row / step * step, (row + step - 1) / step * step}) {

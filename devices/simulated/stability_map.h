@@ -1,4 +1,5 @@
-/// Private to the program: maps of the couplings that settle, swing or run away, per method.
+/// Private to the program: draws maps of the couplings with which an arm settles, swings or runs
+/// away, for each method.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +15,7 @@
 
 namespace palpate {
 
-/// Returns the force on a hand at `probe` [N]. Keeps its proxy from call to call.
+/// Returns the force [N] on a hand at `probe` [m]. Keeps its proxy from call to call.
 using MapFeel = std::function<Vec3(const Vec3& probe)>;
 
 /// The contact that a hand presses on.
@@ -52,7 +53,7 @@ using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
 /// Final behaviour, judged in the last quarter of the time, or as soon as the arm is more than 0.1
 /// m from MapContact::place.
 enum class MapOutcome : std::uint8_t {
-  kRests,  ///< The arm rests to within some encoder steps, or its swing decays.
+  kRests,  ///< The arm rests to within 2.5 encoder steps, or its swing decays.
   /// Limit cycle: the arm keeps swinging by at most 0.02 m. The swing may still be growing.
   kCycles,
   kLeaves,  ///< The arm runs away, or swings by more than 0.02 m.

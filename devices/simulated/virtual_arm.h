@@ -8,7 +8,7 @@
 namespace palpate {
 
 /// Returns a SimulatedDevice with the interface of an arm. Each write advances its time by 1 ms.
-/// No hand holds it, and it has no weight: it moves only while a force pushes it.
+/// No hand holds the arm, and the arm has no weight: only a force moves it.
 [[nodiscard]] std::unique_ptr<Arm> makeVirtualArm();
 
 }  // namespace palpate

@@ -76,7 +76,7 @@ std::int64_t ms(std::int64_t t) {
 
 }  // namespace
 
-TEST_CASE("palpate's watch of an arm shows its report bytes, rates, fields, joints, tip and flags",
+TEST_CASE("devices --watch shows an arm's reports and the fields and tip that follow from them",
           "[profile]") {
   ArmWatch watch(arm(""));
   Says port;
@@ -139,10 +139,8 @@ TEST_CASE("palpate's watch of an arm shows its report bytes, rates, fields, join
   CHECK(port.sent == 0);
 }
 
-TEST_CASE(
-    "palpate's watch of an arm unwraps a counter and counts from home if the profile homes at "
-    "opening",
-    "[profile]") {
+TEST_CASE("devices --watch unwraps a counter for profiles with and without home_at_open",
+          "[profile]") {
   const auto first = [](const char* home, const std::vector<std::vector<int>>& reports) {
     ArmWatch watch(arm(home));
     Says port;

@@ -60,7 +60,7 @@ TEST_CASE("a recorded path is interpolated linearly between its rows and ends at
   CHECK(ticks == 21);
 }
 
-TEST_CASE("a path file is refused if an error occurs before the end of the file", "[path]") {
+TEST_CASE("a path file is refused if reading it fails before its end", "[path]") {
   // A stream that returns two rows and then throws, like a faulty disk.
   class Failing final : public std::streambuf {
    public:
@@ -90,7 +90,7 @@ TEST_CASE("a path file that is a pipe or a device is refused before it is read",
   std::filesystem::remove(place);
 }
 
-TEST_CASE("a path with one row and a start time of 5 s is played", "[path]") {
+TEST_CASE("a path may have a single row and begin at 5 s", "[path]") {
   PathDevice device(path("t,x,y,z\n5,1,2,3\n"), 1000.0);
   CHECK(device.read().position == Vec3(1, 2, 3));
   device.write({});
@@ -176,7 +176,8 @@ TEST_CASE("the target of a simulated hand is evaluated once a tick at increasing
   REQUIRE(asked.size() == 1001);
   CHECK(std::is_sorted(asked.begin(), asked.end()));
   CHECK(asked.back() == 0.999);
-  // The hand's damper pulls the arm along. The arm has no friction, and lags by half a tick.
+  // The hand's damper pulls the arm along. The arm has no friction, and is half a tick behind the
+  // target.
   CHECK(device.velocity().x() == Approx(1.0).epsilon(2e-3));
   CHECK(device.position().x() == Approx(1.001 + 0.5e-3).margin(2e-5));
 }

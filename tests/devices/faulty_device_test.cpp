@@ -1,6 +1,6 @@
-/// Checks how a loop reacts to a faulty device: why the loop cuts the force, how soon, and for how
-/// long. Prints the table of docs/loop.md, in ticks. Only reads and writes that hang are measured
-/// with the real clock.
+/// Checks how a loop reacts to a faulty device: the fault with which the loop cuts the force, the
+/// time until the cut, and the duration of the cut. Prints the table of docs/loop.md, in ticks.
+/// Only reads and writes that hang are measured with the real clock.
 #include "palpate/devices/simulated/faulty_device.h"
 
 #include <algorithm>
@@ -30,8 +30,8 @@ constexpr double kClear = 4.5;
 constexpr double kSeconds = 7.0;
 
 /// Returns a hand that presses on the ball until the injected trouble ends, and again before and
-/// after the fault is cleared. In between it leaves the ball, because a surface does not hold a
-/// proxy that starts inside its solid.
+/// after the fault is cleared. In between the hand leaves the ball, because a surface does not hold
+/// a proxy that starts inside its solid.
 std::unique_ptr<Device> pressing() {
   ArmParams arm;
   arm.hand = true;
@@ -127,8 +127,7 @@ const std::vector<Expected> kExpected{
 
 }  // namespace
 
-TEST_CASE("each injected trouble causes its expected fault in time and the fault stays latched",
-          "[fault]") {
+TEST_CASE("each simulated trouble of a device causes its fault within its time limit", "[fault]") {
   REQUIRE(kExpected.size() == kTroubles);
   std::printf("trouble    cause        zero after ticks by\n");
   for (const Expected& expected : kExpected) {
@@ -186,7 +185,7 @@ TEST_CASE("each injected trouble causes its expected fault in time and the fault
   }
 }
 
-TEST_CASE("troubles cannot be injected into a real arm", "[fault]") {
+TEST_CASE("a real arm cannot get a simulated trouble", "[fault]") {
   struct Real final : Device {
     DeviceInfo about;
     [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
@@ -198,8 +197,7 @@ TEST_CASE("troubles cannot be injected into a real arm", "[fault]") {
                     Catch::Contains("cannot be applied to a real arm"));
 }
 
-TEST_CASE("a forward jump of the clock cuts the force, a backward jump adds at most 0.2 N",
-          "[fault]") {
+TEST_CASE("a jump of the clock cuts the force or increases the force by at most 0.2 N", "[fault]") {
   for (const double leap : {0.0051, 0.1, 3600.0, -0.0005, -0.01, -3600.0}) {
     CAPTURE(leap);
     Pressed pressed(pressing());

@@ -25,7 +25,7 @@ using Catch::Contains;
 namespace {
 
 constexpr double kRate = 1000.0;
-constexpr double kCount = 2e-5;   // [rad]
+constexpr double kCount = 2e-5;   // [rad] per count
 constexpr double kTorque = 1e-5;  // [N m] per count
 constexpr double kG = 9.80665;
 
@@ -42,7 +42,7 @@ ReportField int32(const char* name, std::size_t i) {
   return field;
 }
 
-/// Returns a profile with three links like the WoodenHaptics arm's, and 32-bit fields for input and
+/// Returns a profile with the geometry of a WoodenHaptics arm and with 32-bit fields for input and
 /// output.
 HidProfile woody() {
   HidProfile profile;
@@ -217,8 +217,9 @@ Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
 
 }  // namespace
 
-TEST_CASE("the self-test measures the weight of a heavy arm and passes with gravity compensation",
-          "[hid][gravity][release]") {
+TEST_CASE(
+    "a heavy arm passes the self-test with gravity compensation of the weight that it measured",
+    "[hid][gravity][release]") {
   const Run light = tried(woody(), {});
   CAPTURE(light.words);
   REQUIRE(light.result.problems.empty());

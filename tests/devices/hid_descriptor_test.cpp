@@ -71,15 +71,15 @@ std::string complaint(const HidProfile& profile, const std::vector<std::byte>& d
 TEST_CASE("a HID descriptor gives the direction, number and size of each report", "[hid]") {
   CHECK(text(virtualArm()) == "# in1:40 out2:24 feature3:8");
   CHECK(text(bytes(kRawHid)) == " in0:64 out0:64");
-  // A keyboard's lights (5 bits and 3 bits of padding), a report of 9 bits, a size that is pushed
-  // and popped, and a report whose fields are declared in two places.
+  // Tests a keyboard's lights (5 bits and 3 bits of padding), a report of 9 bits, a size that is
+  // pushed and popped, and a report whose fields are declared in two places.
   CHECK(text(bytes({0x75, 1, 0x95, 5, 0x91, 2, 0x75, 3, 0x95, 1, 0x91, 1})) == " out0:1");
   CHECK(text(bytes({0x75, 1, 0x95, 9, 0x81, 2})) == " in0:2");
   CHECK(text(bytes({0x75, 8, 0x95, 2, 0xA4, 0x95, 4, 0x81, 2, 0xB4, 0x81, 2})) == " in0:6");
   CHECK(text(bytes({0x85, 9, 0x75, 8, 0x95, 1, 0x81, 2, 0x85, 7, 0x81, 2, 0x85, 9, 0x81, 2})) ==
         "# in9:2 in7:1");
-  // A size in four bytes and a count in two. A long item is skipped. Beside a numbered report, a
-  // report without a number is ignored.
+  // Tests a size in four bytes with a count in two, a long item, which is skipped, and a report
+  // without a number beside a numbered report, which is ignored.
   CHECK(text(bytes({0x77, 8, 0, 0, 0, 0x96, 0x2C, 0x01, 0x81, 2})) == " in0:300");
   CHECK(text(bytes({0xFE, 2, 0x10, 0x85, 0, 0x75, 8, 0x95, 1, 0xB1, 2})) == " feature0:1");
   CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");
@@ -141,7 +141,7 @@ TEST_CASE("a HID descriptor gives the bits, range, usages and collections of eac
   CHECK(fields[3].constant);
   CHECK(fields[3].bit == 16);
   CHECK(fields[3].inside.empty());
-  // A range of usages, and the index of a usage in it.
+  // Tests a range of usages and the index of a usage in this range.
   const auto range = read({0x05, 9, 0x19, 1, 0x29, 12, 0x75, 1, 0x95, 12, 0x81, 2})[0];
   CHECK(range.usage(11) == 0x09000C);
   CHECK(range.placeOf(0x090003) == 2U);

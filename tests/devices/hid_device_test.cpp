@@ -84,7 +84,7 @@ class FakeArm {
   std::atomic<long> written_{0};
 };
 
-/// Blocks the writes of an arm during this object's life. Declare it after the device: its
+/// Blocks the writes of an arm while this object exists. Declare it after the device: its
 /// destructor must unblock the device's writer before the device's destructor waits for that
 /// writer.
 class Held {
@@ -265,7 +265,7 @@ TEST_CASE("a HID arm reports buttons, orientation, gripper and joints to the app
   roll.home = 0.25;
   profile.handle.orientation = {yaw, roll};
   profile.handle.gripper = roll;
-  // A mount that turns the arm by a quarter turn about z.
+  // The mount turns the arm by a quarter turn about z.
   profile.world_from_device << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   const auto device = open(arm, profile);
   const HandleInfo& info = device->info().handle;
@@ -628,7 +628,7 @@ TEST_CASE("an arm gets no force along a direction without a motor", "[hid]") {
   }
 }
 
-TEST_CASE("a HID arm sends one report per tick, and a blocked write does not delay the ticks",
+TEST_CASE("a HID arm sends one report per tick and never delays a tick by a blocked write",
           "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
@@ -649,7 +649,7 @@ TEST_CASE("a HID arm sends one report per tick, and a blocked write does not del
   CHECK(arm.sent().size() == before + 52);
 }
 
-TEST_CASE("a HID arm sends forces at most at its own rate and always the newest one", "[hid]") {
+TEST_CASE("a HID arm with a limited output rate always sends the newest force", "[hid]") {
   HidProfile profile = slides();
   profile.output_rate = 100.0;
   FakeArm arm;
@@ -762,7 +762,7 @@ TEST_CASE("pacing delays a force at most as long as the energy tank assumes", "[
   }
 }
 
-TEST_CASE("unplugging an arm causes a fault and its counts start anew when it is plugged in again",
+TEST_CASE("an arm that was unplugged gives positions and takes forces after it is plugged in again",
           "[hid]") {
   FakeArm arm;
   std::atomic<int> looked{0};
@@ -851,9 +851,8 @@ TEST_CASE("an output field without a motor has its rest value unless a command s
   CHECK(ones == 1);
 }
 
-TEST_CASE(
-    "opening a HID arm sends its commands and fails if the arm does not reach a required state",
-    "[hid]") {
+TEST_CASE("opening a HID arm fails if the arm does not reach the state that its profile waits for",
+          "[hid]") {
   HidProfile profile = slides();
   HidStep send;
   send.kind = HidStep::Kind::kSend;
@@ -882,7 +881,7 @@ TEST_CASE(
     CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(pressed), true),
                       Contains("it reported state = 5 from the start: release its button or switch "
                                "first; then press the button"));
-    // A state that the device sets by itself may already be set at the start.
+    // Without a request to the user, the state may already be set at the start.
     profile.home[1].words.clear();
     CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
     profile.home[1].words = "press the button";
@@ -901,7 +900,7 @@ TEST_CASE(
   CHECK(said == std::vector<std::string>{"arm slides: press the button"});
 }
 
-TEST_CASE("the closing sequence of a HID arm runs in order even after a failed opening", "[hid]") {
+TEST_CASE("the closing steps of a HID arm run in order even after a failed opening", "[hid]") {
   HidProfile profile = slides();
   HidStep pause;
   pause.seconds = 0.15;
@@ -956,7 +955,8 @@ TEST_CASE("a closing command is sent even if the wait before it times out", "[hi
   CHECK(arm.sent().back()[7] == std::byte{9});
 }
 
-TEST_CASE("the amplifier is switched off although up to four writes fail", "[hid][safety]") {
+TEST_CASE("closing a HID arm switches its amplifier off even if up to four writes fail",
+          "[hid][safety]") {
   HidProfile profile = slides();
   HidStep off;
   off.kind = HidStep::Kind::kSend;
@@ -1051,7 +1051,7 @@ TEST_CASE("the state of a switch expires when its HID report stops arriving", "[
 TEST_CASE("the force of a HID arm fades while the arm keeps sending the same counts",
           "[hid][safety]") {
   // The firmware repeats its last counts, and the reports have no number that reveals the
-  // repetition. The loop sees a hand that rests in the ball.
+  // repetition. To the loop this looks like a hand that rests in the ball.
   FakeArm arm;
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
@@ -1131,7 +1131,7 @@ struct Holding {
   double step = 1e-5, grip = 300.0, coulomb = 0.02;
 
   struct Held {
-    std::vector<Vec3> places;  ///< exact positions of the arm in each tick
+    std::vector<Vec3> places;  ///< Exact positions of the arm in each tick.
     long faded = 0;            ///< Number of ticks in which the force faded.
     double force = 0.0;        ///< Force at the end [N].
   };
@@ -1168,8 +1168,7 @@ struct Holding {
 
 }  // namespace
 
-TEST_CASE("motion of a joint that does not move the tip does not keep the force on",
-          "[hid][safety]") {
+TEST_CASE("the force fades even if a joint moves that does not move the tip", "[hid][safety]") {
   // A planar arm with a third joint that has no motor, like a wrist's. The last bit of this joint's
   // counter toggles.
   HidProfile profile = slides();
@@ -1310,7 +1309,7 @@ TEST_CASE("after homing, each counter is placed in the range nearest to the home
   CHECK((device->read().position - Vec3(-1e-5, 0.05003, 1e-2)).norm() < 1e-12);
 }
 
-TEST_CASE("the first read after any pause accepts the position of an arm that reports itself homed",
+TEST_CASE("the first position of a homed arm is accepted after any pause since its opening",
           "[hid]") {
   HidProfile profile = narrowSlides();
   HidFlag homed;
@@ -1330,7 +1329,7 @@ TEST_CASE("the first read after any pause accepts the position of an arm that re
   CHECK((hand.position - Vec3(-3e-5, 1e-2, -1.096e-2)).norm() < 1e-12);
   arm.giveCounts(-40, 1000, 3000);
   CHECK(device->read().position.x() == Approx(-4e-4));
-  // From then on, the driver counts the wraps.
+  // After its first position, the driver counts the wraps of each counter.
   pass(0.2);
   CHECK_FALSE(device->read().ready);
   arm.giveCounts(2000, 0, 0);
@@ -1377,7 +1376,7 @@ TEST_CASE("an arm with a miscounted encoder gets zero force and its closing comm
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
 }
 
-TEST_CASE("a fault that an arm reports while it is prepared again stays set", "[hid]") {
+TEST_CASE("a fault that an arm reports while it reconnects is not lost", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 3.0, HidFlag::Means::kHot}};
@@ -1434,7 +1433,7 @@ TEST_CASE("a HID arm reports the reason why it is not ready", "[hid]") {
   CHECK_THAT(device->whyNotReady(), Contains("no position arrives"));
 }
 
-TEST_CASE("a silent HID arm fails to open with a hint, an arm that sends only replies is polled",
+TEST_CASE("opening a HID arm polls for its first report and fails with a hint if none arrives",
           "[hid]") {
   HidProfile profile = slides();
   profile.firmware = "version 3";
@@ -1458,7 +1457,7 @@ TEST_CASE("an untested HID arm is limited to 1 N and 100 N/m", "[hid][safety]") 
   CHECK(tame->info().max_stiffness == 1000.0);
 }
 
-TEST_CASE("under rate control a HID puck moves the simulated hand within its workspace", "[hid]") {
+TEST_CASE("under rate control a 3D mouse moves the hand within the workspace", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.output.reset();
@@ -1530,7 +1529,7 @@ TEST_CASE("reading and writing a HID arm does not allocate", "[hid]") {
     device->write({0.001 * i, 0, 0});
     allocations += test::CountScope::counts().allocations;
   }
-  // Zero: only the deque of the simulated arm frees memory.
+  // The deque of the simulated arm frees memory, but does not allocate.
   CHECK(allocations == 0);
   CHECK(sum.allFinite());
 }
@@ -1596,7 +1595,7 @@ TEST_CASE("a replugged HID arm gets force again only after the fault is cleared"
     arm.there = true;
     await([&] { return device->pluggings() == 2; });
     ticks(50);
-    // The arm is back, but the force stays off until the program clears the fault.
+    // The arm is connected again, but the force stays off until the program clears the fault.
     CHECK(hand.latest().fault == Fault::kGone);
     CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
     hand.clear();

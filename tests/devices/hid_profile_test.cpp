@@ -293,13 +293,13 @@ TEST_CASE("a profile's sequence field and stale time of a report are read", "[pr
   CHECK(plain.input[0].stale == 0.0);
 }
 
-TEST_CASE("a profile whose homed flag is its only home needs counters that span the workspace",
+TEST_CASE("a profile without home steps is refused if a counter wraps within the workspace",
           "[profile]") {
   Json json = full();
   json.erase("home");
   REQUIRE(trouble(json) == "none");  // 32 bits of 1 um per count
   // 16 bits of 1 um per count cover 66 mm of a workspace of 200 mm. So one counter value can mean
-  // up to four positions, and palpate must refuse to guess.
+  // up to four positions, and palpate must refuse the profile.
   json["input"][0]["fields"]["a"]["bits"] = 16;
   CHECK_THAT(trouble(json), Contains("/kinematics/joints/0/from: a wraps every 0.0655 m of the "
                                      "tip, and the workspace is 0.2 m wide"));
@@ -501,9 +501,8 @@ TEST_CASE("every kind of arm geometry is read from a profile", "[profile]") {
             .norm() == 0.0);
 }
 
-TEST_CASE(
-    "a profile's masses are read and refused if carrying them needs over half of a motor's force",
-    "[profile]") {
+TEST_CASE("a profile's masses are refused if a motor needs over half of its force to carry them",
+          "[profile]") {
   Json json = full();
   json["limits"].erase("continuous");
   json["limits"].erase("heating");
@@ -521,7 +520,7 @@ TEST_CASE(
   CHECK((facts.carried_W - Vec3(0, 0, 0.1 * 9.80665)).norm() < 1e-4);
   CHECK(facts.motors[2].carries == Approx(0.1 * 9.80665 / 2.0));
   CHECK(facts.motors[0].carries == 0.0);
-  // The weight may take at most half of a motor's peak and of its continuous force.
+  // The weight may need at most half of a motor's peak force and half of its continuous force.
   json["gravity"]["masses"][0]["mass"] = 1.0;
   CHECK_THAT(trouble(json),
              Contains("/gravity: fc needs an output of 4.9 to carry the arm's masses, more than "
@@ -552,7 +551,7 @@ TEST_CASE("the world axes along which an arm moves and is driven follow from its
     return words;
   };
   CHECK(axes(full()) == "xyz|xyz|");
-  // A slide without a motor. The mount turns the arm's x axis to the world's y axis.
+  // Tests a slide without a motor. The mount turns the arm's x axis to the world's y axis.
   Json sensed = full();
   sensed["kinematics"]["joints"][0].erase("motor");
   sensed["kinematics"]["joints"][0].erase("torque_constant");
@@ -571,7 +570,7 @@ TEST_CASE("the world axes along which an arm moves and is driven follow from its
           {"from": "a", "motor": "fa", "torque_constant": 0.1},
           {"from": "b", "motor": "fb", "torque_constant": 0.1}]})";
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}})) == "xy|xy|");
-  // The same arm, upright and then tilted by 30 degrees.
+  // Tests the same arm upright, then tilted by 30 degrees.
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}, {"rotation_wxyz", {1, 1, 0, 0}}})) ==
         "xz|xz|");
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}},
@@ -723,8 +722,8 @@ TEST_CASE("an arm's name is split into profile, serial number and file", "[profi
 }
 
 TEST_CASE("a profile name that fits two profiles is refused with both their names", "[profile]") {
-  // The motors of the two editions differ twelvefold: with the wrong profile, an arm would get
-  // twelve times the wanted force.
+  // The motor constants of the two editions differ by a factor of twelve. With the wrong profile,
+  // an arm would get twelve times the wanted force.
   const std::string editions =
       "hid:woodenhaptics: this name is incomplete, and fits woodenhaptics-v2015 or "
       "woodenhaptics-v2019";
@@ -740,7 +739,7 @@ TEST_CASE("a profile name that fits two profiles is refused with both their name
   CHECK(young.joints[1].torque_constant == 0.0603);
 }
 
-TEST_CASE("a torque constant above 1 N m per unit is noted once, except of sliding joints",
+TEST_CASE("a torque constant above 1 N m per unit is reported once unless its joint slides",
           "[profile]") {
   const test::TemporaryFolder folder;
   const std::string file = (folder / "mine.json").string();
@@ -772,7 +771,7 @@ TEST_CASE("a profile with an output but without limits is refused", "[profile]")
   CHECK_THAT(trouble(json), Contains("an arm with \"output\" needs limits"));
 }
 
-TEST_CASE("the shipped profiles are valid, and every number has a source", "[profile]") {
+TEST_CASE("the shipped profiles are valid and name the source of every number", "[profile]") {
   std::vector<std::string> notes;
   const std::vector<HidProfile> arms = hidProfiles("/nowhere", notes);
   CHECK(notes.empty());
@@ -813,7 +812,7 @@ TEST_CASE("the shipped profiles are valid, and every number has a source", "[pro
   }
 }
 
-TEST_CASE("a user's profile replaces the shipped one and a broken profile is reported",
+TEST_CASE("a user's profile replaces the shipped profile of its name even if it is invalid",
           "[profile]") {
   const test::TemporaryFolder folder;
   Json mine = full();
@@ -840,14 +839,14 @@ TEST_CASE("a user's profile replaces the shipped one and a broken profile is rep
   CHECK(notes.size() == 4);
   CHECK_THAT(notes[0], Contains("a.json: /name: this file replaces palpate's own profile polhem"));
   CHECK_THAT(notes[1], Contains("b.json") && Contains("not valid JSON"));
-  // Two of the user's files have the same name.
+  // Tests two of the user's files whose profiles have the same name.
   std::ofstream(folder / "b.json") << mine.dump();
   notes.clear();
   CHECK(hidProfiles(folder.path(), notes).size() == 3);
   CHECK_THAT(notes[1], Contains("b.json: /name: another file in this folder has the name polhem"));
 }
 
-TEST_CASE("every known arm has limits, and names their source", "[profile]") {
+TEST_CASE("every known arm has limits with their source", "[profile]") {
   const auto arms = knownArms();
   CHECK(arms.size() >= 8);
   for (const KnownArm& arm : arms) {

@@ -1,5 +1,4 @@
-/// Tests drivers of simulated arms of USB's PID class: detection, forces, loss and release, with
-/// several kinds of firmware.
+/// Tests the driver of arms of USB's PID class on simulated devices with several kinds of firmware.
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -190,8 +189,7 @@ PidMap mapOf(const PidModel& model) {
 
 }  // namespace
 
-TEST_CASE("a PID device of either kind with one to three axes gives positions and takes forces",
-          "[hid][pid]") {
+TEST_CASE("a PID device with one to three axes gives positions and takes forces", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   shape.axes = GENERATE(1, 2, 3);
@@ -229,7 +227,7 @@ TEST_CASE("a PID device of either kind with one to three axes gives positions an
     send(*device, force);
     for (int a = 0; a < shape.axes; ++a) {
       CAPTURE(a);
-      // A direction field of 8 bits makes angular errors of up to 0.3 degrees.
+      // A direction field of 8 bits causes angular errors of up to 0.3 degrees.
       CHECK(wire.share(a) * (a == 1 ? -8.0 : 8.0) == Approx(force[a]).margin(0.02));
     }
     send(*device, Vec3::Zero());
@@ -316,7 +314,7 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     shape.load_status = 2;
     Wire wire(shape);
     CHECK_THAT(refusal(wire), Contains("arm stick: it has no memory left for an effect: "));
-    // If opening fails, the driver reverses its earlier commands.
+    // If opening fails, the driver disables the actuators again.
     CHECK_FALSE(wire.model.active());
   }
   {
@@ -512,7 +510,7 @@ TEST_CASE("actuators that a guardian stopped are enabled again only at zero forc
   CHECK(wire.share(0) > 0.2);
 }
 
-TEST_CASE("one control report stops the force of a PID device of either kind", "[hid][pid]") {
+TEST_CASE("one control report stops the force of a PID device on all axes", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   Wire wire(shape);

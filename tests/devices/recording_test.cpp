@@ -249,7 +249,7 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
     CAPTURE(end);
     REQUIRE_THROWS_AS(ticksOf(whole.substr(0, end)), Error);
   }
-  // The recording must not read the file again.
+  // Truncates the file of an open recording, which must not read the file again.
   put(file, whole);
   const Recording before(file);
   std::filesystem::resize_file(file, 0);
@@ -278,7 +278,7 @@ TEST_CASE("a full disk ends the recording and leaves its file readable", "[recor
   const fs::path file = folder.file("full.rec");
   CHECK_THROWS_WITH(Recorder(folder.path, setting()).begin(), Contains("it cannot be written"));
   CHECK_THROWS_WITH(Recorder(folder.path / "no" / "a.rec", setting()), Contains("No such file"));
-  // A recorder that does not begin leaves an existing file unchanged.
+  // Without a call of begin(), the recorder leaves an existing file unchanged.
   put(file, "what was there");
   { const Recorder never(file, setting()); }
   CHECK(fs::file_size(file) == 14);
@@ -385,14 +385,14 @@ struct Kept final : TickSink {
 
 namespace {
 
-/// The ticks of a hand with faults in changing scenes, and these scenes.
+/// The recorded ticks of a hand with random faults in changing scenes, and the scenes.
 struct Troubles {
   DeviceInfo device;
   std::vector<RecordedTick> ticks;
   std::vector<std::shared_ptr<const Scene>> scenes;
 
-  /// @param around  Called with true before each tick, with false after it. It changes and restores
-  /// the thread's floating-point mode.
+  /// @param around Called with true before each tick, with false after it. Changes and restores the
+  /// thread's floating-point mode.
   explicit Troubles(std::size_t count, const std::function<void(bool)>& around = {}) {
     Random random(95);
     TroubledDevice hand(96);
@@ -481,7 +481,7 @@ TEST_CASE("a replay is bitwise equal in any floating-point mode of the host", "[
     CHECK(other == 0);
     // Each tick restores the caller's floating-point mode.
     CHECK((after & ~0x3FU) == (host & ~0x3FU));
-    // A loop that runs in the caller's mode gives the same ticks.
+    // A loop that is called in this mode gives the same ticks.
     const Troubles again(troubles.ticks.size(), [&](bool set) { _mm_setcsr(set ? host : before); });
     for (std::size_t i = 0; i < again.ticks.size(); ++i) {
       RecordedTick tick = again.ticks[i];

@@ -132,8 +132,8 @@ TEST_CASE("the self-test names an arm's faults and their remedy", "[hid]") {
 TEST_CASE("the self-test finds wrong force scales and directions from implausible motion",
           "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
-  // Motors that are ten times too strong, one motor that is six times too strong, and a force that
-  // is rotated by 35 degrees.
+  // Tests motors that are ten times too strong, a force that is rotated by 35 degrees, and one
+  // motor that is six times too weak.
   expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "moved farther");
   expectWords(tried(good, {0, 0},
                     [](const Vec3& f) {
@@ -235,7 +235,7 @@ TEST_CASE("the self-test of an arm without motors in one direction uses only the
     const Vec3 across(0, -std::sin(lean), std::cos(lean));
     const Mat3 plane = Mat3::Identity() - across * across.transpose();
     const auto motors = [&](const Vec3& f) { return Vec3(plane * f); };
-    // If the test does not know the motors' plane, it reports a faulty motor.
+    // Without the motors' plane in SelfTestParams::axes, the self-test reports a faulty motor.
     CHECK_FALSE(tried(good, {0, 0}, motors).result.problems.empty());
     SelfTestParams params;
     params.axes = axesWithin(plane);
@@ -250,7 +250,7 @@ TEST_CASE("the self-test of an arm without motors in one direction uses only the
       CHECK(run.result.axes[a].viscous == Approx(0.5).margin(0.05));
       CHECK(run.result.axes[a].coulomb == Approx(0.05).margin(0.01));
     }
-    // In the plane, the usual checks apply.
+    // Within the plane, the usual checks apply.
     const Run turned = tried(
         good, {0, 0}, [&](const Vec3& f) { return Vec3(f.x(), -motors(f).y(), -motors(f).z()); },
         Vec3::Zero(), params);

@@ -189,8 +189,7 @@ TEST_CASE("an invalid time step does not increase a servo's force", "[servo]") {
   }
 }
 
-TEST_CASE("a tick that takes too long is a fault of a servo in real time, not in virtual time",
-          "[servo]") {
+TEST_CASE("a tick of a servo that takes too long is a fault only in real time", "[servo]") {
   struct Hanging final : public ScalarField {
     explicit Hanging(const std::atomic<bool>* h) : ScalarField(sphere()->frame()), hang(h) {}
     static std::shared_ptr<const ScalarField> sphere() { return makeSphere(Vec3::Zero(), 0.04); }
@@ -210,7 +209,7 @@ TEST_CASE("a tick that takes too long is a fault of a servo in real time, not in
     info.watch.late = 0.005;
     Servo servo(info, 1.0 / kDt, real);
     servo.publish(ball(std::make_shared<const Hanging>(&hang)));
-    const Vec3 before = press(servo);  // on a busy machine it may be late in real time
+    const Vec3 before = press(servo);  // on a busy machine a tick may be late in real time
     if (!real) REQUIRE(before.norm() > 0.5);
     hang = true;
     HandState hand;
@@ -220,14 +219,13 @@ TEST_CASE("a tick that takes too long is a fault of a servo in real time, not in
     hang = false;
     (void)servo.tick(hand, kDt);
     CHECK(servo.latest().fault == (real ? Fault::kLate : Fault::kNone));
-    // The caller's own time counts in both.
+    // The caller's `dt` counts in real time and in virtual time.
     CHECK(servo.tick(hand, 0.1) == Vec3::Zero());
     CHECK(servo.latest().fault == Fault::kLate);
   }
 }
 
-TEST_CASE("a servo's tick does not allocate, and a servo refuses invalid rates and limits",
-          "[servo]") {
+TEST_CASE("a servo refuses invalid rates and limits and does not allocate in a tick", "[servo]") {
   Servo servo(arm(), 1.0 / kDt);
   servo.publish(ball());
   {

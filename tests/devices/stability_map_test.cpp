@@ -1,5 +1,5 @@
-/// Tests maps of stability over coupling stiffness and damping: the engine agrees with the formula
-/// for a wall, other methods do not.
+/// Tests maps of stability over coupling stiffness and damping. On a wall the engine agrees with
+/// the formula; other methods do not.
 #include "palpate/devices/simulated/stability_map.h"
 
 #include <algorithm>
@@ -38,10 +38,8 @@ std::shared_ptr<const Scene> wallScene() {
 
 }  // namespace
 
-TEST_CASE(
-    "the engine is stable on a wall below 0.8 times the formula's stiffness and not above 1.25 "
-    "times",
-    "[stability]") {
+TEST_CASE("the engine's stability limit on a wall is 0.8 to 1.25 times the formula's stiffness",
+          "[stability]") {
   const MapSetting setting;
   std::vector<std::pair<MapContact, MapMethod>> tried;
   for (const MapContact& contact : {wallContact(), troughContact(20.0)}) {
@@ -89,8 +87,8 @@ TEST_CASE("other methods oscillate at coupling settings at which the engine is s
       CHECK(rests("palpate", stiffness, damping));
     }
   }
-  // Chatter of a solver shakes soft couplings through their damping. Wrong results of a solver make
-  // stiff couplings unstable.
+  // If a solver's results jump from tick to tick, the damping makes soft couplings oscillate. Wrong
+  // results of a solver make stiff couplings unstable.
   struct Shaken {
     const char* method;
     std::vector<double> stiffness;

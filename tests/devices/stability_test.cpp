@@ -30,7 +30,7 @@ ArmParams bare(double mass, double viscous, double delay = 0.0) {
 
 constexpr GripParams kReleased{0.0, 0.0};
 
-/// A damped oscillator between two events, in closed form.
+/// The motion of a damped oscillator between two events, in closed form.
 class Oscillator {
  public:
   Oscillator(double m, double b, double k, double t) {
@@ -69,7 +69,7 @@ class Oscillator {
 };
 
 /// Returns the growth rate of the oscillation's envelope, by least squares. The loop is stable if
-/// it is negative. The simulation goes from event to event and uses no transition matrix.
+/// the rate is negative. The simulation advances from event to event and uses no transition matrix.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
                      double damping, int span, int swings) {
   const double ticks = arm.delay / period;
@@ -126,7 +126,7 @@ double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period
 
 }  // namespace
 
-TEST_CASE("the stability boundary from eigenvalues equals that of a simulation of every event",
+TEST_CASE("the stability boundary from eigenvalues equals that of an event-by-event simulation",
           "[stability]") {
   Random random(7);
   long cases = 0;
@@ -170,7 +170,7 @@ TEST_CASE("without hand and delay the stability boundary equals the closed form"
     const double expected = fast > 0.0 ? std::min(slow, fast) : slow;
     CAPTURE(m, b, period);
     CHECK(stableStiffness(bare(m, b), kReleased, 1.0 / period) == Approx(expected).epsilon(1e-6));
-    // Here the coupling's damping is the only friction.
+    // In this case the coupling's damping is the only friction.
     const double beta = random.uniform(0.01, 0.8);
     const double damping = 2.0 * m * beta / period;
     CHECK(stableStiffness(bare(m, 0.0), kReleased, 1.0 / period, damping, 0.0) ==
@@ -229,7 +229,7 @@ TEST_CASE("above the passive stiffness the worst-case motion of the hand gains e
   CHECK(std::isinf(quietStiffness(arm, 1000.0)));
 }
 
-TEST_CASE("an axis with a lagging amplifier moves as its differential equation says",
+TEST_CASE("an axis with a lagging amplifier moves as its differential equation predicts",
           "[stability]") {
   // Compares with a Runge-Kutta integration in ten thousand steps.
   Random random(10);
@@ -272,7 +272,7 @@ TEST_CASE("an axis with a lagging amplifier moves as its differential equation s
   CHECK((swing(1e-3) - swing(0.0)).norm() > 1e-7);
 }
 
-TEST_CASE("beyond the boundary Coulomb friction stops small oscillations but not large ones",
+TEST_CASE("beyond the stability boundary Coulomb friction stops only small oscillations",
           "[stability]") {
   ArmParams arm = bare(0.1, 0.5);
   arm.coulomb = 0.1;
@@ -298,7 +298,7 @@ TEST_CASE("beyond the boundary Coulomb friction stops small oscillations but not
   CHECK(std::isinf(holdingAmplitude(arm, 1000.0, 0.5 * passiveStiffness(arm, 1000.0))));
 }
 
-TEST_CASE("the stability margin states the rate or friction at which a coupling becomes passive",
+TEST_CASE("the stability margin contains the rate and friction at which a coupling becomes passive",
           "[stability]") {
   ArmParams arm = bare(0.1, 0.5, 1e-3);
   arm.coulomb = 0.02;
@@ -397,7 +397,8 @@ TEST_CASE("the whole loop on a wall is stable up to its stability boundary and n
   }
 }
 
-TEST_CASE("the tank takes at most one percent of a passive wall's force", "[passivity]") {
+TEST_CASE("the energy tank reduces the force of a passive wall by at most one percent",
+          "[passivity]") {
   const GripParams grip{200.0, 1.0};
   test::Thinned rates(3);
   for (const double rate : {1000.0, 4000.0, 10000.0}) {

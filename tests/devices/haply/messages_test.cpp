@@ -91,7 +91,7 @@ TEST_CASE("state messages of each version of Haply's service are decoded correct
   CHECK(oldest.arms[0].position_D == Triple{0.0, -0.1, 0.1});
 }
 
-TEST_CASE("numbered handle buttons are decoded like lettered ones", "[haply]") {
+TEST_CASE("numbered buttons of a Haply handle are decoded like buttons with letters", "[haply]") {
   std::string text = k35Text;
   text.replace(text.find(R"({"a":true,"b":false,"c":true})"), 29,
                R"({"button_0":false,"button_3":true})");

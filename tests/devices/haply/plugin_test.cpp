@@ -92,7 +92,7 @@ bool eventually(const std::function<bool()>& is) {
   return false;
 }
 
-/// Loads the plug-in, which connects to the given address.
+/// Loads the plug-in, which connects to the address `url`.
 class Plugin {
  public:
   explicit Plugin(const std::string& url) {
@@ -165,7 +165,8 @@ bool exchanged(const MockService& service, long messages) {
   return eventually([&] { return service.heard().messages >= before + messages; });
 }
 
-/// Writes a force again and again until the service has received it. Returns false if that fails.
+/// Writes a force again and again until the service has received it. Returns false if the service
+/// does not receive it.
 bool drives(const Hand& hand, const MockService& service, const std::string& id, const Vec& force) {
   return eventually([&] {
     hand.write(force);
@@ -189,7 +190,7 @@ void checkNear(const Vec& a, const Vec& b) {
 
 }  // namespace
 
-TEST_CASE("haply.so has the entry point and facts and struct sizes of the plug-in interface",
+TEST_CASE("haply.so has the entry point and the struct sizes that the plug-in interface requires",
           "[haply][plugin]") {
   const palpate_plugin_entry& one = entry();
   CHECK(one.size == sizeof(palpate_plugin_entry));
@@ -224,7 +225,7 @@ TEST_CASE("haply.so has the entry point and facts and struct sizes of the plug-i
   CHECK_THAT(std::string(facts.source), Contains("assumed"));
   CHECK(hand.device->extension(hand.device, PALPATE_PLUGIN_HEAT) == nullptr);
 
-  // A host of an older version gets only the fields that it knows.
+  // A host of an older version gets only the fields for which its struct has room.
   REQUIRE(hand.readNew());
   palpate_plugin_reading older;
   std::memset(&older, 0x5a, sizeof(older));
@@ -236,9 +237,8 @@ TEST_CASE("haply.so has the entry point and facts and struct sizes of the plug-i
                     [](unsigned char c) { return c == 0x5a; }));
 }
 
-TEST_CASE(
-    "the Haply plug-in lists both arms with their serial numbers, with either service version",
-    "[haply][plugin]") {
+TEST_CASE("the Haply plug-in lists both arms by serial number with both service versions",
+          "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   MockService service(speaks);
   const Plugin plugin(service.url());
@@ -255,10 +255,8 @@ TEST_CASE(
   CHECK(found[1].serial[0] == '!');
 }
 
-TEST_CASE(
-    "the Haply plug-in gives each of two arms its own readings and forces, with either service "
-    "version",
-    "[haply][plugin]") {
+TEST_CASE("each of two Haply arms has its own readings and forces with both service versions",
+          "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   CAPTURE(speaks == Speaks::k35);
   MockService service(speaks);
@@ -327,7 +325,7 @@ TEST_CASE(
   CHECK(heard.introduced == (speaks == Speaks::k35 ? 1 : 0));
 }
 
-TEST_CASE("the Haply plug-in keeps an origin that the service has put at the workspace's middle",
+TEST_CASE("a Haply arm's positions are unchanged if their origin is in the middle of the workspace",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   MockArm arm = service.arm(0);
@@ -511,7 +509,7 @@ TEST_CASE("after stop() a Haply arm gets no force until a zero force has been wr
   REQUIRE(drives(other, service, "04BA", {0.0, 0.0, 1.0}));
   std::thread([&] { hand.device->stop(hand.device); }).join();
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
-  // Writes twenty forces while the test's clock stands still.
+  // Writes twenty forces without advancing the test's clock.
   const std::size_t from = service.told().size();
   for (int i = 0; i < 20; ++i) {
     hand.write({1.0, 0.1 * i, 0.0});
@@ -567,7 +565,8 @@ TEST_CASE("a Haply arm's force ends after 40 ms if the program does not write it
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   REQUIRE(drives(hand, service, "049D", {0.0, 0.0, 2.0}));
-  // Reads in small steps: without reads, the plug-in would end the force.
+  // Advances the clock in small steps and awaits a reading after each: 30 ms without a message
+  // would end the force.
   const auto step = [&](std::int64_t ms) {
     clock_ns += ms * kMs;
     const std::int64_t at = clock_ns;
@@ -583,7 +582,7 @@ TEST_CASE("a Haply arm's force ends after 40 ms if the program does not write it
   CHECK(drives(hand, service, "049D", {0.0, 0.0, 1.0}));
 }
 
-TEST_CASE("the Haply plug-in replaces an invalid force by zero and scales a large one to the limit",
+TEST_CASE("the Haply plug-in never sends an invalid force or a force above the limit",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -605,8 +604,7 @@ TEST_CASE("the Haply plug-in replaces an invalid force by zero and scales a larg
   checkNear(newest(service, "049D"), {0.0, 2.4, 3.2});
 }
 
-TEST_CASE("without valid messages a Haply arm gives no reading and its force ends after 30 ms",
-          "[haply][plugin]") {
+TEST_CASE("a Haply arm's force ends 30 ms after its last valid message", "[haply][plugin]") {
   const Lie lie =
       GENERATE(Lie::kDrops, Lie::kNaN, Lie::kHuge, Lie::kOverflows, Lie::kStrings, Lie::kNoPosition,
                Lie::kNoState, Lie::kOtherIds, Lie::kBadIds, Lie::kDeep, Lie::kLong, Lie::kBinary,
@@ -721,9 +719,8 @@ TEST_CASE("closing a Haply arm sets its force to zero and keeps the other arm's 
   CHECK(service.heard().connections == 2);
 }
 
-TEST_CASE(
-    "with answers that are 3 ms late the forces, stops and final zero still reach Haply's service",
-    "[haply][plugin]") {
+TEST_CASE("every force and stop reaches Haply's service even if its answers are 3 ms late",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.delay(3 * kMs);
   const Plugin plugin(service.url());
@@ -735,7 +732,7 @@ TEST_CASE(
   hand.device->stop(hand.device);
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
   CHECK(service.heard().connections == 1);
-  // The arm is closed while an answer is due. The plug-in still sends the zero.
+  // The test closes the arm while an answer is due. The plug-in still sends the zero.
   for (int i = 0; i < 10; ++i) {
     Hand other(plugin, "04BA");
     REQUIRE(other.device != nullptr);

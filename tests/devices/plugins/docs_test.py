@@ -84,7 +84,7 @@ class Page(unittest.TestCase):
             subprocess.run(["cmake", "--build", build], check=True, stdout=subprocess.DEVNULL)
             self.assertEqual([f.name for f in (build / "lib/palpate/plugins").iterdir()], ["dhd.so"])
             self.assertEqual(symbols(build / "lib/palpate/plugins" / "dhd.so"), ["palpate_plugin"])
-            # The error names the missing folder.
+            # The error names the wrong folder.
             done = configure(f"-DPALPATE_NIFALCON={folder}/nowhere")
             self.assertNotEqual(done.returncode, 0)
             self.assertIn("nowhere has no", " ".join(done.stdout.split()))

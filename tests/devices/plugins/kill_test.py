@@ -110,8 +110,8 @@ class Kill(unittest.TestCase):
 
             def press():
                 nonlocal step
-                # After a late tick the force returns after 2 s. If the hand is in the solid by then, it feels
-                # nothing of the surface until it has left the solid, so it comes again.
+                # After a late tick the force returns after 2 s. If the hand is in the solid by then, the hand
+                # feels no surface until it has left the solid. So the hand moves out and in again.
                 if not 0.026 < arm.position[2] + step < 0.046:
                     step = -step
                 arm.position[2] += step
@@ -160,7 +160,7 @@ class Kill(unittest.TestCase):
             self.assertIn("force = nan", arms["plugin:odd@limitless"]["trouble"])
             self.assertEqual(arms["plugin:odd@held"]["limits"]["force"], 5)
             self.assertEqual(arms["plugin:odd@held"]["buttons"], ["trigger", "button 2"])
-            # Each arm but the odd one was opened by its own serial number.
+            # The command opened each arm except the one in use by its own serial number.
             self.assertEqual(arm.opens - opens, len(arms) - 1)
 
     def check(self, name):

@@ -21,7 +21,7 @@ palpate_plugin_force forceOf(double x) {
   return {sizeof(palpate_plugin_force), 0, {x, 0.0, 0.0}, {}};
 }
 
-/// Runs once, between two atomic operations of a load or store.
+/// Function that runs once, between two atomic operations of put() or take().
 std::function<void()> meanwhile;
 int steps_until = 0;
 
@@ -99,7 +99,8 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("a slot's reader gets each value whole, at most once and in rising order", "[plugin]") {
+TEST_CASE("the reader of a plug-in's shared value gets each value whole and at most once",
+          "[plugin]") {
   Newest<Large> slot;
   Large value{};
   CHECK_FALSE(slot.take(value));
@@ -127,12 +128,13 @@ TEST_CASE("a slot's reader gets each value whole, at most once and in rising ord
   CHECK(before == 300000U);
 }
 
-TEST_CASE("after a stop a force slot passes no force until a zero has been written", "[plugin]") {
+TEST_CASE("after a stop an SDK's thread gets no force until the host has written zero",
+          "[plugin]") {
   Orders orders;
   std::atomic<int> turn{0};
   std::atomic<bool> stopped{false};
   long wrong = 0;
-  // The SDK's thread. From the return of stop() until the next turn, it must get zeros.
+  // The SDK's thread must get zeros from the return of stop() until the next turn.
   std::thread sdk([&] {
     for (int n = turn; n < 2000; n = turn) {
       const bool was_stopped = stopped;

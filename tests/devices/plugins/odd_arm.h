@@ -12,15 +12,15 @@
 
 namespace palpate::test {
 
-/// State of motors and sensors. A new file holds zeros, which are valid.
+/// State of motors and sensors. A new file contains zeros, which are a valid state.
 struct OddArm {
-  /// Environment variable that holds the file's name.
+  /// Environment variable with the file's name.
   static constexpr const char* kFile = "PALPATE_ODD_ARM";
   std::atomic<double> position[3];       ///< Position [m]; the test sets it.
   std::atomic<double> force[3];          ///< Force of the motors [N].
   std::atomic<double> carried;           ///< Carried share of the weight.
   std::atomic<double> most;              ///< Largest force so far [N].
-  std::atomic<std::int64_t> wrote_at;    ///< Time of the last force [ns].
+  std::atomic<std::int64_t> wrote_at;    ///< Time of the last write of a force [ns].
   std::atomic<std::int64_t> trouble_at;  ///< Time at which the trouble began [ns].
   std::atomic<std::int64_t> zero_at;     ///< Time of the first zero force after the trouble [ns].
   std::atomic<std::uint32_t> reads, writes, stops, opens, closes;

@@ -217,7 +217,7 @@ TEST_CASE("the state of the hand is taken from the plug-in's reading", "[plugin]
   CHECK(fake.fresh(0.01).handle.orientation[0] == Approx(0.6));
 }
 
-TEST_CASE("the speed limit judges the positions of a plug-in's arm and not its reported velocity",
+TEST_CASE("the speed limit of a plug-in's arm uses its positions instead of its reported velocity",
           "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   facts.has |= PALPATE_PLUGIN_VELOCITY;
@@ -330,7 +330,7 @@ TEST_CASE("a force that the plug-in does not take within 20 ms is a fault", "[pl
   CHECK(fake.port->orders.back().force.force[0] == 0.0);
 }
 
-TEST_CASE("a force that a plug-in's process withheld is reported exactly once as late",
+TEST_CASE("a force that a plug-in's process withheld is reported once as a late fault",
           "[plugin]") {
   Fake fake;
   CHECK(fake.fresh().fault == Fault::kNone);

@@ -226,7 +226,7 @@ TEST_CASE("a zero message from the guardian ends a plug-in's force", "[plugin]")
 
 TEST_CASE("a stop during a write leaves neither force nor gravity compensation on a plug-in's arm",
           "[plugin]") {
-  // During carry(), this arm gets a stop, as if from another thread.
+  // If `trips` is set, carry() calls stop(), as if from another thread.
   static struct {
     double force, share, next;
     bool stopped, trips;
@@ -279,7 +279,8 @@ TEST_CASE("a stop during a write leaves neither force nor gravity compensation o
     });
   };
   std::thread haptic([&] { server.loop(); });
-  // Share of the weight: five times the largest step of one order.
+  // Share of the weight: its growth in one tick of 1 ms, a fifth of the growth that the server
+  // permits at once.
   constexpr double kShare = 0.002;
   // First the weight alone, then the weight and a force. A stop during the order must end both.
   for (const double force : {0.0, 0.5}) {
@@ -381,7 +382,7 @@ TEST_CASE("a force above the peak or slew limit is not passed to a plug-in's arm
   }
 }
 
-TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", "[plugin]") {
+TEST_CASE("a plug-in that hangs is distinguished from a machine that is late", "[plugin]") {
   static struct {
     std::atomic<bool> hangs;
     std::atomic<bool> hung;
@@ -403,7 +404,8 @@ TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", 
   using Look = PluginServer::Look;
   constexpr std::int64_t kMs = 1000000;  // [ns]
   struct Case {
-    std::vector<std::int64_t> looks;  // [ms]; times of calls of look(), from the last turn
+    // [ms]; times of calls of look(), since the last pass of loop()
+    std::vector<std::int64_t> looks;
     bool blamed;
   };
   std::vector<std::int64_t> punctual;
@@ -455,8 +457,8 @@ TEST_CASE("a hanging plug-in is reported as such and not as a stalled machine", 
     arm.hangs = false;
     PluginNews after = news();
     CHECK(after.withheld >= 1);
-    // If the plug-in hung, the arm reports a failed write, which latches a fault. If the machine
-    // was late, it does not.
+    // If the plug-in hung, the server reports a failed write, which latches a fault. If the machine
+    // was late, the server reports a good write.
     CHECK(after.wrote == (c.blamed ? -1 : static_cast<int>(PALPATE_PLUGIN_OK)));
     order(0.0);
     CHECK(news().wrote == PALPATE_PLUGIN_OK);
@@ -530,7 +532,7 @@ TEST_CASE("palpate restarts a plug-in's process that has exited", "[plugin]") {
   CHECK(bench->opens == 2);
   const ZeroForce zero = arm->zeroForce();
   CHECK(zero.version != version);
-  // The guardian's descriptor now leads to the new process.
+  // The guardian's descriptor is now connected to the new process.
   const std::uint32_t stops = bench->stops;
   CHECK(::write(zero.descriptor, zero.bytes.data(), zero.bytes.size()) == 4);
   CHECK(within(kLong, [&] { return bench->stops > stops; }));
@@ -547,7 +549,7 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   HapticThread loop(*arm, params);
   loop.publish(ballScene(ballField()));
   INFO(kind << ", then " << wordFor(loop.latest().fault));
-  // The hand trembles, because a constant position would end the force.
+  // The hand trembles, because the force would fade at a constant position.
   std::atomic<bool> over{false};
   std::thread trembles([&] {
     for (int i = 0; !over; ++i) {

@@ -17,7 +17,8 @@ namespace {
 const std::string kSample = PALPATE_PLUGINS "/sample.so";
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-/// Advances the clock by `ms`, in steps of 1 ms. Each step reads, then writes the force [N].
+/// Advances the clock by `ms` [ms], in steps of 1 ms. Each step reads, then writes the force (x, y,
+/// z) [N].
 void goOn(PluginHost& host, int ms, double x, double y, double z) {
   for (int i = 0; i < ms; ++i) {
     PluginHost::now() += kMillisecond;
@@ -34,7 +35,8 @@ double pushed(const PluginHost& host) {
 
 }  // namespace
 
-TEST_CASE("the sample plug-in has two arms, opens each once, and refuses other names", "[plugin]") {
+TEST_CASE("the sample plug-in opens each of its two arms once and refuses other serial numbers",
+          "[plugin]") {
   PluginHost host(kSample);
   CHECK(host.entry->size == sizeof(palpate_plugin_entry));
   CHECK(host.entry->major == PALPATE_PLUGIN_MAJOR);
@@ -85,7 +87,7 @@ TEST_CASE("the sample plug-in gives 1000 readings per second of the host's clock
   CHECK(std::abs(pushed(host)) > 1e-4);
 }
 
-TEST_CASE("the sample plug-in's velocity matches its positions, and its handle and buttons change",
+TEST_CASE("the sample plug-in simulates a moving handle and a velocity that matches its positions",
           "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
@@ -135,7 +137,7 @@ TEST_CASE("the sample plug-in's arm S2 moves only while a force pushes it", "[pl
   goOn(host, 2000, 0.0, 0.0, 0.0);
   CHECK(host.reading.position[0] > there);
   CHECK(std::abs(host.reading.velocity[0]) < 1e-6);
-  CHECK(host.reading.position[2] == 0.0);  // it has no weight
+  CHECK(host.reading.position[2] == 0.0);  // S2 has no weight
 }
 
 TEST_CASE("the sample plug-in's arm S2 passes the self-test", "[plugin]") {

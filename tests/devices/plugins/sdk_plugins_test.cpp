@@ -255,10 +255,8 @@ TEST_CASE("an SDK's plug-in gives each position once, in metres in world space, 
   CHECK(bench.host.reading.position[0] == 7.0);
 }
 
-TEST_CASE(
-    "an SDK's plug-in converts forces to the SDK's axes, and a stop lasts until a zero force is "
-    "sent",
-    "[plugin]") {
+TEST_CASE("an SDK's plug-in sends forces in the SDK's axes except between a stop and a zero force",
+          "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   const Vec f = {1.0, -2.0, 0.5};
@@ -399,8 +397,7 @@ TEST_CASE("an SDK's plug-in neither allocates nor locks in a tick", "[plugin][re
   CHECK(well >= 19);
 }
 
-TEST_CASE("an SDK's plug-in stops preparing an arm that is never ready when the program ends",
-          "[plugin]") {
+TEST_CASE("preparing an SDK's arm that is never ready ends when the program ends", "[plugin]") {
   Bench bench(anySdk());
   bench.sdk.never_ready();
   bench.open();
@@ -557,9 +554,7 @@ TEST_CASE("DHD: a model with unknown limits is refused", "[plugin]") {
   CHECK(stub_dhd::arm().open == 0);
 }
 
-TEST_CASE(
-    "DHD: opening an arm sets its watchdog, reports the watchdog's time and leaves expert mode",
-    "[plugin]") {
+TEST_CASE("DHD: opening an arm sets its watchdog and leaves expert mode", "[plugin]") {
   Bench bench(kDhd);
   bench.open();
   CHECK(stub_dhd::arm().watchdog == 240);
@@ -702,7 +697,7 @@ TEST_CASE("nifalcon: an arm that cannot be opened is reported", "[plugin]") {
   CHECK(bench.host.errorIsALine("nifalcon"));
 }
 
-TEST_CASE("nifalcon: an exception is reported, and one in a tick makes the arm gone", "[plugin]") {
+TEST_CASE("nifalcon: an exception in the library is reported or makes the arm gone", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().throws = true;
   CHECK_FALSE(bench.host.open(""));

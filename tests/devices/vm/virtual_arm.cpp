@@ -1,7 +1,8 @@
 /// Simulates an arm with its own dynamics in a virtual machine: virtual_arm uhid|usb LOG.
 /// `virtual_arm pid LOG` simulates devices of USB's PID class through uhid.
-/// With uhid, the kernel's HID core and hidraw are real. With usb, usbcore and usbhid are real too:
-/// the process uses vhci_hcd and USB/IP, at full speed, with one transaction per millisecond.
+/// With uhid, the test uses the kernel's HID core and hidraw. With usb it also uses usbcore and
+/// usbhid: the process connects by vhci_hcd and USB/IP, at full speed, with one transaction per
+/// millisecond.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -113,7 +114,7 @@ class Uhid final : public Wire {
   int uhid_;
 };
 
-/// Speaks USB/IP to the kernel's virtual host controller through a socket pair.
+/// Connects to the kernel's virtual host controller by USB/IP, through a socket pair.
 class Usb final : public Wire {
  public:
   void plug() override {
@@ -460,7 +461,7 @@ int main(int argc, char** argv) {
     wire = std::make_unique<Uhid>();
   }
   sched_param priority{};
-  // A simulated device needs a high priority, because real hardware does not wait.
+  // Requests a high priority: a simulated device must be as punctual as real hardware.
   priority.sched_priority = 98;
   sched_setscheduler(0, SCHED_FIFO, &priority);
   const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);

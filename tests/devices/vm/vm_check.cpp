@@ -103,7 +103,8 @@ class Aside {
   std::int64_t drops_ = -1;
 };
 
-// In alphabetical order of the profile's names: the JSON parser sorts objects.
+// Fields of the profile in alphabetical order of their names, because the JSON parser sorts
+// objects.
 enum Field : std::size_t { kCount, kPhase, kReceived, kStepField, kX, kY, kZ };
 
 std::string pathOfArm() {
@@ -135,19 +136,19 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   const auto arms = findArms({profile});
   check(arms.size() == 1 && arms[0].device.serial == kSerial &&
             arms[0].device.usage_page == 0xFF00 && arms[0].device.usage == 1 && arms[0].may_open,
-        "it is found by its numbers, usage and serial number");
+        "listHid() finds the arm by its numbers, usage and serial number");
   check(contains(refusal([] { (void)openHid("/dev/null"); }), "not a HID device"),
-        "another device's file is refused");
+        "openHid() refuses the file of another kind of device");
   check(contains(refusal([] { (void)openHid("/dev/hidraw77"); }), "the device does not exist"),
-        "a device that is not there is refused");
+        "openHid() refuses a device that does not exist");
   check(contains(refusal([] { (void)openHid("/init"); }), "not a HID device"),
-        "an ordinary file is refused");
+        "openHid() refuses an ordinary file");
   check(contains(refusal([] { (void)openArm("hid:polhem", {}); }),
                  "no plugged-in arm fits this name"),
-        "an arm of other numbers is refused");
+        "openArm() refuses a profile whose vendor and product numbers differ");
   check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", {}); }),
                  "use hid:" + file + "@ARM0001"),
-        "another serial number is refused, and told which is there");
+        "a wrong serial number is refused, and the error names the arm that is plugged in");
   {
     std::ifstream in(file);
     std::string words((std::istreambuf_iterator<char>(in)), {});
@@ -156,7 +157,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   }
   check(contains(refusal([] { (void)openArm("hid:/tmp/forgetful.json", {}); }),
                  "input report 1 of 40 bytes, and this report has no number: write \"id\": 1"),
-        "a profile that forgets a report's number is refused, by the device's own descriptor");
+        "a profile without a report's number is refused by the device's own descriptor");
   const std::string path = pathOfArm();
   const pid_t child = fork();
   if (child == 0) {
@@ -165,15 +166,16 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   }
   int status = 0;
   waitpid(child, &status, 0);
-  check(WIFEXITED(status) && WEXITSTATUS(status) == 0, "without permission it says which rule");
+  check(WIFEXITED(status) && WEXITSTATUS(status) == 0,
+        "without permission the error names the udev rule to install");
   const int other = open(path.c_str(), O_RDWR);
   const pid_t holder = fork();
   if (holder == 0) {
     pause();
     _exit(0);
   }
-  check(!whoHas(path).empty(),
-        "a program that has it open is named: " + (whoHas(path).empty() ? "-" : whoHas(path)[0]));
+  check(!whoHas(path).empty(), "whoHas() names a program that has the arm open: " +
+                                   (whoHas(path).empty() ? "-" : whoHas(path)[0]));
   kill(holder, SIGKILL);
   waitpid(holder, nullptr, 0);
   close(other);
@@ -182,7 +184,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
     const int guardian = dup(first->guardDescriptor());
     first.reset();
     check(refusal([&] { (void)openHid(path); }) == "none",
-          "an arm that was closed is opened again, although its guardian has it still");
+          "a closed arm can be opened again while its guardian still has a descriptor");
     close(guardian);
   }
   const auto ours = openHid(path);
@@ -194,7 +196,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   }
   waitpid(second, &status, 0);
   check(WIFEXITED(status) && WEXITSTATUS(status) == 0,
-        "a second program is refused, and told who has it");
+        "a second program is refused, and the error names the first program");
 }
 
 /// Opens the arm of a profile file. Stores messages to the user in `said`.
@@ -268,28 +270,30 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
       static_cast<double>(after.reports + after.passed_by - before.reports - before.passed_by);
   const double gone = static_cast<double>(arm.writes().count - sent);
   check(after.dropped == before.dropped && std::abs(taken - passed) <= 3.0,
-        "no report lost: " + text(taken) + " of " + text(passed) + " the arm has counted");
-  check(quantile(periods, 0.99) <= 1050.0,
-        "a new position every period: p50 " + text(quantile(periods, 0.5)) + " us, p99 " +
-            text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
+        "no report is lost: " + text(taken) + " of " + text(passed) +
+            " reports that the arm has counted");
+  check(quantile(periods, 0.99) <= 1050.0, "a new position arrives in every period: median " +
+                                               text(quantile(periods, 0.5)) + " us, p99 " +
+                                               text(quantile(periods, 0.99)) + " us, longest " +
+                                               text(quantile(periods, 1.0)) + " us");
   // On a crowded host the virtual machine pauses for 3 to 5 ms, several times a minute. Then all
-  // due ticks come at once, and only the newest force is sent. A late tick counts as the machine's
-  // fault if the loop began to wait for it in time; so do all ticks due before it. The machine can
-  // also pause while a tick computes.
+  // due ticks come at once, and only the newest force is sent. A late tick is excused if the loop
+  // began to wait for it in time. All ticks that were due before it are then excused, too. The
+  // machine can also pause while a tick computes.
   check(late - excused <= ticks / 1000,
-        "no tick late but where the machine slept on, or one of a thousand: " +
-            text(late - excused) + ", and the machine's " + text(excused));
+        "at most one tick of a thousand is late without a pause of the machine: " +
+            text(late - excused) + " late, and with a pause " + text(excused));
   check(gone == arrived && gone <= ticks && gone >= ticks - 2 * late,
-        "one write a tick: " + text(gone) + " sent, " + text(arrived) + " arrived in " +
+        "each tick writes once: " + text(gone) + " sent, " + text(arrived) + " arrived in " +
             text(ticks) + " ticks");
   check(quantile(writes, 1.0) < 200.0,
-        "the loop is never held up by a write: at most " + text(quantile(writes, 1.0)) +
-            " us, while the wire takes " +
+        "a write never delays the loop: at most " + text(quantile(writes, 1.0)) +
+            " us, while sending a report takes up to " +
             text(1e-3 * static_cast<double>(arm.writes().longest_ns)) + " us; a read at most " +
             text(quantile(reads, 1.0)) + " us");
   if (usb) {
     check(arm.writes().longest_ns > 300000,
-          "the wire does hold writes up, so that this means something");
+          "sending a report takes more than 0.3 ms, so the check above is meaningful");
   }
 }
 
@@ -302,15 +306,15 @@ void checkStall(HidDevice& arm, Aside& aside) {
   usleep(300000);
   const HandState stalled = arm.read();
   check(arm.reads().dropped - dropped >= 60 && !stalled.ready && stalled.position == before,
-        "after a stall of 300 ms nothing old is taken for new: " +
+        "after a pause of 300 ms no old report counts as new: " +
             text(static_cast<double>(arm.reads().dropped - dropped)) +
-            " reports thrown away, the arm is not ready");
+            " reports are discarded, and the arm is not ready");
   usleep(2000);
   const HandState fresh = arm.read();
   const double now = kStep * static_cast<std::int32_t>(static_cast<std::uint32_t>(
                                  static_cast<std::int64_t>(aside.ask(kZ))));
   check(fresh.ready && fresh.age < 0.0021 && std::abs(fresh.position.z() - now) < 5e-4,
-        "and the next position is where the arm is: off by " +
+        "the next position equals the arm's position: off by " +
             text(1e6 * (fresh.position.z() - now)) + " um");
 }
 
@@ -333,23 +337,25 @@ void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
     usleep(50);
   }
   check(known != 0 && known - ordered < 4000000,
-        "unplugged, its force is cut with its cause " +
+        "after unplugging, the loop cuts the force with the fault gone " +
             text(1e-6 * static_cast<double>(known - ordered)) +
-            " ms after the order to leave was begun (one period, and what leaving takes)");
-  check(hand.latest().report.force == Vec3::Zero(), "no force then");
+            " ms after the command to unplug (at most one period plus the time of unplugging)");
+  check(hand.latest().report.force == Vec3::Zero(), "the force is zero while the arm is unplugged");
   while (arm.pluggings() < 2 && nowNs() - ordered < 5000000000) usleep(1000);
   const double back = 1e-9 * static_cast<double>(nowNs() - ordered);
-  check(arm.pluggings() == 2 && back < 3.0,
-        "plugged in again it is back after " + text(back) + " s, of which it was away 0.2 s");
-  check(hand.latest().fault == Fault::kGone, "and stays off until somebody says so");
+  check(arm.pluggings() == 2 && back < 3.0, "after plugging in, the arm is open again after " +
+                                                text(back) +
+                                                " s, including 0.2 s without a device");
+  check(hand.latest().fault == Fault::kGone, "the fault stays until the program clears it");
   const ZeroForce renewed = arm.zeroForce();
-  check(renewed.version != zero.version, "its guardian can be told");
+  check(renewed.version != zero.version,
+        "the version of the zero force changes, so the program can renew its guardian");
   guardian.renew(params.watch, renewed);
   usleep(100000);  // the new watcher process needs time on the only core
   hand.clear();
   usleep(50000);
   check(hand.latest().fault == Fault::kNone,
-        std::string("then it goes on: fault ") + wordFor(hand.latest().fault));
+        std::string("after clear() the loop has no fault: ") + wordFor(hand.latest().fault));
   hand.stop();
   guardian.forget(params.watch);
 }
@@ -403,8 +409,9 @@ struct Felt {
     hand.publish(built.scene);
     usleep(2000000);
     check(phase > 300.0 && phase < 800.0,
-          "a force comes " + text(phase) + " us after the position it is for");
-    check(hand.latest().fault == Fault::kNone, "no fault before");
+          "a force comes " + text(phase) +
+              " us after the report of the position from which it was computed");
+    check(hand.latest().fault == Fault::kNone, "the loop has no fault before the hand moves");
     aside.command(kGo);
     usleep(4300000);
     late = hand.latest().late_ticks;
@@ -480,9 +487,9 @@ struct Felt {
   }
   // One encoder step deeper increases the load of a slipping hand, and so also the friction.
   const double allowed = std::hypot(1.0, kFriction) * spec.coupling.stiffness * kStep;
-  check(largest > 1.0, "the ball is felt: " + text(largest) + " N");
-  check(worst <= allowed, "the forces are those of virtual time within " + text(allowed) +
-                              " N, as an encoder's step makes them: at most " + text(worst) +
+  check(largest > 1.0, "the hand feels the ball: at most " + text(largest) + " N");
+  check(worst <= allowed, "the forces equal those in virtual time within " + text(allowed) +
+                              " N, the effect of one encoder step: at most " + text(worst) +
                               " N off, at step " + text(static_cast<double>(worst_at)) +
                               "; positions at most " + text(1e6 * farthest) + " um");
   return true;
@@ -516,7 +523,7 @@ void checkPid(std::size_t kind) {
   const auto arms = findArms({profile});
   const std::string name = kind == 1 ? "as VPforce" : "as OpenFFBoard";
   check(arms.size() == 1 && !arms[0].against(profile) && effectNodes(arms[0].device.path).empty(),
-        name + ": it is found, and its descriptor has all that is needed");
+        name + ": listHid() finds the device, and its descriptor has all required parts");
   if (arms.size() != 1) return;
   PidDevice arm(profile, arms[0].device.descriptor, openHid(arms[0].device.path), true);
   const auto steps = arm.steps();

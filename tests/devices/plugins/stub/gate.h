@@ -1,4 +1,5 @@
-/// Makes a stub's loop wait for the test before each cycle, so that tests do not depend on time.
+/// Makes a stub's loop wait for the test before each cycle, so that tests do not depend on the
+/// machine's speed.
 #pragma once
 
 #include <condition_variable>
@@ -16,7 +17,7 @@ class Gate {
     --waiting_;
   }
 
-  /// Makes the loop wait at its next cycle. Returns when it waits.
+  /// Makes the loop wait at its next cycle. Returns when the loop waits.
   void hold() {
     std::unique_lock lock(mutex_);
     held_ = true;

@@ -106,7 +106,7 @@ struct Arm {
   double force[3] = {};              // in the API's frame [N]
   bool enabled = false;
   int open = 0;
-  int outside = 0;  // number of calls outside a frame that are allowed only inside one
+  int outside = 0;  // number of calls outside of a frame that the API permits only within a frame
 };
 Arm& arm();
 void plugAnew();
