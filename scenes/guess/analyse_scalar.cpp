@@ -55,7 +55,7 @@ std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<
   return samples;
 }
 
-/// Finds and removes a value that marks missing data. Neighbours with it count as unknown.
+/// Finds and removes a value that marks missing data. Neighbours with this value count as unknown.
 void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   // fraction of the samples; a rarer value is an outlier
   constexpr double kMany = 1e-3;
@@ -93,7 +93,8 @@ void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& inpu
   }
 }
 
-/// Moves boundaries to the end of the noise, which they would enclose.
+/// Moves boundaries that are within the noise of the common value to the end of the noise: they
+/// would enclose noise.
 void moveOutOfNoise(const Common& common, std::vector<Boundary>& boundaries) {
   for (Boundary& b : boundaries) {
     if (!common.contains(static_cast<float>(b.value))) continue;
@@ -101,7 +102,7 @@ void moveOutOfNoise(const Common& common, std::vector<Boundary>& boundaries) {
   }
 }
 
-/// `common`: the value of most voxels, if these are not among the samples.
+/// Analyses samples. `common` is the value of most voxels, if the samples exclude these voxels.
 ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestInput& input,
                               std::optional<Common> common) {
   constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is rounding
@@ -155,10 +156,10 @@ double noiseOf(const std::vector<ScalarSample>& samples) {
   return *middle / (kMedian * std::sqrt(6.0));
 }
 
-/// Returns the value of more than half of the voxels, if nearly all have it. `noise` is the
-/// standard deviation.
+/// Returns the median, if nearly all voxels have this value to within the noise: those at the 5th
+/// and the 95th percentile, and more than half of all. `noise` is its standard deviation.
 std::optional<Common> commonOf(const ScalarAnalysis& all, double noise) {
-  constexpr double kReach = 6.0;  // of 1e8 voxels with Gaussian noise, none differs more
+  constexpr double kReach = 6.0;  // [standard deviations]: none of 1e8 noisy voxels differs more
   if (all.values.empty()) return std::nullopt;
   const Common common{all.values[all.values.size() / 2], kReach * noise};
   const auto at = [&](double percent) { return percentile(all.values, percent); };

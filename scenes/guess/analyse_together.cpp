@@ -20,7 +20,8 @@ std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   return at;
 }
 
-/// Statistics of several scalars at the same voxels. Omits the scalar with the index `without`.
+/// Statistics of several scalars at the same voxels. The functions omit the scalar with the index
+/// `without`.
 class Sums {
  public:
   Sums(const std::vector<const SuggestInput*>& scalars, const std::vector<openvdb::Coord>& at) {

@@ -14,7 +14,8 @@ struct VectorSample {
   float jacobian = 0.0F;
 };
 
-/// The grid's axes, taken as orthogonal. They keep the magnitudes of curl and Jacobian.
+/// The grid's axes, treated as orthogonal. Curl and Jacobian have the same magnitude along these
+/// axes as in world space.
 struct GridAxes {
   std::array<double, 3> edges;  ///< [units of the file]
   std::array<openvdb::Vec3d, 3> axes;
@@ -117,7 +118,7 @@ VectorAnalysis analyseVector(const SuggestInput& input) {
   std::sort(flow.speed.begin(), flow.speed.end());
   std::sort(flow.curl.begin(), flow.curl.end());
   // The cores of vortices often fill less of a flow than the shear around them.
-  constexpr double kFewest = 30.0;  // voxels in the smaller set; fewer prove no core
+  constexpr double kFewest = 30.0;  // least number of voxels above the 99th percentile
   for (const double percent : {95.0, 99.0}) {
     if (percent > 95.0 && 0.01 * static_cast<double>(flow.curl.size()) < kFewest) break;
     const double core = coreOf(samples, kStill * fastest, percentile(flow.curl, percent));

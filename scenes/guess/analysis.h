@@ -28,7 +28,7 @@ struct Boundary {
   bool front = false;
 };
 
-/// Says whether a grid is a signed distance, in units of the file or in voxels.
+/// States whether a grid is a signed distance, in units of the file or in voxels.
 enum class Distance : std::uint8_t {
   kNone,
   kFull,       ///< The values change by 1 per unit or per voxel.
@@ -94,7 +94,8 @@ enum class Likeness : std::uint8_t {
   kLinear,    ///< A linear function.
   kMultiple,  ///< A linear function without an offset, as the same quantity in another unit.
 };
-/// Returns true if a scalar is such a function of another grid, its component or its magnitude.
+/// Returns true if a scalar is nearly a function of this kind of another scalar, or of a component
+/// or the magnitude of a vector.
 [[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other, Likeness likeness);
 
 /// Results of analysing several scalars together. Fractions are scalars with values from 0 to 1.
@@ -107,7 +108,8 @@ struct SumAnalysis {
   std::optional<std::size_t> other;
   /// True if most voxels contain at most one material; false if materials are mixed.
   bool apart = false;
-  std::vector<double> at_faces;    ///< Mean of each scalar on the faces of the box around all.
+  /// Mean of each scalar on the faces of the box around all scalars.
+  std::vector<double> at_faces;
   std::vector<double> throughout;  ///< Mean of each scalar in this box.
 };
 [[nodiscard]] SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars);

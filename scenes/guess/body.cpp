@@ -85,7 +85,8 @@ struct Extent {
   openvdb::CoordBBox box;
 };
 
-/// Returns the voxels of the runs with keep(index) true, and all voxels up to a distance from them.
+/// Returns the voxels of the runs with keep(index) true, and all voxels up to `voxels` voxels from
+/// them.
 template <class Keep>
 openvdb::MaskTree dilated(const std::vector<Run>& runs, int voxels, const Keep& keep) {
   openvdb::MaskTree mask;

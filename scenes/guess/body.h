@@ -10,8 +10,8 @@ namespace palpate::guess {
 
 /// The largest body in an image of Hounsfield units.
 struct LargestBody {
-  /// 1 in the body and within two voxels of it; inactive elsewhere, and within one voxel of another
-  /// body. Its metadata name the image (kMetaBodyOf).
+  /// 1 in the body and within two voxels of it; inactive elsewhere, and outside of the body within
+  /// one voxel of another body. Its metadata name the image (kMetaBodyOf).
   openvdb::FloatGrid::Ptr region;
   std::uint64_t left = 0;  ///< Number of bodies left out.
 };

@@ -20,8 +20,8 @@ struct Scale {
   }
 };
 
-/// A material without noise has no dip of the gradient. But its bin has at least as many voxels as
-/// the 32 bins on either side together.
+/// Returns true for a material without noise, which has no dip of the gradient: its bin has at
+/// least as many voxels as the 64 neighbouring bins together (32 on each side).
 bool isConstantMaterial(const Bins& count, std::size_t bin) {
   constexpr std::size_t kNear = 32;
   double near = 0.0;
@@ -85,7 +85,8 @@ std::vector<Turn> turnsOf(const Bins& mean) {
   return turns;
 }
 
-/// Returns the first bin from dip to peak where the mean is `part` of the way to `slope`.
+/// Returns the first bin from dip to peak where the mean gradient has risen from its value at the
+/// dip by the fraction `part` of the difference to `slope`.
 std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double slope, double part) {
   const double level = mean[dip] + part * (slope - mean[dip]);
   std::size_t i = dip;
@@ -115,8 +116,8 @@ void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_
 std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::vector<Turn>& turns,
                                    std::size_t t, const ScalarAnalysis& scalar, double edge,
                                    bool image) {
-  // Greatest thickness [voxels]; beyond it, the field is smooth. An image may have been smoothed. A
-  // mesh's voxels are at most as large as its cells.
+  // Greatest thickness of a boundary [voxels]; a thicker one is part of a smooth field. An image
+  // may have been smoothed. A mesh's voxels are at most as large as its cells.
   constexpr double kThickestOfImage = 15.0;
   constexpr double kThickestOfMesh = 6.0;
   // Least fraction of a mesh's voxels on either side. A smaller region is a margin of the field.
@@ -151,7 +152,7 @@ std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::ve
 /// Keeps the greatest boundaries, sorted by value, and divides each `share` by the greatest one.
 void keepGreatest(std::vector<Boundary>& found) {
   constexpr std::size_t kMost = 3;
-  // A boundary with a smaller share of the greatest integral is not an object's.
+  // A boundary with a smaller share of the greatest integral is not the surface of an object.
   constexpr double kLeastShare = 0.05;
   std::stable_sort(found.begin(), found.end(),
                    [](const Boundary& a, const Boundary& b) { return a.share > b.share; });

@@ -46,7 +46,7 @@ void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Leaves out weights of distances: they say how reliably a scanner has measured a voxel.
+/// Leaves out weights of distances: they state how reliably a scanner has measured a voxel.
 void leaveWeights(const std::vector<Candidate>& candidates, Draft& draft) {
   const auto is_distance = [](const Candidate& c) {
     return c.kind == Kind::kLevelSet || c.kind == Kind::kDistance;
@@ -251,7 +251,8 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Even values, boundaries and names of familiar quantities give a higher score.
+/// Returns the score of a scalar. Evenly distributed values, a boundary, and the name of a familiar
+/// quantity each increase the score.
 double scoreOf(const Candidate& c) {
   constexpr double kObject = 0.3;  // relative to the largest entropy, 1
   constexpr double kFamiliar = 0.2;
@@ -295,7 +296,8 @@ const Candidate* bodyIn(const std::vector<Candidate>& candidates, const Candidat
   return nullptr;
 }
 
-/// Adds at most `most` modes of a scalar. If the image has a body region, they act only in it.
+/// Adds at most `most` modes of a scalar. If the image has a body region, the modes act only in
+/// this region.
 void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std::size_t most,
               Draft& draft) {
   const Candidate* body = c.kind == Kind::kHounsfield ? bodyIn(candidates, c) : nullptr;
@@ -312,8 +314,9 @@ void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std:
                  "");
 }
 
-/// Returns true if the flow's modes show all of a scalar. They show no surface, and across a shock
-/// every quantity is a linear function of the velocity.
+/// Returns true if a scalar is redundant beside the flow. The flow's modes show no surface, so a
+/// scalar with boundaries must be a multiple of the flow: across a shock, every quantity is a
+/// linear function of the velocity.
 bool isShownBy(const Candidate& flow, const Candidate& scalar) {
   const Likeness likeness =
       scalar.scalar.boundaries.empty() ? Likeness::kLinear : Likeness::kMultiple;

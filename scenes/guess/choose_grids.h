@@ -7,7 +7,7 @@
 
 namespace palpate::guess {
 
-/// Adds volumes and modes of the best candidates to a draft, and notes about the others.
+/// Adds volumes and modes of the best candidates to a draft, and notes about the other candidates.
 void chooseGrids(std::vector<Candidate>& candidates, GuessFor stated, Draft& draft);
 
 }  // namespace palpate::guess

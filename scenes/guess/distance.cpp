@@ -29,7 +29,7 @@ struct Plateaus {
   float high = std::numeric_limits<float>::lowest();
   bool cut_low = false;  ///< True if the values are cut off at the lowest value.
   bool cut_high = false;
-  bool from_background = false;  ///< True if only the background shows one of the ends.
+  bool from_background = false;  ///< True if addBackground() has set one of the ends.
 
   [[nodiscard]] bool contains(float value) const {
     return std::binary_search(values.begin(), values.end(), value);
@@ -38,7 +38,8 @@ struct Plateaus {
     return cut_low && cut_high && low < 0.0F && high > 0.0F;
   }
   /// Returns the value at which distances in any unit are cut off on both sides. Returns 0 if the
-  /// plateaus do not show it. Distances divided by this value may have a plateau at -1 or 1 only.
+  /// plateaus do not show this value. Distances divided by this value may have a plateau only at -1
+  /// or only at 1.
   [[nodiscard]] double limit() const {
     constexpr double kRounding = 0.01;  // whole numbers may end at -128 and 127
     const double limit = std::max(-low, high);
@@ -46,7 +47,7 @@ struct Plateaus {
     const bool divided = limit == 1.0 && ((cut_low && low == -1.0F) || (cut_high && high == 1.0F));
     return symmetric || divided ? limit : 0.0;
   }
-  /// Takes the background of a block of voxels as a plateau if the values reach it within a `step`.
+  /// Makes the background a plateau if the values of the active voxels come within `step` of it.
   void addBackground(double background, double step) {
     if (background - high > step || low - background > step) return;
     const auto value = static_cast<float>(background);
@@ -62,7 +63,8 @@ struct Plateaus {
 
 Plateaus plateausOf(const std::vector<ScalarSample>& samples) {
   // A value is a plateau if more than this fraction of the samples is in constant regions with it.
-  // The ends also count if more are beside inactive voxels with the end's value.
+  // The lowest and the highest value also count as cut off if more than this fraction is beside
+  // inactive voxels with this value.
   constexpr double kOften = 0.01;
   Plateaus found;
   std::vector<float> flat;
@@ -151,8 +153,8 @@ Slopes slopesOf(const std::vector<ScalarSample>& samples, const Plateaus& platea
   return slopes;
 }
 
-/// Returns true if nearly all values on the faces of the box are negative. `beyond` reads the
-/// voxels around the box instead.
+/// Returns true if nearly all values on the faces of the box are negative. If `beyond` is true,
+/// reads the voxels around the box instead.
 bool isPositiveInside(const SuggestInput& input, bool beyond) {
   // A ground that fills up to 7/8 of its box's height covers up to 3/4 of the box's faces.
   constexpr double kNearlyAllFaces = 0.75;
@@ -167,7 +169,7 @@ bool isPositiveInside(const SuggestInput& input, bool beyond) {
   std::size_t all = 0;
   for (std::size_t i = 0; i < faces.values.size(); ++i) {
     const float value = faces.values[i];
-    // A scanner writes 0 for voxels that it has not seen.
+    // A scanner writes 0 for voxels that it has not measured.
     if (value == 0.0F || (!input.inactive_is_data && !faces.active[i])) continue;
     ++all;
     below += value < 0.0F ? 1 : 0;
@@ -199,7 +201,7 @@ Distance kindOf(const Plateaus& plateaus, const Slopes& slopes, double edge) {
 
 void analyseDistance(const std::vector<ScalarSample>& samples, const SuggestInput& input,
                      ScalarAnalysis& scalar) {
-  constexpr std::size_t kLeast = 64;  // with fewer samples, fractions are not known to 5 %
+  constexpr std::size_t kLeast = 64;  // with fewer samples, fractions would have errors above 5 %
   constexpr double kBothSigns = 0.01;
   const std::array<double, 3> edges = edgesOf(*input.grid);
   Plateaus plateaus = plateausOf(samples);

@@ -20,7 +20,8 @@ class Draft {
   /// Returns an unused name for a volume or field: `name`, with a number if necessary.
   std::string uniqueName(const std::string& name);
 
-  /// Adds a candidate's volume, once. The candidate must keep its address until write().
+  /// Adds a candidate's volume, unless it was added before. The candidate must keep its address
+  /// until write().
   void addVolume(const Candidate& candidate);
   /// Adds a derived field under a unique name, and returns this name.
   std::string addField(const std::string& name, const Json& field);
@@ -32,7 +33,8 @@ class Draft {
   [[nodiscard]] std::size_t levelSets() const { return level_sets_; }
   [[nodiscard]] bool hasModes() const { return !modes_.empty(); }
 
-  /// Adds a note that a candidate is left out; empty `why`: because others have priority.
+  /// Adds a note that a candidate is left out. If `why` is empty, the reason is that other grids
+  /// have priority.
   void leaveOut(const Candidate& candidate, const std::string& why = "");
   void leaveOut(const std::string& name, const std::string& why, const std::string& remedy);
   /// Removes the note about a candidate that is used after all.

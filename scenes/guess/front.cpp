@@ -70,12 +70,12 @@ LineSample lineAt(const Reader& reader, const SuggestInput& input, const openvdb
   return sample;
 }
 
-/// Returns true if the line changes by a large part of the range, nearly all of it within a few
-/// voxels.
+/// Returns true if the values on the line change by a large part of the range, nearly all of this
+/// change within a few voxels.
 bool crossesFront(const LineSample& sample, double range) {
   constexpr double kLarge = 0.08;  // of the range
-  // A simulation smears a shock over three cells of up to two voxels. On this line, the thickness
-  // of a linear field is 12.
+  // A simulation spreads a shock over three cells of up to two voxels each. A linear field would
+  // have the thickness of the whole line, 12.
   constexpr double kThickest = 6.0;  // [voxels]
   return sample.jump >= kLarge * range && sample.jump <= kThickest * 0.5 * sample.steepest;
 }

@@ -35,7 +35,7 @@ struct GuessNames {
   std::string file;  ///< Path of the .vdb in the scene.
   /// Prefix for the names of volumes, fields and modes, such as "a."; empty for a single file.
   std::string prefix;
-  std::string like;  ///< Volume of another file, whose place all volumes get; or "".
+  std::string like;  ///< Volume of another file, whose place all volumes get; "": no such volume.
 };
 
 /// Returns a first scene for the grids of a file, from a sample of their voxels. The result does

@@ -95,7 +95,8 @@ bool isHounsfieldStated(const Evidence& e) {
   return e.stated == GuessFor::kCt && hasAir(e.scalar);
 }
 
-/// Returns true if the values determine the kind. `--for fibres` states only the kind of vectors.
+/// Returns true if --for leaves the kind of scalars open: metadata and values then determine the
+/// kind. `--for fibres` states only the kind of vectors.
 bool isOpen(const Evidence& e) {
   return e.stated == GuessFor::kAnything || e.stated == GuessFor::kFibres;
 }
@@ -151,7 +152,8 @@ bool isTruncatedByValues(const Evidence& e) {
   return isOpen(e) && e.scalar.distance == Distance::kTruncated;
 }
 
-/// Any two labels can be neighbours, but at a boundary in an image all values in between occur.
+/// Returns true for labels, of which any two can be neighbours. At a boundary in an image, all
+/// values in between occur.
 bool isLabelsByValues(const Evidence& e) {
   constexpr double kAllWhole = 0.999;      // fraction of the voxels
   constexpr double kConstantPieces = 0.5;  // fraction of equal neighbours

@@ -25,7 +25,8 @@ Bins smoothed(const Bins& in) {
 
 LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
                                const ScalarAnalysis& scalar, const std::array<double, 3>& edges) {
-  // A sample adds the same to all levels between its neighbours, so stores only the two ends.
+  // A sample adds the same amount to all levels between its neighbours, so only the differences at
+  // the two ends are stored.
   std::array<double, kBins + 1> area{};
   std::array<double, kBins + 1> gradient{};
   LevelIntegrals levels;

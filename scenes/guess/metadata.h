@@ -19,7 +19,7 @@ struct Metadata {
   /// True if the space is that of a patient: +x right, +y anterior, +z superior.
   bool ras = false;
   bool axial = false;  ///< True if vectors v and -v mean the same.
-  /// True if imported from a mesh: the inactive voxels are outside of the data.
+  /// True if the grid was imported from a mesh: the inactive voxels are outside of the data.
   bool mesh = false;
 };
 /// Returns the metadata of a volume, or of the first grid of a vector in three grids.

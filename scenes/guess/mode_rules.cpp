@@ -40,8 +40,8 @@ void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
 /// Adds the surface of bone: at a boundary near the lowest value of bone, otherwise at this value.
 void addHounsfieldBone(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kBone = 300.0;
-  constexpr double kWithin = 100.0;  // some voxels must exceed kBone by this
-  constexpr double kLowest = 150.0;  // a boundary from here to kHighest is bone's
+  constexpr double kWithin = 100.0;  // some voxels must exceed kBone by this value
+  constexpr double kLowest = 150.0;  // a boundary from this value to kHighest is that of bone
   constexpr double kHighest = 500.0;
   const ScalarAnalysis& scalar = c.scalar;
   if (!(scalar.shareAbove(kBone + kWithin) > kFewVoxels)) return;
@@ -72,7 +72,8 @@ struct SignalLevels {
   double bright = 0.0;  ///< 95th percentile of the values inside the skin.
 };
 
-/// Returns the levels above the first boundary over the surroundings; no value without one.
+/// Returns the levels at and above the lowest boundary that is above the surroundings; no value
+/// without such a boundary.
 std::optional<SignalLevels> signalLevelsOf(const ScalarAnalysis& scalar) {
   // The noise of air has a Rayleigh distribution: 99.9 % is below this multiple of the median
   // (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995).
@@ -180,7 +181,7 @@ constexpr std::array kModeRules{
     ModeRule{Kind::kDistance, addDistanceSurface},
 };
 
-/// Names and strengths of one, two or three nested surfaces. Outer ones yield to a firm push.
+/// Names and strengths of one, two or three nested surfaces. Outer surfaces yield to a firm push.
 struct Layer {
   const char* word = "";
   double strength = 0.0;  ///< [N]
@@ -219,7 +220,7 @@ std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most)
 }
 
 /// Adds a drag that grows from the outermost to the innermost boundary of `side`, on one side of
-/// the surroundings. With one boundary, it grows up to the value of the enclosed material.
+/// the surroundings. With one boundary, the drag grows up to the value of the enclosed material.
 void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool above,
                    std::vector<Json>& modes) {
   constexpr double kMost = 0.2;  // [N]: weaker than every surface
@@ -269,7 +270,8 @@ std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
 Json dragByValue(const Candidate& c) {
   const double low = c.scalar.round(percentile(c.scalar.values, 5.0));
   const double high = c.scalar.round(percentile(c.scalar.values, 95.0));
-  // Without surfaces, the drag is the only mode, and so stronger than in addDragWithin.
+  // Without surfaces, this drag is the only mode, and therefore stronger than that of
+  // addDragWithin.
   return drag(c.name + " drag", c.name, {{low, 0}, {high, 0.4}},
               fmt::format("A drag that grows with the value, from its 5th to its 95th "
                           "percentile ({} to {}{}): no clear boundary was found.",
@@ -331,7 +333,8 @@ Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions
       "strength "
       "grows with the anisotropy. ";
   const ScalarAnalysis& scalar = anisotropy.scalar;
-  // Fractional anisotropy is at most 1. A measure that ends below kMiddle is another one.
+  // Fractional anisotropy is at most 1. A measure with all values below kMiddle is not fractional
+  // anisotropy.
   constexpr double kHighest = 1.001;
   constexpr double kMiddle = 0.4;
   if (scalar.low >= 0.0 && scalar.high <= kHighest && scalar.high > kMiddle) {
@@ -366,7 +369,7 @@ Json followUniform(const Candidate& vector) {
 }
 
 bool hasVortices(const VectorAnalysis& flow) {
-  // below it, the curl is irrelevant (shear has 0.5, a vortex 1)
+  // the curl is irrelevant in a flow with a lower `turning` (shear has 0.5, a vortex 1)
   constexpr double kTurning = 0.1;
   const double middle = percentile(flow.curl, 50.0);
   const double most = percentile(flow.curl, 95.0);

@@ -18,10 +18,12 @@ inline constexpr double kSkinHounsfield = -300.0;
 
 [[nodiscard]] Json levelSetSurface(const Candidate& c);
 
-/// `share` is the material's fraction of the whole volume, 0 to 1.
+/// Returns the surface of a material, which fills the fraction `share` (0 to 1) of the whole
+/// volume.
 [[nodiscard]] Json materialSurface(const Candidate& c, double share);
 
-/// The strength depends on the lengths of the vectors, or on a measure of anisotropy.
+/// Return a mode that follows directions. Its strength depends on the lengths of the vectors, or on
+/// a measure of anisotropy.
 [[nodiscard]] Json followDirections(const Candidate& directions);
 [[nodiscard]] Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions);
 

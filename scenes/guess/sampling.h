@@ -114,7 +114,7 @@ struct KeepAll {};
 
 /// Returns make(reader, coord) for every n-th active voxel with keep(value), leaves before tiles. n
 /// limits the results to about `most`. In each leaf and tile, a hash of its origin selects the
-/// first voxel, so that the results do not depend on threads. `keep` costs another pass over all
+/// first voxel, so that the results do not depend on threads. `keep` requires another pass over all
 /// active voxels.
 template <class Out, class ReaderT, class GridT, class Make, class Keep = KeepAll>
 std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make,
@@ -190,7 +190,8 @@ struct Neighbours {
   bool at_edge = false;  ///< True if a neighbour is in an image's surroundings.
 };
 
-/// In an image (SuggestInput::inactive_is_data), inactive neighbours within the extent are data.
+/// Returns the values of the two neighbours of a voxel along an axis. In an image
+/// (SuggestInput::inactive_is_data), inactive neighbours within the extent are data.
 template <class Accessor>
 auto neighboursOf(const Accessor& accessor, const openvdb::Coord& c, int axis,
                   const SuggestInput& input) {

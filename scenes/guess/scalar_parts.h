@@ -56,7 +56,8 @@ struct LevelIntegrals {
 void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& scalar);
 
 /// Returns the value that marks missing data: it occurs `least` times or more, far from all others.
-/// Returns no value without one, or if the values may be labels. `sorted` ascends and is not empty.
+/// Returns no value if no data are missing, or if the values may be labels. `sorted` ascends and is
+/// not empty.
 [[nodiscard]] std::optional<float> noDataOf(const std::vector<float>& sorted, double least);
 
 /// Sets `distance` and `positive_inside` if the values are the signed distance to a surface: the
@@ -65,10 +66,10 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 ///
 /// - kFull: the values change by 1 per unit or per voxel. Also, the directions vary, or the values
 ///   are cut off on both sides of 0; otherwise a linear ramp would count.
-/// - kTruncated: as kFull, but noisy and cut off on both sides of 0, or in any unit and cut off at
-///   the same distance on both sides, which is at least a voxel. Values divided by this distance
-///   end at -1 and 1, and may be cut off at one end only (Curless and Levoy, A volumetric method
-///   for building complex models from range images, 1996).
+/// - kTruncated: the values are as for kFull, but noisy, and cut off on both sides of 0. Or they
+///   have any unit, and are cut off at the same distance on both sides, which is at least a voxel.
+///   Values divided by this distance end at -1 and 1, and may be cut off at one end only (Curless
+///   and Levoy, A volumetric method for building complex models from range images, 1996).
 ///
 /// If a block of voxels reaches the background within a voxel, the background counts as cut off. A
 /// distance is positive inside bodies if nearly all values on the faces of the box are negative.

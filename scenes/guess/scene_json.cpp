@@ -72,7 +72,8 @@ void confine(Json& mode, const std::string& region) {
     mode["by"] = region;
     return;
   }
-  // The curve keeps its own input. The second factor is 1; without data in the region it is 0.
+  // The curve keeps its own input. The second factor is 1 in the region, and 0 where the region has
+  // no data.
   const Json within{{"piecewise", {{0, 1}, {1, 1}}}, {"by", region}};
   strength = Json{{"product", Json::array({strength, within})}};
 }

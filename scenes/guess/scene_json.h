@@ -18,7 +18,7 @@ using Knots = std::vector<std::pair<double, double>>;
 /// Formats JSON with indentation, and short items on one line.
 [[nodiscard]] std::string indented(const Json& json, std::size_t depth = 0);
 
-/// Returns a curve. Drops inner points so near to others that the strength would be noisy.
+/// Returns a curve. Drops inner points that are so near to others that the strength would be noisy.
 [[nodiscard]] Json curve(const Knots& knots);
 
 /// Returns a mode; `more` has the keys of its kind.

@@ -8,8 +8,8 @@ namespace palpate::guess {
 /// Returns a percentile of values that are in ascending order; 0 for an empty list.
 [[nodiscard]] double percentile(const std::vector<float>& sorted, double percent);
 
-/// Rounds to a thousandth of the power of ten of `range`, which keeps four digits of the range. The
-/// result is finite.
+/// Rounds to a thousandth of the largest power of ten that is at most `range`, which keeps four
+/// digits of the range. The result is finite.
 [[nodiscard]] double rounded(double value, double range);
 
 /// Returns the evenness of ascending values: 0 if all are equal, 1 if all from the 1st to the 99th

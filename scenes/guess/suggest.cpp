@@ -45,7 +45,8 @@ std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& 
   return candidates;
 }
 
-/// Sets `apart` for different transforms, because the analysis reads components by voxel.
+/// Returns the input for the analysis. Sets `apart` if the transforms of the components differ,
+/// because the analysis reads them by voxel.
 SuggestInput inputFrom(const GuessVolume& given) {
   // Above this fraction of active voxels, a grid is a block of data up to the faces of its box.
   constexpr double kFull = 0.98;

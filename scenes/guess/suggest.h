@@ -67,9 +67,10 @@ inline constexpr const char* kMetaAxial = "axial";
 ///   visualization, IEEE Visualization 2001). It has dips at the values of materials and arches
 ///   between them (Kindlmann and Durkin, IEEE Volume Visualization 1998). The isovalue is the
 ///   middle of the arch. With a material on one side only, the isovalue is where the arch has risen
-///   by two thirds. Without an arch, it is that of a front (findFront). A smooth field has no
-///   boundary and gets a drag that depends on its value. Unlike in the papers, a level counts where
-///   it lies between the values of a voxel's neighbours. Therefore sharp steps are found too;
+///   by two thirds. Without an arch, the isovalue is that of a front (findFront). A smooth field
+///   has no boundary and gets a drag that depends on its value. Unlike in the papers, a level
+///   counts where it lies between the values of a voxel's neighbours. Therefore sharp steps are
+///   found too;
 /// - directions, which have no sign by the file's metadata or all have length 1: a mode that
 ///   follows them. If "..._direction" has a grid "..._anisotropy", its strength depends on the
 ///   anisotropy;

@@ -12,7 +12,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   double whole = 0.0;
   std::vector<float> distinct;
   for (const float value : scalar.values) {
-    // Above 2^24 every float is a whole number, so these do not count.
+    // Above 2^24, every float is a whole number, so larger values do not count.
     whole += value == std::round(value) && std::abs(value) <= 0x1p24F ? 1.0 : 0.0;
     if (distinct.size() <= kMostDistinct && (distinct.empty() || distinct.back() != value)) {
       distinct.push_back(value);
@@ -65,9 +65,10 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 }
 
 std::optional<float> noDataOf(const std::vector<float>& sorted, double least) {
-  // relative to the range of the other values; air is nearer to flesh
+  // relative to the range of the other values; the values of air and flesh are nearer to each other
   constexpr double kFar = 10.0;
-  constexpr std::size_t kFew = 64;  // a grid with at most this number of values may have labels
+  // a grid with at most this number of different values may have labels
+  constexpr std::size_t kFew = 64;
   std::size_t distinct = 1;
   for (std::size_t i = 1; i < sorted.size() && distinct <= kFew; ++i) {
     distinct += sorted[i] != sorted[i - 1] ? 1 : 0;

@@ -9,7 +9,7 @@
 namespace palpate {
 namespace {
 
-/// Returns the volume at the end of the chain of `like`; "" if it has no instances.
+/// Returns the volume at the end of the chain of `like`; "" if that volume has no instances.
 std::string leaderOf(const SceneSpec& spec, const std::string& name) {
   const std::string* leader = &name;
   while (spec.volumes.at(*leader).place.kind == PlaceSpec::Kind::kLike) {

@@ -41,33 +41,34 @@ struct WarpSpec {
 
 /// Place of a volume in W, and its motion (key "place" of a scene file).
 struct PlaceSpec {
-  /// Says how the members below determine the place of the volume.
+  /// Selects how the members below determine the place of the volume.
   enum class Kind : std::uint8_t {
-    kFit,   ///< Like kMap, about the active bounds' centre; `size` is their longest side [m].
-    kUnit,  ///< Like kMap, about this centre, in true size; a unit of the file is `size` metres.
+    kFit,   ///< The longest side of the active bounds becomes `size` [m].
+    kUnit,  ///< True size: `size` is metres per unit of the file.
     kMap,   ///< p_W = translate + R scale p_file, with R from `rotation_wxyz`.
     /// Same transform and motion as the volume `like`, so that both stay aligned.
     kLike,
   };
   Kind kind = Kind::kFit;  ///< Determines which of the members below apply.
-  double size = 0.1;       ///< Size in W [m]; see Kind.
-  double scale = 1.0;      ///< For kMap: scale [m per unit of the file].
+  double size = 0.1;   ///< For kFit: longest side in W [m]; for kUnit: metres per unit of the file.
+  double scale = 1.0;  ///< For kMap: scale [m per unit of the file].
   /// Rotation as a quaternion; normalised when it is used.
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};
-  Vec3 translate = Vec3::Zero();  ///< Translation [m].
-  std::string like;               ///< For kLike: name of the other volume.
-  /// Poses that move the placed volume; empty: it does not move. Not for kLike.
+  Vec3 translate =
+      Vec3::Zero();  ///< Translation [m]; for kFit and kUnit: place of the bounds' centre in W.
+  std::string like;  ///< For kLike: name of the other volume.
+  /// Poses that move the placed volume; empty: the volume does not move. Not for kLike.
   std::vector<Keyframe> keyframes;
   /// If true, the motion repeats; the last keyframe must then have the pose of the first one.
   bool repeat = false;
-  /// Deforms the volume, before the keyframes move it. Not for kLike.
+  /// Deformation of the volume; the keyframes move the deformed volume. Not for kLike.
   std::optional<WarpSpec> warp;
 };
 
 /// Playback of a sequence (key "frames" of a scene file); scenes/library/frames.h finds the frames.
 struct FramesSpec {
   double rate = 0.0;  ///< Number of frames per second; 0: `times` applies.
-  /// Times of the frames [s]. With `repeat`, the last one is when the first frame returns.
+  /// Times of the frames [s]. With `repeat`, the last time is the return of the first frame.
   std::vector<double> times;
   bool repeat = false;              ///< If true, the first frame follows the last frame.
   std::optional<double> budget_mb;  ///< Memory for the frames [MB]; unset: 1024.
@@ -78,24 +79,26 @@ struct PlaySpec {
   double speed = 1.0;   ///< PlayParams::speed.
   bool paused = false;  ///< PlayParams::paused.
   bool repeat = false;  ///< PlayParams::repeat.
-  /// Earliest time that is played [s]; unset: the start of the earliest sequence.
+  /// Earliest time that is played [s]; unset: the start of the first sequence, or no limit if all
+  /// sequences repeat but the play does not.
   std::optional<double> from;
-  /// Latest time that is played [s]; unset: the end of the latest sequence, or no end if one
+  /// Latest time that is played [s]; unset: the end of the last sequence, or no limit if a sequence
   /// repeats.
   std::optional<double> to;
 };
 
 /// A volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the caller.
 struct VolumeSpec {
-  /// A .vdb, a folder of bricks, or a pattern for files. Ignored if `volume` or `field` is set.
+  /// A .vdb file, the folder or address of bricks, or a pattern for numbered files. Ignored if
+  /// `volume` or `field` is set.
   std::filesystem::path file;
   std::string grid;  ///< Name of the grid; empty: the only grid of the file.
   /// Treatment of values that are not finite; see LoadOptions.
   NonFinite non_finite = NonFinite::kRefuse;
   SmoothWidth smooth;  ///< Width of a Gaussian that smooths the grid; see LoadOptions.
   PlaceSpec place;     ///< Place and motion of the volume.
-  /// If not empty, replaces `place` by several places, none with kLike or keyframes. Volumes with
-  /// kLike of this volume get the same instances.
+  /// If not empty, replaces `place` by several places, none with kLike or keyframes. Volumes that
+  /// are placed like this volume (kLike) get the same instances.
   std::vector<PlaceSpec> instances;
   Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
   std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.
@@ -110,7 +113,7 @@ struct SceneSpec {
   std::string source;  ///< Name of the scene in errors, such as its file.
   /// Coupling of probe and proxy; `graph.stiffness` may vary its stiffness.
   CouplingParams coupling;
-  /// True if the user has not set the stiffness: then fitCoupling() may lower it.
+  /// True if the user has not set the stiffness: then fitCoupling() may lower the stiffness.
   bool any_stiffness = false;
   StepParams step;                            ///< Accuracy with which a tick moves the proxy.
   double slope_reach = 0.5;                   ///< Sampling::slope_reach of all volumes.
@@ -121,7 +124,8 @@ struct SceneSpec {
   std::optional<PlaySpec> play;  ///< Playback; only for scenes with a sequence.
   /// If true, the scene is not divided into parts. Not allowed for scenes with instances.
   bool one_graph = false;
-  bool waits = false;  ///< If true, readers wait for missing bricks and frames. For virtual time.
+  /// If true, readers wait for missing bricks and frames. Set `waits` in virtual time.
+  bool waits = false;
   std::vector<std::string>
       notes;  ///< Notes for the user about skipped or ignored items, one line each.
 };
@@ -151,9 +155,9 @@ struct BuiltScene {
   std::shared_ptr<const Scene> scene;  ///< The scene, for any number of hands.
   /// Volumes that are grids, and the computed fields, by name.
   std::map<std::string, std::shared_ptr<const Volume>> volumes;
-  Windows windows;  ///< Volumes in bricks; `volumes` holds their coarsest levels.
+  Windows windows;  ///< Volumes in bricks; `volumes` contains their coarsest levels.
   std::map<std::string, std::shared_ptr<const FrameSequence>>
-      sequences;    ///< Volumes that are sequences; `volumes` holds their first frames.
+      sequences;    ///< Volumes that are sequences; `volumes` contains their first frames.
   PlayParams play;  ///< Playback of the sequences.
   /// Places of the volumes; for instances, the first place.
   std::map<std::string, Placement> placements;
@@ -161,7 +165,7 @@ struct BuiltScene {
   /// Fields of all volumes at their places, in their rest pose.
   std::map<std::string, FieldPtr> fields;
   std::map<std::string, MotionPtr> motions;  ///< Motions of the moving volumes.
-  /// Computed fields by name; `volumes` holds them too.
+  /// Computed fields by name; `volumes` contains their volumes.
   std::map<std::string, ComputedField> computed;
   std::vector<PartGroup> parts;  ///< All groups of parts, ordered by their modes.
   /// Box around all fields, at all times of their motions and at all instances, in W [m].
@@ -185,8 +189,8 @@ struct BuiltScene {
 /// result loads no further data.
 [[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
 
-/// Lowers the stiffness to the limit of a device, unless the user has set it. Returns a message for
-/// the user; empty if the stiffness is unchanged.
+/// Lowers the stiffness to the limit of a device, unless the user has set the stiffness. Returns a
+/// message for the user; empty if the stiffness is unchanged.
 [[nodiscard]] std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device);
 /// Throws SceneError if the coupling has more stiffness or damping than the device renders stably.
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device);

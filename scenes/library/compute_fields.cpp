@@ -37,7 +37,7 @@ class FieldComputer {
   }
 
  private:
-  /// Limits the memory: a computed field may need as much as its volume.
+  /// Limits the memory: a computed field may need as much memory as its volume.
   static constexpr int kMostComputed = 64;
   struct Made {
     std::shared_ptr<const Volume> volume;

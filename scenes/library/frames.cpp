@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 struct Pattern {
   std::string before;
   std::string after;
-  /// Least number of digits, with leading zeros; 0: no leading zeros.
+  /// Smallest number of digits, filled with leading zeros; 0: no leading zeros.
   std::size_t digits = 0;
 
   [[nodiscard]] std::optional<long> numberIn(const std::string& name) const {

@@ -17,7 +17,8 @@
 namespace palpate {
 namespace {
 
-constexpr double kWholeRate = 100.0;  // [Hz]: above the frame rate of a window
+// [Hz]: rate of ticks with primitives; above a window's frame rate
+constexpr double kWholeRate = 100.0;
 const char* const kSubject = "window";
 
 std::array<double, 3> numbers(const Vec3& v) noexcept {

@@ -21,15 +21,16 @@
 
 namespace palpate {
 
-/// Publishes a value without pointers to any number of readers, also in other processes. This is a
-/// sequence lock: the writer never waits; a reader gets a complete value, or must read again.
-/// Unlike a Mailbox, readers change no state, so they need no write access.
+/// Publishes a value without pointers to any number of readers, also in other processes. The class
+/// is a sequence lock: the writer never waits, and a reader gets a complete value or must read
+/// again. Unlike the reader of a Mailbox, a reader changes no state and needs no write access.
 template <class T>
 class Published {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Replaces the value. Only one thread may call this. RT: wait-free, one store for each 8 bytes.
+  /// Replaces the value. Only one thread may call write(). RT: wait-free, one store for each 8
+  /// bytes.
   void write(const T& value) noexcept {
     std::array<std::uint64_t, kWords> words{};
     std::memcpy(words.data(), &value, sizeof(T));
@@ -62,9 +63,9 @@ class Published {
   std::array<std::atomic<std::uint64_t>, kWords> words_{};
 };
 
-/// Largest number of modes that a window shows; further modes are not shown.
+/// Largest number of modes that a window shows; the window omits further modes.
 inline constexpr std::size_t kLiveModes = 64;
-/// Largest number of primitives that a window shows; further primitives are not shown.
+/// Largest number of primitives that a window shows; the window omits further primitives.
 inline constexpr std::size_t kLivePrimitives = 64;
 /// Number of past ticks that a window can show: 4 s at 1 kHz.
 inline constexpr std::size_t kLiveRows = 4096;
@@ -78,7 +79,7 @@ struct LivePrimitive {
   /// Determines the meaning of `position` and `direction`.
   PrimitiveKind kind = PrimitiveKind::kForce;
   bool friction = false;  ///< True for a friction line.
-  /// Index of its mode in LiveScene::modes; kLiveModes: that list does not contain its mode.
+  /// Index of the primitive's mode in LiveScene::modes; kLiveModes: the list lacks this mode.
   std::uint16_t mode = 0;
 };
 
@@ -113,8 +114,8 @@ struct LiveRow {
 /// Largest gain that the user can set in a window.
 inline constexpr float kMostDial = 8.0F;
 
-/// The gain of one mode. Each mode has a number of its own, which survives edits of the scene file.
-/// So a late request cannot change another mode.
+/// The gain of one mode. Each mode has its own number, which edits of the scene file do not change.
+/// A late request therefore cannot change the gain of another mode.
 struct LiveDial {
   std::uint32_t mode = 0;  ///< Number that identifies the mode.
   /// Gain: factor of the mode's strength and viscosity, 0 to kMostDial; 0: off.
@@ -154,7 +155,7 @@ struct LiveHand {
 
 /// The memory block that both processes map.
 struct LiveBlock {
-  /// Text "palplive", which begins the block in every version.
+  /// The text "palplive". In every version, the block begins with this text.
   static constexpr std::uint64_t kMagic = 0x6576696c'706c6170;
   /// Version of the layout. Increase it with each change of a member below.
   static constexpr std::uint64_t kLayout = 3;
@@ -171,15 +172,16 @@ struct LiveBlock {
   std::atomic<std::int64_t> newest{0};   ///< Number of the newest tick that has a row.
   std::atomic<std::int64_t> process{0};  ///< Process id of the loop, which has started the window.
   std::atomic<std::uint32_t> over{0};    ///< Not 0 if the run has ended.
-  /// LiveWishes::dialled of the last request for gains that was rejected.
+  /// LiveWishes::dialled of the last request for gains that the loop rejected.
   std::atomic<std::uint64_t> refused{0};
   // The window's process writes these members.
   Published<LiveWishes> wishes;  ///< Requests to the loop.
   Published<LiveHand> hand;      ///< Target of the hand from the mouse.
 };
 
-/// Returns the last core that this process may use, or -1 if there is only one. The first hand's
-/// loop runs on this core, and the window must not.
+/// Returns the core with the highest number that this process may use. The first hand's loop runs
+/// on this core, and the window must not. Returns -1 if the process may use only one core, or if
+/// the kernel does not report the cores.
 [[nodiscard]] int loopsCore() noexcept;
 
 /// A LiveBlock in memory that two processes map.
@@ -187,7 +189,8 @@ class LiveShare {
  public:
   /// Creates the memory of a loop, whose size no process can change. Throws Error.
   LiveShare();
-  /// Maps a loop's memory by an inherited descriptor. Throws Error if it is not such memory.
+  /// Maps a loop's memory by an inherited descriptor. Throws Error if the memory is not a loop's,
+  /// or has another layout.
   explicit LiveShare(int descriptor);
   ~LiveShare();
   LiveShare(const LiveShare&) = delete;
@@ -197,7 +200,8 @@ class LiveShare {
   [[nodiscard]] LiveBlock& block() noexcept { return *block_; }
   /// Returns the block for reading.
   [[nodiscard]] const LiveBlock& block() const noexcept { return *block_; }
-  /// Returns the descriptor. A child process inherits it only if the caller passes it on.
+  /// Returns the descriptor. A child process inherits the descriptor only if the caller passes it
+  /// to the child.
   [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
 
  private:
@@ -213,12 +217,13 @@ class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// The block must outlive this object. `rate` is the rate of the loop [Hz].
   LiveWriter(LiveBlock& block, double rate);
-  /// Announces the scene of the next ticks. Call it before the scene is published, from the same
-  /// thread. `dials` has the gains of the modes of SceneSpec::graph. If it is empty, each mode's
-  /// number is its index and its gain is 1.
+  /// Announces the scene of the next ticks. Call expect() before you publish the scene, from the
+  /// thread that publishes the scene. `dials` contains the gains of the modes of SceneSpec::graph.
+  /// If `dials` is empty, each mode's number is its index and its gain is 1.
   void expect(const Scene& scene, std::span<const LiveDial> dials = {});
-  /// Publishes a tick after its force was sent. Only the loop's thread may call it. RT: wait-free,
-  /// no allocation. Cost: about 50 ns; for a tick with primitives, a few hundred ns more.
+  /// Publishes a tick after its force was sent. Only the loop's thread may call take(). RT:
+  /// wait-free, no allocation. Cost: about 50 ns; for a tick with primitives, a few hundred ns
+  /// more.
   void take(const Telemetry& tick, const ProxyState& state) noexcept PALPATE_NONBLOCKING;
 
  private:

@@ -19,7 +19,7 @@ namespace made {
 namespace {
 
 /// Returns the velocity at p_F, per unit of circulation, that a straight piece of a vortex filament
-/// induces. It extends from a + `from` e to a + `to` e; `from` and `to` may be infinite.
+/// induces. The piece extends from a + `from` e to a + `to` e; `from` and `to` may be infinite.
 Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double from, double to,
                     double core) {
   const Vec3 r_F = p_F - a_F;
@@ -129,7 +129,8 @@ double cloud(const Vec3& p_F) {
 
 namespace {
 
-/// Returns the distance to the surface of an ellipsoid: exact on it, of first order near it.
+/// Returns the signed distance to an ellipsoid's surface: exact on the surface, accurate to first
+/// order near the surface.
 double ellipsoid(const Vec3& p, const Vec3& axes) {
   const double k0 = p.cwiseQuotient(axes).norm();
   const double k1 = p.cwiseQuotient(axes.cwiseProduct(axes)).norm();
@@ -264,7 +265,7 @@ std::vector<Making> makeWindTunnel(double voxel) {
   everyVoxel(box_F, voxel, [&](const Coord& at, const Vec3& p_F) {
     writer.setValue(at, toVdb(wind.velocity(p_F)));
   });
-  // The wing is thin, so its voxels have half the edge of the air's.
+  // The wing is thin, so the edge of its voxels is half that of the velocity grid.
   const Box about_F{{-0.08, -0.19, -0.05}, {0.08, 0.19, 0.05}};
   const auto wing = levelSet("wing", about_F, 0.5 * voxel, made::wing);
   return {

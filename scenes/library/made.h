@@ -1,6 +1,6 @@
 /// Private to the program: volumes that are computed from formulas, for examples without a file and
-/// for tests. All machines give equal volumes, except for the last digits of the mathematical
-/// library.
+/// for tests. All machines compute equal volumes, except for the last digits of mathematical
+/// functions.
 #pragma once
 
 #include <cstdint>
@@ -19,8 +19,8 @@ struct MadeVolume {
   std::string what;          ///< Short description.
   std::string length_unit;   ///< Unit of length in the file.
   double voxel = 0.0;        ///< Default edge of a voxel, in the unit of length.
-  double least_voxel = 0.0;  ///< Smallest allowed edge of a voxel.
-  double most_voxel = 0.0;   ///< Largest allowed edge of a voxel.
+  double least_voxel = 0.0;  ///< Smallest allowed edge of a voxel, in the unit of length.
+  double most_voxel = 0.0;   ///< Largest allowed edge of a voxel, in the unit of length.
 };
 
 /// Returns the descriptions of all volumes.
@@ -37,8 +37,9 @@ struct MadeGrid {
 };
 
 /// Computes a volume and writes it as a .vdb, with palpate's version and the units. `voxel` is the
-/// edge of a voxel [unit of length]. Throws Error if the name is unknown, if the edge is out of
-/// range, or if the file cannot be written; then an incomplete file may remain.
+/// edge of a voxel, in MadeVolume::length_unit; unset: MadeVolume::voxel. Throws Error if the name
+/// is unknown, if the edge is out of range, or if the file cannot be written; then an incomplete
+/// file may remain.
 [[nodiscard]] std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> voxel,
                                               const std::filesystem::path& file);
 
@@ -49,7 +50,7 @@ namespace made {
 /// with the wing at the origin.
 ///
 /// The model is Prandtl's simplest: a uniform stream and a horseshoe vortex. The bound vortex is in
-/// the wing and gives the lift. From each tip, a vortex trails downstream to infinity; the two
+/// the wing and produces the lift. From each tip, a vortex trails downstream to infinity; the two
 /// rotate in opposite directions. The cores follow Rosenhead and Moore: in the law of Biot and
 /// Savart, 1/|r|^3 becomes 1/(|r|^2 + core^2)^(3/2). The velocity is the curl of a vector
 /// potential, so it has no divergence. Around a long filament, the velocity is circulation / (2 pi)
@@ -75,7 +76,7 @@ struct Wind {
 /// One bundle is straight along x; the other is bent in the plane z = 0. At each point, the
 /// diffusion tensor is the mean of isotropic tissue and the bundles, weighted by their shares. The
 /// anisotropy (Basser & Pierpaoli 1996) is 0.80 in a bundle and 0 outside. Where both bundles have
-/// equal shares, it is 0.48, and two directions have the greatest eigenvalue.
+/// equal shares, the anisotropy is 0.48, and two directions have the greatest eigenvalue.
 struct Fibre {
   /// Unit eigenvector of the greatest eigenvalue, with either sign; zero outside the bundles.
   Vec3 direction = Vec3::Zero();

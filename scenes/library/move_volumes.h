@@ -18,7 +18,9 @@ using Displacements = std::map<std::string, std::vector<std::shared_ptr<const Vo
 /// Returns the names of the displacement fields. Throws SceneError for an unknown name.
 [[nodiscard]] std::set<std::string> displacementNames(const SceneSpec& spec);
 
-/// Throws SceneError if a mode or field reads a displacement field, or if such a field moves.
+/// Throws SceneError if a mode, a guide, a field or the coupling reads a displacement field. Also
+/// throws if a displacement field moves, has instances or is a sequence. `names` are those from
+/// displacementNames().
 void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& names);
 
 /// Returns the motions that volumes define themselves, not by `like`. Throws SceneError.
@@ -26,8 +28,9 @@ void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& name
                                                           const Displacements& displacements,
                                                           Placer& placer, SceneCache& cache);
 
-/// Gives a volume's motion to the volumes that are placed like it and to the fields computed from
-/// it. Call it after all places are resolved: then "like" has no unknown names and no circles.
+/// Copies a volume's motion to the volumes that are placed like it and to the fields computed from
+/// it. Call joinMotions() after Placer has resolved all places: then "like" has no unknown names
+/// and no circles.
 void joinMotions(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

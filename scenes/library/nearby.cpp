@@ -21,7 +21,7 @@ ModeSpec named(const GraphSpec& graph, std::size_t number) {
   return mode;
 }
 
-/// Replaces the instances of each volume by the first one, because each part copies the volume.
+/// Returns the volumes, each at its first instance. Each part adds its own copy of a volume.
 Volumes placedOnce(const SceneSpec& spec) {
   Volumes volumes = spec.volumes;
   for (auto& [name, volume] : volumes) {
@@ -31,7 +31,8 @@ Volumes placedOnce(const SceneSpec& spec) {
   return volumes;
 }
 
-/// One part of a group. Its volumes and fields get names of their own.
+/// Copies one part of a group into a scene. The copies of an instance have the instance's number in
+/// their names.
 class Copy {
  public:
   Copy(const SceneSpec& spec, const PartGroup& group, std::size_t part)

@@ -24,9 +24,9 @@ namespace palpate {
   return ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
-/// Returns the path of an open file in /proc, for libraries that open files by name. It leads to
-/// that file even if another file now has the name `created`. If the kernel denies access to this
-/// path, as in a program with file capabilities, returns `created`.
+/// Returns the path of an open file in /proc, for libraries that open files by name. The path leads
+/// to the open file even if another file now has the name `created`. If the kernel denies access to
+/// this path, as in a program with file capabilities, returns `created`.
 [[nodiscard]] inline std::filesystem::path nameOfOpen(int descriptor,
                                                       const std::filesystem::path& created) {
   const std::filesystem::path open = "/proc/self/fd/" + std::to_string(descriptor);

@@ -13,7 +13,7 @@
 namespace palpate {
 namespace {
 
-constexpr double kSmallestVoxel = 1e-9;  // [m]: the hand cannot use smaller voxels
+constexpr double kSmallestVoxel = 1e-9;  // [m]: smallest allowed edge of a voxel
 
 }  // namespace
 
@@ -54,7 +54,7 @@ Placement Placer::placementOf(const std::string& name) {
 Placement Placer::compute(const std::string& name, const PlaceSpec& place,
                           const std::string& path) {
   Placement placed = computeAny(name, place, path);
-  // Also checks a volume placed like another one, because its grid is different.
+  // Also checks a volume that is placed like another volume, because the two grids differ.
   const GridInfo& info = *volumes_.at(name);
   const double voxel = placed.scale * info.voxel.minCoeff();
   const double reach = placed.translate.norm() +

@@ -12,14 +12,16 @@ namespace palpate {
 /// Largest distance of a volume or guide from the origin of W [m].
 inline constexpr double kFarthestPlace = 1e6;
 
-/// Computes the placements of all volumes. A volume with "like" gets that of the named volume.
+/// Computes the placements of all volumes. A volume with "like" gets the placement of the named
+/// volume.
 class Placer {
  public:
   /// Both arguments must outlive the placer. `volumes` has the grid of each volume, by name.
   Placer(const SceneSpec& spec, const std::map<std::string, const GridInfo*>& volumes)
       : spec_(spec), volumes_(volumes) {}
 
-  /// Returns the placement of an instance, and of the volumes placed like it. Throws SceneError.
+  /// Returns the placement of an instance of the volume `leader`. Volumes that are placed like
+  /// `leader` have the same placement. Throws SceneError.
   Placement placementOf(const std::string& leader, std::size_t instance);
   /// Returns the placement of a volume, or of its first instance. Throws SceneError.
   Placement placementOf(const std::string& name);
@@ -31,11 +33,12 @@ class Placer {
   const SceneSpec& spec_;
   const std::map<std::string, const GridInfo*>& volumes_;
   std::map<std::string, Placement> done_;
-  /// Volumes whose placement is being computed. A second request for one means a circle of "like".
+  /// Volumes whose placement is being computed. A second request for the same volume means a circle
+  /// of "like".
   std::set<std::string> open_;
 };
 
-/// Converts guides from the units and place of a volume to W. They then move with the volume.
+/// Converts guides from the units and place of a volume to W. The guides then move with the volume.
 void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph);
 
 }  // namespace palpate

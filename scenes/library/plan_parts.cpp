@@ -78,7 +78,8 @@ void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   for (const auto& [name, derived] : graph.fields) check("/fields/" + name, derived.of);
 }
 
-/// Returns the first mode that reads both a volume with the leader's instances and one without.
+/// Returns the index of the first mode that reads both a volume with the leader's instances and a
+/// volume without them. If there is none, returns the index of the part's first mode.
 std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
                        const std::map<std::string, PlanVolume>& volumes) {
   const auto with_leader = [&](std::string name) {
@@ -126,7 +127,8 @@ Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolum
   return together;
 }
 
-/// Assigns each mode to the thing that it reads. Modes without one go to Division::stay.
+/// Assigns each mode to the thing that it reads. Adds guides, user-defined modes, and modes that
+/// read no field or an unknown field to Division::stay.
 void divideModes(const std::vector<ModeSpec>& modes, Division& division) {
   for (std::size_t i = 0; i < modes.size(); ++i) {
     const ModeSpec& mode = modes[i];
@@ -175,7 +177,8 @@ Division divide(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   return division;
 }
 
-/// Throws SceneError if a volume of the thing has no instances, or other instances than the thing.
+/// Throws SceneError if a volume of the thing lacks the thing's instances, or if the thing must
+/// stay outside parts (`in_base`).
 void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
                     const std::map<std::string, PlanVolume>& volumes) {
   const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));

@@ -9,7 +9,7 @@
 
 namespace palpate {
 
-/// A thing: volumes that modes read together, and these modes. It may become a part.
+/// A thing: volumes that modes read together, and these modes. A thing may become a part.
 struct PartPlan {
   GraphSpec graph;  ///< Graph of the thing; its modes have the names that the scene uses.
   std::vector<std::string> volumes;  ///< Names of its volumes.
@@ -25,14 +25,17 @@ struct ScenePlan {
 
 /// Facts about a volume that planParts() needs.
 struct PlanVolume {
-  std::string leader;       ///< Name of the volume that has this volume's instances, or "".
-  bool may_be_part = true;  ///< False if the volume moves, or if its place is unknown.
+  std::string leader;  ///< Name of the volume that has this volume's instances, or "".
+  /// False if the volume moves, is a sequence or in bricks, or is not a grid.
+  bool may_be_part = true;
 };
 
 /// Divides a scene into parts. A thing with instances always becomes a part. Another thing becomes
-/// a part if the scene has more than kFewThings things and the thing is suitable. Throws SceneError
-/// (/modes/0) if a mode reads a volume with instances together with another volume, or if the scene
-/// has parts and a mode reads an unknown name.
+/// a part if the scene has more than kFewThings things and the thing is suitable. A thing is
+/// suitable if it fits in a part, if all its volumes may be in a part, and if no guide,
+/// user-defined mode or coupling reads them. Throws SceneError, with the JSON path, if a volume
+/// with instances cannot be in a part. Also throws if the scene has parts, and a mode or field
+/// reads an unknown name.
 [[nodiscard]] ScenePlan planParts(const GraphSpec& graph,
                                   const std::map<std::string, PlanVolume>& volumes);
 

@@ -18,7 +18,8 @@ namespace palpate {
 std::vector<LoadResult> SceneCache::load(const std::vector<VolumeRequest>& requests,
                                          const std::function<void(double)>& progress) {
   std::vector<LoadResult> results(requests.size());
-  // Reads time and size before loading: if a file changes meanwhile, the next call loads it again.
+  // Reads time and size before loading: if a file changes during the load, the next call loads the
+  // file again.
   std::vector<std::optional<Loaded>> keys(requests.size());
   std::vector<VolumeRequest> missing;
   std::vector<std::size_t> places;

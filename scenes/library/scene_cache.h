@@ -1,4 +1,4 @@
-/// Caches the components of a scene, so that the next scene reuses those that are unchanged.
+/// Caches the components of a scene, so that the next scene reuses the unchanged components.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,7 @@ namespace palpate {
 /// cache.
 class SceneCache {
  public:
-  /// Calls loadVolumes. Loads a file again if it was written since.
+  /// Calls loadVolumes. Loads a file again if the file has changed since its last load.
   [[nodiscard]] std::vector<LoadResult> load(const std::vector<VolumeRequest>& requests,
                                              const std::function<void(double)>& progress);
   /// Calls deriveVolume.
@@ -54,7 +54,7 @@ class SceneCache {
     Sampling sampling;                  ///< Interpolation between voxels.
     SequenceParams params;              ///< Memory limit, and whether readers wait.
 
-    /// Returns true if both describe the same sequence.
+    /// Returns true if both structures describe the same sequence.
     [[nodiscard]] bool operator==(const Played&) const = default;
   };
   /// Calls the constructor of FrameSequence. Loads frames again if they were rewritten.
@@ -108,7 +108,7 @@ class SceneCache {
     bool used = true;   ///< True if the scene that is being built has requested the entry.
     bool kept = false;  ///< True if the previous scene has requested the entry.
   };
-  /// Removes the entries whose mark has this member false.
+  /// Removes the entries in whose mark the member `unless` is false.
   void forget(bool Mark::*unless);
 
   template <class Key, class Value>

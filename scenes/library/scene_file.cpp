@@ -45,7 +45,7 @@ bool mayBeScene(const std::filesystem::path& file) {
   return first == std::ifstream::traits_type::eof() || first == '{';
 }
 
-/// Returns the usable grids. Adds the errors of all others to `notes`.
+/// Returns the usable grids. Adds the errors of all other grids to `notes`.
 std::vector<GuessVolume> feltOf(const FileResult& loaded, std::vector<std::string>& notes) {
   std::vector<GuessVolume> volumes;
   for (std::size_t g = 0; g < loaded.names.size(); ++g) {

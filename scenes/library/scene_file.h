@@ -21,12 +21,13 @@ namespace palpate {
                                    const std::filesystem::path& folder);
 
 /// Returns the scene guess (guess.h) for a .vdb file, or for all .vdb files of a folder. The first
-/// volume is scaled to 0.1 m and centred; the others are placed like it. SceneSpec::notes names
-/// unusable grids and omissions. Throws VolumeError if no grid is usable.
+/// volume is scaled to 0.1 m and centred; the others are placed like the first volume.
+/// SceneSpec::notes names unusable grids and omissions. Throws VolumeError if no grid is usable.
 [[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path,
                                      const Progress& progress = nullptr);
 
-/// Returns the scene guess for a file, with its reasons, as JSON with the path as given.
+/// Returns the scene guess for a .vdb file or a folder of bricks, with its reasons. The JSON
+/// contains the path as given.
 [[nodiscard]] Guess guessVdb(const std::filesystem::path& file, GuessFor what = GuessFor::kAnything,
                              const Progress& progress = nullptr);
 

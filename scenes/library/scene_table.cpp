@@ -153,7 +153,7 @@ std::vector<JsonObject<PlaceSpec>> placesWith(const JsonObject<PlaceSpec>& motio
       (kind == PlaceSpec::Kind::kMap ? place.scale : place.size) = size;
     };
   };
-  // Both turn about the middle of the volume, and shift it.
+  // The kinds `fit` and `unit` turn the volume about its centre, and then shift the volume.
   const auto centred = [&](JsonObject<PlaceSpec> rows) {
     return rows.may("rotation_wxyz", rotationType(), &PlaceSpec::rotation_wxyz)
         .may("translate", vectorType().says("Place of the volume's centre [m]."),
@@ -361,7 +361,7 @@ JsonType<ReadVolume> volumeType() {
 }
 
 /// Returns the metres per unit of a volume's file. Throws SceneError if the scene does not define
-/// it.
+/// this number.
 double metresPerUnit(const std::map<std::string, ReadVolume>& volumes, const std::string& name,
                      const std::string& path) {
   const ReadVolume* volume = &volumes.at(name);

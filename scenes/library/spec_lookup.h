@@ -9,7 +9,7 @@
 
 namespace palpate {
 
-/// Returns a JSON path as errors show it, after the name of the scene if it has one.
+/// Returns a JSON path as errors show it, after the name of the scene if the scene has a name.
 [[nodiscard]] std::string pathIn(const SceneSpec& spec, const std::string& path);
 
 /// Returns the error for an unknown volume. Its remedy suggests the most similar of `names`.

@@ -23,7 +23,8 @@ void checkRegular(const std::filesystem::path& file, const std::string& remedy) 
   }
 }
 
-/// Returns the content of a file. Throws E if it is not a regular file, or if it cannot be read.
+/// Returns the content of a file. Throws E if the file is not a regular file, or if it cannot be
+/// read.
 template <class E>
 [[nodiscard]] std::string readText(const std::filesystem::path& file, const std::string& remedy) {
   checkRegular<E>(file, remedy);

@@ -15,7 +15,7 @@
 namespace palpate {
 
 /// Writes grids with Blosc compression. Throws Error if the file is incomplete, which
-/// openvdb::io::File does not detect: it never checks its stream.
+/// openvdb::io::File does not detect, because that class never checks its stream.
 inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPtrVec& grids) {
   struct Archive final : openvdb::io::Archive {
     void put(std::ostream& out, const openvdb::GridCPtrVec& grids) const {

@@ -11,7 +11,7 @@ namespace palpate::cli {
 namespace {
 
 constexpr double kWordsGrid = 1e-5;   // [m]: resolution of coordinates in text
-constexpr double kOptionGrid = 1e-7;  // [m]: in options; 0.05 mN at 500 N/m
+constexpr double kOptionGrid = 1e-7;  // [m]: resolution in options; 0.05 mN at 500 N/m
 
 Vec3 roundedTo(double grid, const Vec3& p) {
   return (p / grid).array().round().matrix() * grid;

@@ -15,13 +15,13 @@ namespace palpate::cli {
 struct Again {
   Vec3 at = Vec3::Zero();    ///< Option --at: position at which the hand rests before the tick [m].
   Vec3 push = Vec3::Zero();  ///< Option --push: move of the hand from `at` within the tick [m].
-  double off = 0.0;          ///< Difference of the spring's force, as a share of the tick's.
+  double off = 0.0;  ///< Difference of the spring's force, divided by that of the reproduced tick.
 };
 
 /// Returns a hand's motion that reproduces `most` in one tick, with moving volumes at their pose of
 /// time 0. The hand starts on the proxy's side of a surface, so that the surface stops the proxy.
-/// If `scene` is the scene of `most`, tries several starts. Returns the one with the nearest spring
-/// force, or no value if this force differs by over 10 %.
+/// If `scene` is the scene of `most`, tries several starts, and selects the start with the nearest
+/// spring force. Returns no value if this force differs by over 10 %.
 [[nodiscard]] std::optional<Again> againOf(const Most& most, const Scene& scene);
 
 /// Returns "palpate explain SCENE --at x,y,z --push x,y,z", with coordinates rounded to 100 nm.

@@ -8,11 +8,11 @@
 
 namespace palpate::cli {
 
-/// Loads the module. Throws Error if the module is missing.
+/// Loads the module. Throws Error about the output `path` if the module is missing.
 void checkHdf5(const std::string& path);
 
 /// Writes the whole recording. Throws Error if writing fails, and Interrupted after an interrupt.
-/// If it throws, it leaves no file.
+/// If writeHdf5() throws, no file remains.
 ///
 /// Dataset `ticks`: one dimension, in compressed blocks. Its elements are compounds of all fields
 /// of recordedFields() except `zero`; vectors are arrays. Dataset `scenes`: members `id` and
@@ -22,8 +22,9 @@ void checkHdf5(const std::string& path);
 /// The HDF5 library supports only one thread: the calling thread makes all calls.
 void writeHdf5(const Recording& recording, const std::string& path);
 
-/// Type of the module's function. It writes to `place`, and names the file `name` in messages.
-/// Before each block it calls `progress` with the finished part, 0 to 1; `progress` may throw.
+/// Type of the module's function. The function writes to `place`; its messages name the file
+/// `name`. Before each block, the function calls `progress` with the finished part, 0 to 1;
+/// `progress` may throw.
 using Hdf5Writer = void(const Recording& recording, const std::string& place,
                         const std::string& name, const std::function<void(double)>& progress);
 

@@ -26,7 +26,8 @@ struct CompareOptions {
   bool json = false;
 };
 
-/// Returns the first input (or output, if `outputs`) in which two ticks differ; null if none does.
+/// Returns the first input (or output, if `outputs`) in which two ticks differ; null if there is
+/// none.
 const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, bool outputs) {
   const auto fields = recordedFields();
   const auto* x = reinterpret_cast<const char*>(&a);
@@ -56,7 +57,7 @@ struct Largest {
   std::optional<RecordedTick> tick;
 
   void add(double x, const RecordedTick& in) {
-    // A difference of infinity or NaN counts as the largest one.
+    // A difference of infinity or NaN counts as the largest difference.
     if (!std::isfinite(x)) x = std::numeric_limits<double>::infinity();
     if (tick && !(x > value)) return;
     value = x;
@@ -81,8 +82,8 @@ struct Difference {
   const char* given = "";                  ///< Name of the first different input.
   std::optional<RecordedTick> first;       ///< First tick with different outputs.
   const char* field = "";                  ///< Name of the first different output.
-  Largest force;                           ///< [N]
-  Largest proxy;                           ///< [m]
+  Largest force;                           ///< Largest difference of the force [N].
+  Largest proxy;                           ///< Largest difference of the proxy's position [m].
   std::map<std::string, std::array<std::int64_t, 2>> statuses;
 
   [[nodiscard]] bool alike() const {

@@ -29,7 +29,7 @@ namespace palpate::cli {
 namespace {
 
 constexpr std::int64_t kPeriod = 1000000;  // [ns]
-// USB numbers of a Teensy board that runs its bootloader, and no firmware.
+// USB numbers of a Teensy board that runs its bootloader instead of a firmware.
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
 
@@ -46,7 +46,7 @@ OrderedJson limitsOf(const HidProfile& profile) {
   return json;
 }
 
-/// Returns why the arm cannot be used, and a remedy; empty if it can be used.
+/// Returns why the arm cannot be used, and a remedy; empty if the arm can be used.
 std::string trouble(const FoundArm& arm) {
   if (!arm.may_open) {
     return fmt::format(
@@ -153,7 +153,8 @@ int show(const DevicesOptions& options) {
 /// Name and limits of a plug-in's arm, as openAnyArm would report them.
 struct NamedPluginArm {
   std::string name;
-  std::optional<DeviceInfo> info;  ///< Limits, if the arm was tested; otherwise it cannot be used.
+  /// Description with the limits; unset if the arm cannot be used.
+  std::optional<DeviceInfo> info;
   bool tested = false;
   std::string trouble;
 };
@@ -461,7 +462,8 @@ int watchPlugin(const DevicesOptions& options) {
   return kInterrupted;
 }
 
-/// Prints the readings of an arm. It only reads, so another program can drive the arm meanwhile.
+/// Prints the readings of an arm. watch() only reads, so another program can drive the arm at the
+/// same time.
 int watch(const DevicesOptions& options) {
   if (parsePluginName(options.watch)) return watchPlugin(options);
   Pictures pictures(options.seconds);
@@ -471,7 +473,8 @@ int watch(const DevicesOptions& options) {
   const auto wrong = chosen.arm.against(chosen.profile);
   const auto port = openHidToRead(chosen.arm.device.path);
   ArmWatch watch(chosen.profile);
-  constexpr std::int64_t kLook = 5000000;  // [ns]: the kernel stores at most 63 reports
+  // [ns]: time between two reads; the kernel stores at most 63 reports
+  constexpr std::int64_t kLook = 5000000;
   while (interrupted == 0) {
     const bool gone = watch.take(*port, nowNs()) == ReadStatus::kGone;
     const bool over = pictures.over();

@@ -22,7 +22,8 @@ Numbers known(const SceneSpec& spec) {
   return numbers;
 }
 
-/// Scales the existing curve. With an added factor, `by` could mean a different factor.
+/// Scales the outputs of the first curve. If a factor were added, `by` could apply to another
+/// factor.
 void scale(TransferSpec& property, double factor) {
   TransferFunction& curve = property.factors.front().curve;
   std::vector<TransferFunction::Knot> knots = curve.knots();

@@ -26,8 +26,9 @@ struct ModeIds {
 using Dials = std::map<std::uint32_t, float>;
 [[nodiscard]] std::vector<LiveDial> inOrder(const Dials& dials, const ModeIds& ids);
 
-/// Multiplies the strength and viscosity of each mode by its gain; `dials` is in the order of the
-/// modes. A gain of 0 gives a very small strength, so that the mode remains in the scene.
+/// Multiplies the strength and viscosity of each mode, except user-defined modes, by its gain.
+/// `dials` is in the order of the modes. A gain of 0 gives a very small strength, so that the mode
+/// remains in the scene.
 void dial(SceneSpec& spec, const std::vector<LiveDial>& dials);
 
 }  // namespace palpate::cli

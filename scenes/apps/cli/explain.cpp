@@ -20,7 +20,7 @@ std::string text(const OrderedJson& value) {
   return list;
 }
 
-/// Example: "2 (1.5 where speed is 0.3, times 1.33)".
+/// Formats a transfer function, for example "2 (1.5 where speed is 0.3, times 1.33)".
 std::string transferText(const OrderedJson& transfer) {
   std::string factors;
   for (const OrderedJson& factor : transfer["factors"]) {

@@ -23,7 +23,7 @@ from matplotlib.patheffects import Stroke, Normal  # noqa: E402
 WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.2, 0.45, 0.45, 4.5, 3.0
 GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
 TITLE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.36, 0.4, 1.1, 0.15
-NAMES = 0.65          # above the force over depth
+NAMES = 0.65          # height of the events' names above the force over depth
 ROBUST = (0.5, 99.5)  # percentiles of the values that are drawn black and white
 FAR = 0.1             # distance from a slice at which the path is palest, as a fraction of the longest side
 FAINT = 0.2
@@ -70,7 +70,8 @@ def longest_of(field):
 
 
 def thinned(path, force, step):
-    """Returns the rows of a path to draw: the ends of sections of length `step`, and that of the largest force."""
+    """Returns the rows of a path to draw: the ends of sections of length `step`, both ends of the path, and the
+    row of the largest force."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     leaves = np.flatnonzero(np.diff(np.floor(way / step)))
     more = [0, int(np.argmax(force)), len(path) - 1]
@@ -138,7 +139,7 @@ class Picture:
                                      height / self.height))
 
     def note(self):
-        """Sets the labels of the axes."""
+        """Returns the note at the bottom of the page: the axes' space, the scale and the time of moving volumes."""
         space = self.data["space"]
         time = self.data["stands_at"]
         when = "" if time is None else f"; moving volumes are drawn at {time:.2f} s"
@@ -275,14 +276,14 @@ class Picture:
         ax.grid(linewidth=0.3, alpha=0.5)
 
     def draw_depth(self, ax):
-        """Draws the force along the path of a press over the hand's depth, and names what happens at which depth."""
+        """Draws the force along the path of a press over the hand's depth, and labels the events at their depths."""
         press = self.data["press"]
         for key, colour, style, label in (("in", BLUE, "-", "moving in"), ("out", RED, "--", "moving out")):
             rows = np.array(press[key], dtype=float).reshape(-1, 2)
             ax.plot(1e3 * rows[:, 0], rows[:, 1], color=colour, linestyle=style, linewidth=0.9, label=label)
         deepest = max(row[0] for row in press["in"] + press["out"])
         ax.set_xlim(0.0, 1e3 * deepest)
-        places = []  # depths with the names of all that happens there
+        places = []  # depths with the names of the events there
         for mark in sorted(press["marks"], key=lambda mark: mark["depth"]):
             if places and mark["depth"] - places[-1][0] < 0.02 * deepest:
                 places[-1][1].append(mark["name"])
@@ -291,7 +292,7 @@ class Picture:
         for depth, _ in places:
             ax.axvline(1e3 * depth, color="0.4", linestyle=":", linewidth=0.8)
         if places:
-            # Above the axes, so that no name covers a number or the curve.
+            # Puts the names above the axes, so that no name covers a number or the curve.
             names = ax.secondary_xaxis("top")
             names.set_xticks([1e3 * depth for depth, _ in places])
             texts = names.set_xticklabels([shortened(", ".join(said)) for _, said in places], fontsize=6, rotation=20,
@@ -305,7 +306,7 @@ class Picture:
         ax.grid(linewidth=0.3, alpha=0.5)
 
     def legend(self):
-        """Returns the legend: for each label, the mark before it."""
+        """Returns the legend: a mark for each label."""
         marks = {"proxy's path in the slice": path_mark(1.0),
                  f"{amount(self.far, self.unit or 'units')} or more from the slice": path_mark(FAINT)}
         if self.data["felt"]:

@@ -37,8 +37,8 @@ OrderedJson mostOf(const Hand& hand, const Scene& scene) {
           {"off", again ? OrderedJson(again->off) : OrderedJson()}};
 }
 
-/// Example: "spring 2.1 N, damper and others +0.3 N, limiter -0.4 N"; without a share that is too
-/// small to feel.
+/// Lists the shares of a force, for example "spring 2.1 N, damper and others +0.3 N, limiter -0.4
+/// N". Omits shares below 1 mN.
 std::string shareWords(const OrderedJson& most) {
   constexpr double kLeast = 1e-3;  // [N]
   std::string text = fmt::format("spring {} N", rounded(most["spring"].get<double>()));
@@ -50,7 +50,7 @@ std::string shareWords(const OrderedJson& most) {
   return text;
 }
 
-/// `off`: Again::off.
+/// Returns the text before a `palpate explain` command. `off` is Again::off.
 std::string explains(double off) {
   constexpr double kSame = 0.02;
   if (off <= kSame) return ": to explain it, run:";
@@ -128,7 +128,7 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
     return Vec3(most[key][0].get<double>(), most[key][1].get<double>(), most[key][2].get<double>());
   };
   const bool again = !most["at"].is_null();
-  // Felt::add counts the force in a fast move half, so this force may not be the largest one.
+  // Felt::add counts the force in a fast move half, so another tick may have a larger force.
   const bool larger = summary["force_max"].get<double>() > most["force"].get<double>();
   say("strongest {} N after {} s{}, mainly from {} ({}){}\n", rounded(most["force"].get<double>()),
       rounded(most["time"].get<double>()), larger ? " (a force in a fast move counts half)" : "",
@@ -168,7 +168,8 @@ void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   run.sites->sayThem();
 }
 
-/// Prints the faults and returns the exit status. `kept`: true if all recordings are complete.
+/// Prints the faults and returns the exit status. `nothing`: true if no hand felt a force. `lost`:
+/// true if the window of the only hand has failed. `kept`: true if all recordings are complete.
 int statusOf(const Run& run, bool nothing, bool lost, bool kept) {
   int status = nothing && !run.options.window ? kNothingFelt : kDone;
   if (lost || !kept) status = kEndedEarly;

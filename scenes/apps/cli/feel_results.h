@@ -26,7 +26,7 @@ struct Outputs {
 [[nodiscard]] OrderedJson machineJson();
 
 /// Completes recordings, prints results and draws pictures. Returns the exit status. `run.scene`
-/// and `built` are of the last scene. `search` is the cost of finding the hand's path, or null.
+/// and `built` belong to the last scene. `search` is the cost of finding the hand's path, or null.
 [[nodiscard]] int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
                            Outputs& outputs);
 

@@ -116,7 +116,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   if (felt == nullptr) return;
   const TickForces forces = addForces(*felt, r, state);
 
-  // A force counts half during a fast move, because the hand is exposed to it only for a moment.
+  // A force counts half during a fast move, because the hand is exposed to the force only briefly.
   constexpr double kFast = 0.1;  // [m/s]
   const double size = r.force.norm();
   const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;

@@ -18,7 +18,7 @@
 
 namespace palpate::cli {
 
-inline constexpr double kStrong = 0.2;  ///< [N]: smallest force that any user notices.
+inline constexpr double kStrong = 0.2;  ///< Force above which a tick counts as strong [N].
 
 /// Histogram of durations. Bins are 1 ns wide below 65,536 ns, and 2 % wide above.
 class Durations {
@@ -40,11 +40,11 @@ class Durations {
 
 /// The tick with the strongest force of a mode. A force counts half if the hand moves over 0.1 m/s.
 struct Most {
-  double force = 0.0;         ///< [N]; 0 if no mode gave a force.
+  double force = 0.0;         ///< Force sent to the device [N]; 0 if no mode gave a force.
   double time = 0.0;          ///< Time since the start of the run [s].
-  Vec3 probe = Vec3::Zero();  ///< [m]
-  Vec3 proxy = Vec3::Zero();  ///< [m]
-  double stiffness = 0.0;     ///< [N/m]
+  Vec3 probe = Vec3::Zero();  ///< Position of the probe [m].
+  Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
+  double stiffness = 0.0;     ///< Stiffness of the coupling [N/m].
   double wanted = 0.0;        ///< Force of spring and damper, before the limiter [N].
   std::string mode;
   std::uint64_t scene = 0;  ///< Scene::id of the tick.
@@ -63,14 +63,15 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   /// Adds a tick, after its force was sent to the device. RT: no allocation.
   void add(const Telemetry& tick, const ProxyState& state) noexcept;
-  /// Announces the next scene. Call it before the scene is published, on the same thread.
+  /// Announces the next scene. Call expect() before you publish the scene, on the thread that
+  /// publishes the scene.
   void expect(const Scene& scene);
 
   /// Returns the names for loads(): the modes of the first scene, then "parts" if it has parts.
   [[nodiscard]] const std::vector<std::string>& carriers() const noexcept { return carriers_; }
   /// Returns the force of each carrier in the last tick [N]. In a later scene, a carrier is the
-  /// mode of the same name; without one, its force is 0. Modes with equal names are matched in
-  /// order.
+  /// mode of the same name; without such a mode, the carrier's force is 0. Modes with equal names
+  /// are matched in order.
   [[nodiscard]] std::span<const double> loads() const noexcept {
     return {loads_.data(), carriers_.size()};
   }
@@ -171,7 +172,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
   std::int64_t samples_ = 0;
-  std::int64_t coarse_ = 0;  ///< Ticks that read a coarser brick level.
+  std::int64_t coarse_ = 0;  ///< Coarse ticks (docs/glossary.md).
   std::int64_t traced_ = 0;
   std::int64_t walked_ = 0;
   std::int64_t substeps_ = 0;

@@ -65,7 +65,7 @@ class Hdf5File {
     H5dont_atexit();
     H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
     const Id access = id(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
-    // No other program knows the file yet, and some file systems have no locks.
+    // No other program uses the new file, and some file systems have no locks.
     check(H5Pset_file_locking(access, 0, 1));
     file_.emplace(id(H5Fcreate(place.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose));
   }
@@ -153,7 +153,7 @@ class Hdf5File {
     check(H5Tset_cset(type, H5T_CSET_UTF8));
     return type;
   }
-  /// Omits the creation time, so that equal recordings give equal bytes.
+  /// Returns dataset properties without a creation time, so that equal recordings give equal bytes.
   [[nodiscard]] Id quiet() const {
     Id layout = id(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
     check(H5Pset_obj_track_times(layout, 0));

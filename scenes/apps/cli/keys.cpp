@@ -9,7 +9,8 @@
 namespace palpate::cli {
 namespace {
 
-/// Returns false for a background process, which must not change or read the terminal.
+/// Returns true if this process is in the foreground. A background process must not change or read
+/// the terminal.
 bool ours() {
   return tcgetpgrp(0) == getpgrp();
 }
@@ -52,7 +53,8 @@ void Keys::run() {
 }
 
 void Keys::look() {
-  // A shell resets the terminal's mode while this process is stopped, so checks it each time.
+  // A shell resets the terminal's mode while this process is stopped, so look() checks the mode
+  // each time.
   if (termios now{}; !raw_ || (tcgetattr(0, &now) == 0 && (now.c_lflag & ICANON) != 0)) {
     termios raw = usual_;
     raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);

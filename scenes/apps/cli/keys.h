@@ -12,7 +12,7 @@
 namespace palpate::cli {
 
 /// Esc cuts the force, Enter restores it; space 0 , . - + r control the playback. A separate thread
-/// reads the keys, so that slow output cannot delay them. A background process does not touch the
+/// reads the keys, so that slow output cannot delay them. A background process does not use the
 /// terminal.
 class Keys {
  public:

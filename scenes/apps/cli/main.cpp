@@ -74,7 +74,7 @@ void addHelp(CLI::App& app, std::function<int()>& body) {
   });
 }
 
-/// `words` is the command line without the program's name.
+/// Runs the command line `words`, which excludes the program's name. Returns the exit status.
 int run(const std::vector<std::string>& words) {
   using namespace palpate;
   // When synchronised with C's stdin, std::cin would report a read error as the end of the input.
@@ -129,12 +129,13 @@ void holdStandardStreams() {
   for (const int fd : {0, 1, 2}) {
     if (fcntl(fd, F_GETFD) == -1) (void)open("/dev/null", fd == 1 ? O_RDONLY : O_RDWR);
   }
-  // Then a write to a closed pipe, or beyond the limit of a file's size, returns an error.
+  // If these signals are ignored, a write to a closed pipe or beyond the limit of a file's size
+  // returns an error.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
 }
 
-/// Restores the default of SIGCHLD: if it is ignored, children's exit statuses are lost.
+/// Restores the default of SIGCHLD: while SIGCHLD is ignored, children's exit statuses are lost.
 void hearChildren() {
   std::signal(SIGCHLD, SIG_DFL);
 }

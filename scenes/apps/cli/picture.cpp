@@ -23,7 +23,7 @@ constexpr std::size_t kMostFields = 2;
 constexpr double kLeastShare = 0.01;  // Fields with a smaller share of the force are not drawn
 constexpr std::size_t kMostTicks = 20000;
 constexpr double kTouched = 0.05;          // [N]: smallest force of a contact
-constexpr std::size_t kMostTouches = 500;  // Contacts used to choose the fields
+constexpr std::size_t kMostTouches = 500;  // Ticks with contact, used to choose the fields
 constexpr std::size_t kMostParts = 12;
 // Horizontal and vertical axis of each slice: x points to the right, z points up.
 constexpr int kPlanes[3][2] = {{0, 1}, {0, 2}, {1, 2}};
@@ -167,7 +167,8 @@ class Drawing {
   }
 
  private:
-  /// Returns the volume from which a field is derived, directly or not; empty if it is missing.
+  /// Returns the volume from which a field is derived, directly or not; empty if the volume is
+  /// missing.
   [[nodiscard]] std::string sourceOf(std::string name) const {
     while (built_.fields.count(name) == 0) {
       const auto derived = spec_.graph.fields.find(name);
@@ -190,8 +191,8 @@ class Drawing {
     return motion == built_.motions.end() ? Pose{} : motion->second->poseAbout(p_W, time);
   }
 
-  /// Returns the fields of the modes that gave most of the force. If no mode gave any, returns the
-  /// field that contained the hand longest.
+  /// Returns at most kMostFields fields: those of the modes with the largest impulse. If no mode
+  /// gave a force, returns the field that contained the proxy in the most ticks of `touches`.
   [[nodiscard]] std::vector<std::string> strongest(const Felt& felt,
                                                    const std::vector<Telemetry>& touches) const {
     const std::map<std::string, double> impulses = felt.impulses();
@@ -200,7 +201,8 @@ class Drawing {
     for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
       const std::string mode = nameOf(spec_.graph, i);
       auto found = impulses.find(mode);
-      // A part such as "wall[7]" uses the impulse of all parts of its kind.
+      // A mode of a part, such as "wall[7]", uses the impulse of this mode in all parts of the
+      // group.
       if (found == impulses.end()) found = impulses.find(mode.substr(0, mode.rfind('[')));
       const std::string source = sourceOf(spec_.graph.modes[i].of);
       if (found == impulses.end() || source.empty()) continue;
@@ -234,7 +236,8 @@ class Drawing {
     return names;
   }
 
-  /// Draws in W, or in the patient's frame if the strongest field has one and does not move.
+  /// Selects the frame: the patient's frame if the strongest field has one and does not move;
+  /// otherwise W.
   void setFrame() {
     frame_.world.scale = 1e-3;
     const std::string name = names_.empty() ? "" : names_.front();
@@ -246,7 +249,8 @@ class Drawing {
       frame_.world = built_.placements.at(name);
     }
     if (frame_.patient) {
-      // In W, a box could be larger, if W is not aligned with the patient's axes.
+      // Uses the boxes in the files, because boxes in W are larger if W is not aligned with the
+      // patient's axes.
       for (const std::string& drawn : names_) {
         frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
       }
@@ -319,7 +323,7 @@ class Drawing {
     return built_.computed.count(name) == 0 && volume && metadataOf(*volume).axial;
   }
 
-  /// Returns the scalar field that sets the strength of a mode of `name`; without one, `name`.
+  /// Returns the scalar field that sets the strength of a mode of `name`; `name` if there is none.
   [[nodiscard]] std::string scalarBeside(const std::string& name) const {
     for (const ModeSpec& mode : spec_.graph.modes) {
       if (sourceOf(mode.of) != name) continue;
@@ -373,7 +377,7 @@ void Picture::add(const Telemetry& tick) {
   if (seen_++ % stride_ != 0) return;
   ticks_.push_back(tick);
   if (ticks_.size() < kMostTicks) return;
-  // For a picture, every second tick is enough.
+  // Keeps every second tick, which is enough for a picture.
   for (std::size_t i = 0; 2 * i < ticks_.size(); ++i) ticks_[i] = ticks_[2 * i];
   ticks_.resize(ticks_.size() / 2);
   stride_ *= 2;

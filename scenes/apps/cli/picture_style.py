@@ -27,7 +27,7 @@ STYLE = {"font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fonts
 
 
 def use():
-    """Applies this style instead of matplotlib's configuration files of the user."""
+    """Applies this style instead of the user's matplotlib configuration."""
     plt.style.use("default")
     matplotlib.rcParams.update(STYLE)
     warnings.filterwarnings("ignore", message="Glyph .* missing")  # the font lacks letters of some names

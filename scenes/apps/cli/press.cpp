@@ -15,7 +15,8 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kLoad = 0.05;      // [N]: drags yield at smaller loads all the time
+// [N]: yields at smaller loads do not count, because drags often yield at small loads
+constexpr double kLoad = 0.05;
 constexpr double kMostSteps = 1e6;  // Largest number of steps in one direction
 
 struct PressOptions {
@@ -51,7 +52,7 @@ struct Row {
   double depth = 0.0;         ///< Depth of the hand [m].
   double force_along = 0.0;   ///< Component along the path [N]; positive: pushes the hand out.
   double force_across = 0.0;  ///< Magnitude of the component perpendicular to the path [N].
-  double proxy_depth = 0.0;   ///< [m]
+  double proxy_depth = 0.0;   ///< Depth of the proxy [m].
   double proxy_across = 0.0;  ///< Distance of the proxy from the path [m].
   double injected = 0.0;      ///< Energy that the proxy's own motion added [J].
   StepStatus status = StepStatus::kConverged;
@@ -60,20 +61,20 @@ struct Row {
 };
 
 struct Yield {
-  double depth = 0.0;        ///< [m]
-  double proxy_depth = 0.0;  ///< [m]
+  double depth = 0.0;        ///< Depth of the hand [m].
+  double proxy_depth = 0.0;  ///< Depth of the proxy [m].
   /// Load without friction and drag [N]; unset if the proxy has passed the surface in this tick.
   std::optional<double> force;
   double force_along = 0.0;  ///< Hand's force along the path [N]; positive: out.
-  double held = 0.0;         ///< Largest load until then [N].
+  double held = 0.0;         ///< Largest load up to the yield [N].
 };
 
-/// Results of one mode. All members except `held` are of the way in.
+/// Results of one mode. All members except `held` describe the way in.
 struct ModePressed {
   std::optional<double> touched;  ///< Depth of the hand at which the mode's load begins [m].
   double held = 0.0;              ///< Largest load on the way in or out [N].
   bool ready = false;             ///< True after the mode has held in a tick without yielding.
-  std::optional<Yield> yield;     ///< First yield after such a tick.
+  std::optional<Yield> yield;     ///< First yield after `ready` has become true.
   std::optional<double> let_go;   ///< Depth of the hand at which the load ends after the yield [m].
 };
 
@@ -115,7 +116,7 @@ class Curve {
     return row;
   }
 
-  /// Returns true if mode i yielded in any sub-step, even if it holds at the end of the tick.
+  /// Returns true if mode i yielded in any sub-step, even if the mode holds at the end of the tick.
   static bool yielded(const StepTrace& trace, std::size_t i) {
     const auto steps = trace.steps();
     return std::any_of(steps.begin(), steps.end(), [i](const StepTrace::Step& step) {
@@ -149,7 +150,7 @@ class Curve {
     row.contacts += (row.contacts.empty() ? "" : "; ") + names_[i] + "=" + word;
   }
 
-  /// Adds a tick. Its force acts until the next tick.
+  /// Adds a tick to the counts and energies. The force of a tick acts until the next tick.
   void count(int tick, const StepReport& r, const Row& row) {
     const Vec3 hand = way_.hand(tick);
     if (rows_.empty()) {
@@ -220,7 +221,7 @@ OrderedJson orNull(const std::optional<double>& value) {
   return value ? OrderedJson(*value) : OrderedJson();
 }
 
-/// Returns true if a mode bore at least kLoad before it yielded.
+/// Returns true if a mode carried at least kLoad before the mode yielded.
 bool bore(const OrderedJson& yield) {
   return !yield.is_null() && yield["held"].get<double>() >= kLoad;
 }
@@ -363,8 +364,8 @@ void printPress(const OrderedJson& json) {
       of(json["net_energy"]), of(json["net_energy_bound"]), of(json["injected_energy"]));
 }
 
-/// Returns the curve for the picture: at most 4,000 rows, and where each mode begins to hold,
-/// yields and ends.
+/// Returns the curve for the picture: at most 4,000 rows, and the depths at which each mode begins
+/// to hold, yields and ends.
 OrderedJson drawnCurve(const Curve& curve, const OrderedJson& summary) {
   constexpr std::size_t kMostRows = 4000;
   const std::size_t every = curve.rows().size() / kMostRows + 1;
@@ -481,7 +482,7 @@ int press(const PressOptions& options) {
   if (!good) {
     complain("press: the force was cut: a sample or a force was not finite: correct the volume");
   }
-  // Last, so that a picture that cannot be drawn leaves the results.
+  // Draws the picture last: if drawing fails, the results are already written.
   if (picture) picture->draw(opened.told, opened.built, felt, drawnCurve(curve, summary));
   return good ? kDone : kEndedEarly;
 }

@@ -49,7 +49,8 @@ OrderedJson stateOf(const BrickManifest& manifest) {
   return {{"identity", fmt::format("{:016x}", manifest.identity())}};
 }
 
-/// Returns null if the state cannot be read; then loading the scene reports the error.
+/// Returns the present state of a file or of remote bricks. Returns null if the state cannot be
+/// read; then loading the scene reports the error.
 OrderedJson stateNow(const fs::path& place) {
   if (!isRemote(place)) return stateOf(place);
   try {
@@ -119,7 +120,8 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
   }
 }
 
-/// Returns the scene of the first tick that has one. Throws Error if it is not in the recording.
+/// Returns the scene of the first tick that has a scene. Throws Error if the recording lacks this
+/// scene.
 const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
   const auto& scenes = recording.scenes();
   std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;
@@ -198,7 +200,7 @@ std::string recordedScene(const std::string& file, const std::string& text, cons
   };
   for (const auto& [name, volume] : spec.volumes) {
     for (const fs::path& at : filesOf(volume)) add(at, at);
-    // The brick window already has the manifest, so it is not fetched again.
+    // The brick window already has the manifest, so the manifest is not fetched again.
     const auto window = windows.find(name);
     if (isRemote(volume.file) && window != windows.end()) {
       add(volume.file, window->second->manifest());

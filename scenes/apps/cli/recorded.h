@@ -19,13 +19,13 @@ struct SceneInput {
   SceneSpec spec;
   std::string file;
   std::string text;  ///< Content of the scene file; empty for a .vdb or a folder.
-  std::vector<std::filesystem::path> files;  ///< Files of the scene, or of the whole recording.
+  std::vector<std::filesystem::path> files;  ///< For a recording: files of all its scenes.
 };
 /// Opens a scene as openScene does. For a recording, restores the scene of its first tick, and
-/// reports files that have changed since. Throws Error.
+/// reports files that have changed since the recording. Throws Error.
 [[nodiscard]] SceneInput openSceneInput(const std::string& scene);
 
-/// Opens a scene, and returns it with its source text. Throws Error.
+/// Opens a scene, and returns the scene with its source text. Throws Error.
 [[nodiscard]] SceneInput openWithText(const std::string& file, const Progress& progress);
 
 /// Returns the JSON by which a recording stores a scene: with the sizes and checksums of local
@@ -34,8 +34,8 @@ struct SceneInput {
                                         const SceneSpec& spec, const std::vector<LiveDial>& dials,
                                         const Windows& windows);
 
-/// Returns the scene with this id. Returns no value if the scene is missing, if its files have
-/// changed, or if it has changed gains. Throws Error.
+/// Returns the scene with this id. Returns no value if the scene is missing, if the scene's files
+/// have changed, or if the scene has changed gains. Throws Error.
 [[nodiscard]] std::optional<SceneInput> sceneAsItIs(const Recording& recording, std::uint64_t id);
 
 struct SceneAgain {

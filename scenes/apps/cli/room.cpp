@@ -52,7 +52,7 @@ std::string roomWords(const OrderedJson& room) {
   const auto newtons = [&](const char* key) { return rounded(room[key].get<double>()) + " N/m"; };
   const std::string asked = newtons("stiffness");
   const std::string name = room["device"].get<std::string>();
-  // A recording names a hand that the mouse or 3D Slicer leads by its leader.
+  // A recording names a simulated arm "mouse" or "igtl" if the mouse or 3D Slicer leads the arm.
   const bool simulated = name == "simulated" || name == "mouse" || name == "igtl";
   const std::string arm = simulated ? "the simulated arm" : name;
   if (swingsUp(room)) {

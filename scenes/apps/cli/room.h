@@ -10,11 +10,12 @@
 namespace palpate::cli {
 
 /// Returns the stability margin as JSON; null if the arm's mass or friction is unknown. `coupling`
-/// is the scene's stiffest. `rate` is the loop's [Hz]; the device's output may be slower.
+/// is the stiffest coupling that can occur in the scene. `rate` is the tick rate of the loop [Hz].
+/// If the device's output is slower, the margin is for the rate of the output.
 [[nodiscard]] OrderedJson roomFor(const DeviceInfo& device, double rate,
                                   const CouplingParams& coupling);
 /// Returns true if the coupling is unstable even while a relaxed hand holds the arm. In this and
-/// the next functions, `room` is a result of roomFor other than null.
+/// the next functions, `room` is a result of roomFor(), but not null.
 [[nodiscard]] bool swingsUp(const OrderedJson& room);
 /// Returns advice about the coupling: a sentence without a full stop.
 [[nodiscard]] std::string roomWords(const OrderedJson& room);

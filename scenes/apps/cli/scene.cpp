@@ -29,7 +29,8 @@ void addScene(CLI::App& app, std::function<int()>& body) {
       "  palpate scene atlas.vdb --for labels > atlas.json");
   verb->callback([=, &body] {
     body = [=] {
-      // The files in a scene are relative to its folder, which is unknown until the user saves it.
+      // The files in a scene are relative to its folder, which is unknown until the user saves the
+      // scene.
       std::filesystem::path place(*file);
       if (place.has_parent_path()) place = absolutePlace(place);
       const Guess guess = guessVdb(place, *what, showProgress("loading"));

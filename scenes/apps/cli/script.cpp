@@ -14,15 +14,16 @@
 namespace palpate::cli {
 namespace {
 
-/// Runs a program that reads `input` from a pipe and writes to the descriptor `output`. Returns its
-/// exit status; -1 if it did not run. After an interrupt, kills it and throws Interrupted.
+/// Runs a program that reads `input` from a pipe and writes to the descriptor `output`. Returns the
+/// program's exit status; -1 if the program did not run. After an interrupt, kills the program and
+/// throws Interrupted.
 int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
   const pid_t child = fork();
   if (child < 0) return -1;
   if (child == 0) {
-    // Ctrl-C reaches parent and child. The child ignores it, because the parent ends the child.
+    // Ctrl-C reaches parent and child. The child ignores SIGINT, because the parent ends the child.
     signal(SIGINT, SIG_IGN);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     dup2(pipe_ends[0], STDIN_FILENO);

@@ -78,7 +78,7 @@ class OnTime {
   }
   void end() {
     thread_->stop();
-    // Otherwise the guardian could overwrite the output with which the profile ends.
+    // Without forget(), the guardian could overwrite the profile's final output.
     if (watch_.heart != nullptr) guardian_.forget(watch_);
     hand_.drain();
     const std::int64_t lost = hand_.log.lost();
@@ -129,7 +129,7 @@ class OnTime {
 class Pacer {
  public:
   explicit Pacer(std::optional<double> speed) : speed_(speed) {}
-  /// Waits until a tick at `time` [s] is due. The first call starts the clock.
+  /// Waits until a tick at `time` [s] is due. The first call starts the clock, and returns at once.
   void wait(double time) {
     if (!speed_) return;
     using Clock = std::chrono::steady_clock;
@@ -147,7 +147,8 @@ class Pacer {
   std::optional<Begin> begun_;
 };
 
-/// Returns the step of the keys , and . [s]: the shortest frame interval; 0 without sequences.
+/// Returns the step of the keys , and . [s]: the shortest of the sequences' first frame intervals;
+/// 0 without sequences.
 double stepOf(const Fetched& of) {
   double shortest = 0.0;
   for (const auto& [name, sequence] : of.sequences()) {
@@ -159,7 +160,7 @@ double stepOf(const Fetched& of) {
   return shortest;
 }
 
-/// Announces the next scene to all recordings. Call it before the hands use the scene.
+/// Announces the next scene to all recordings. Call record() before the hands use the scene.
 void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
   const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
   if (std::none_of(run.hands.begin(), run.hands.end(), recorded)) return;
@@ -169,7 +170,7 @@ void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
   for (const auto& hand : run.hands) hand->recorder->expect({built.scene->id, text});
 }
 
-/// Lets clients of the OpenIGTLink server cut the force, until it is destroyed.
+/// Lets clients of the OpenIGTLink server cut the force, until this object is destroyed.
 class Obeyed {
  public:
   Obeyed(IgtlServer* server, const std::vector<HapticThread*>& hands) : server_(server) {
@@ -193,7 +194,8 @@ void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands
     if (shown.count < shown.hands.size()) shown.hands[shown.count++] = hand->shown();
   }
   server.show(shown);
-  // The answer goes to the sender of the image that was taken last, so it precedes the next image.
+  // The server sends the answer to the client whose image was taken last. So the answer precedes
+  // the next takeImage().
   const Watcher::ImageNews news = watcher.takeNews();
   if (!news.text.empty()) server.tell(news.text, news.refused);
   // Each new image can start an engagement, which must end before the next image.
@@ -267,14 +269,14 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }
-  // By the time of day, a restarted program gets a greater `life` than it had before.
+  // `life` is the time of day, so a restarted program gets a greater `life` than before.
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
   LinkParams link;
   // Limits the links to other sites, so that the coupling to the scene remains stable.
   link.stiffness = std::min(link.stiffness, 0.25 * device.max_stiffness);
   link.peak = std::min(link.peak, 0.5 * device.limits.peak);
-  // Step 0 means exact positions only if no force can act on a hand; otherwise it is unknown.
+  // Step 0 means exact positions only if no force can act on a hand; otherwise the step is unknown.
   const double step = device.limits.tank.arm.step;
   if (step > 0.0 || !device.hand) link.step = step;
   links_.emplace(static_cast<std::uint64_t>(life), link);
@@ -442,7 +444,8 @@ void runOnTime(Run& run, Guardian& guardian) {
     if (const auto built = watcher->look()) {
       run.fetched.now(*built);
       keys.step(stepOf(run.fetched));
-      // If an edit does not change the scene's playback, the user's own changes of it remain.
+      // If an edit does not change the scene's playback, the user's own changes of the playback
+      // remain.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
       record(run, *built, *watcher);
       if (run.igtl != nullptr) run.igtl->expect(*built);

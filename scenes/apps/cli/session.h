@@ -50,12 +50,13 @@ struct FeelOptions {
   bool watch = false;
   bool passive = false;
   double refill = 0.0;
-  std::string site;  ///< This site, as siteFrom reads it; empty: no connection to other sites.
+  /// This site, in the form for siteFrom(); empty: no connection to other sites.
+  std::string site;
   std::vector<std::string> with;  ///< Addresses of the machines of other sites.
   std::string site_keys;          ///< SiteParams::keys.
   bool own_scene = false;         ///< If true, exchanges no edits of the scene with other sites.
   bool window = false;
-  std::optional<double> speed;  ///< Relative to the recording; unset: as fast as possible.
+  std::optional<double> speed;  ///< Speed of a replay; 1: as recorded; unset: as fast as possible.
   std::string still;            ///< File for a picture of the last tick.
   std::string igtl;             ///< Address at which 3D Slicer connects; empty: no server.
   double igtl_rate = kIgtlRate;
@@ -79,7 +80,7 @@ class Log final : public TickSink {
     if (recorder != nullptr) recorder->take(tick);
     if (ring_ && !ring_->try_emplace(tick, felt.loads())) ++lost_;
   }
-  /// Calls `take` for each queued row. Call this on the thread that writes the trace.
+  /// Calls `take` for each queued row. Call drain() on the thread that writes the trace.
   template <class Take>
   void drain(const Take& take) {
     if (!ring_) return;
@@ -91,7 +92,8 @@ class Log final : public TickSink {
   /// Returns the number of rows that were lost because the queue was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
 
-  /// Announces the scene of the next ticks, with its gains. Call it before the scene is published.
+  /// Announces the scene of the next ticks, with its gains. Call expect() before you publish the
+  /// scene.
   void expect(const Scene& scene, const std::vector<LiveDial>& dials) {
     felt.expect(scene);
     if (live != nullptr) live->expect(scene, dials);
@@ -116,7 +118,7 @@ class Log final : public TickSink {
 };
 
 struct Hand {
-  Log log;  // first, because its queue is aligned to cache lines
+  Log log;  // first member, because its queue is aligned to cache lines
   std::unique_ptr<Device> device;
   std::unique_ptr<Recorder> recorder;
   bool told_unwritten = false;

@@ -1,4 +1,4 @@
-/// Remarks on tick rates at which forces differ from those on an arm.
+/// Prints a note about tick rates at which the forces differ from those on an arm.
 #pragma once
 
 #include <fmt/format.h>

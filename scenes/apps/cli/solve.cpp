@@ -47,7 +47,7 @@ Primitive readPrimitive(const Json& json, const std::string& name) {
   if (!json.is_object()) throw LineError(name + " is not an object");
   onlyKeys(json, {"kind", "position", "direction", "strength"}, name + ": ");
   if (!json.contains("kind") || !json["kind"].is_string())
-    throw LineError(name + ".kind is missing or is not a string");
+    throw LineError(name + ".kind is missing or is not a string: use force, point, line or plane");
   Primitive p;
   const auto kind = json["kind"].get<std::string>();
   bool known = false;

@@ -40,7 +40,7 @@ struct StabilityOptions {
 };
 
 constexpr double kLeastStiffness = 50.0;  // [N/m]: lowest stiffness in a map
-constexpr double kMostDamping = 50.0;     // [N s/m]
+constexpr double kMostDamping = 50.0;     // [N s/m]: highest damping in a map
 
 struct Setup {
   std::string name;
@@ -48,7 +48,8 @@ struct Setup {
   std::vector<MapMethod> methods;
 };
 
-/// The contact on an exploration path whose force is nearest to --load, and the parts near it.
+/// The contact on an exploration path whose force is nearest to --load, and the parts near the
+/// contact.
 struct Touch {
   MapContact contact;
   Near near;

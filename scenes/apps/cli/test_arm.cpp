@@ -37,7 +37,7 @@ struct Tested {
   ArmAxes axes;
   SelfTestResult result;
   Fault fault = Fault::kNone;
-  std::string not_ready;  ///< Why the arm was not ready; empty if it was.
+  std::string not_ready;  ///< Why the arm was not ready; empty if the arm was ready.
 };
 
 /// Sends zero force until the user presses Enter; ignores keys pressed before. Returns the tip's
@@ -81,7 +81,7 @@ struct Ruled {
 };
 
 /// Lets the user move the tip by a ruler's length along each movable axis. Each move starts at the
-/// end of the last one. Returns no value if the length is 0, or after an interrupt.
+/// end of the previous move. Returns no value if the length is 0, or after an interrupt.
 std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   if (ruler == 0.0) {
     complain("devices: hold the tip at the centre of its workspace, and press Enter");
@@ -117,13 +117,15 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   return ruled;
 }
 
-/// Returns the ruler's length [m]: three such moves in a row fit into the arm's workspace.
+/// Returns the ruler's length [m]: three moves of this length in a row fit into the arm's
+/// workspace.
 double rulerFor(const ArmTraits& traits) {
   const double most = 2.0 / std::sqrt(3.0) * traits.workspace_radius;
   return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
 }
 
-/// Observes the guardian: look() returns its fault, or kNone while the loop may continue.
+/// Observes the guardian: look() returns the guardian's fault, or kNone while the loop may
+/// continue.
 class GuardianSays {
  public:
   explicit GuardianSays(const LoopWatch& watch)
@@ -199,7 +201,7 @@ Tested run(Arm& arm, Guardian& guardian, double force, bool simulated) {
   }
   arm.carry(false);
   arm.write(Vec3::Zero());
-  // Otherwise the guardian could overwrite the output with which the profile ends.
+  // Without forget(), the guardian could overwrite the profile's final output.
   if (watch.heart != nullptr) guardian.forget(watch);
   out.result = test.result();
   return out;
@@ -321,7 +323,8 @@ void complainOf(const Tested& tested) {
   }
 }
 
-/// Forgets an earlier test of an arm that has not passed, and reports its limits.
+/// Deletes the record of an earlier test of an arm that has not passed, and prints the arm's
+/// limits.
 void notPassed(const ArmIdentity& identity) {
   forgetTest(identity);
   complain(
@@ -382,7 +385,8 @@ int testArm(const DevicesOptions& options) {
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.tests = true;
-  // The test moves the arm by centimetres only, after it has asked the user to let go.
+  // The test moves the arm by a few centimetres, after the program has asked the user to let go of
+  // the arm.
   host.carries = kMostForce;
   const auto [arm, identity] = options.virtual_arm ? OpenedArm{makeVirtualArm(), ArmIdentity{}}
                                                    : openAnyArm(options.test, host);

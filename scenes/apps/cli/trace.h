@@ -16,7 +16,7 @@ class Trace {
  public:
   /// Throws Error if `path` cannot be written. Empty: no file. Each carrier gets a column.
   Trace(const std::string& path, std::span<const std::string> carriers);
-  /// `loads` has the force of each carrier [N].
+  /// Adds a row for a tick. `loads` contains the force of each carrier [N].
   void add(const Telemetry& tick, std::span<const double> loads);
   /// Completes the file. Without this call the file does not appear.
   void commit();

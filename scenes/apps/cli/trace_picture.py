@@ -3,9 +3,9 @@
 
 The argument is the format, png, pdf or svg. The JSON names the traces: {"made_by": TEXT, "runs": [{"name": TEXT,
 "descriptor": N}, ...]}, with an open descriptor for each. With --told FILE, the script writes the drawn content to FILE
-as JSON. If a trace is invalid, it draws nothing, writes {"refused": {"run": INDEX, "line": N, "reason": TEXT, "remedy":
-TEXT}} to FILE and ends with status 1; line 0 is the whole file. With --check it only checks whether matplotlib is
-installed.
+as JSON. If a trace is invalid, the script draws nothing, writes {"refused": {"run": INDEX, "line": N, "reason": TEXT,
+"remedy": TEXT}} to FILE and ends with status 1; line 0 is the whole file. With --check, the script only checks whether
+matplotlib is installed.
 """
 import sys
 
@@ -65,7 +65,8 @@ class Run:
         # The force of a tick acts until the next reading of the hand. Work in N mm is energy in mJ.
         work = np.einsum("ij,ij->i", forces[:-1], np.diff(self.probe, axis=0))
         self.energy = np.concatenate([[0.0], np.cumsum(np.nan_to_num(work))])
-        # share -> least time that this share of the ticks does not exceed, as in the summary of `palpate feel`.
+        # Maps a share to the smallest time that this share of the ticks does not exceed, as in the summary of `palpate
+        # feel`.
         ticks = np.sort(self.tick[np.isfinite(self.tick)])
         self.percentiles = {word: float(ticks[max(0, math.ceil(share * len(ticks)) - 1)])
                             for word, share in SHARES.items()} if len(ticks) else {}
@@ -75,7 +76,7 @@ class Run:
         return self.limited if word == "limited" else self.status == CODES[word]
 
     def told(self):
-        """Returns the numbers of the run, for readers who cannot see the picture."""
+        """Returns the numbers of the run, for users without the picture."""
         counts = {word: int(np.count_nonzero(self.lane(word))) for word in STATUSES}
         return {"name": self.name, "ticks": len(self.t), "seconds": float(self.t[-1] - self.t[0]),
                 "force_max": most(self.force), "gap_max_mm": most(self.gap),

@@ -23,12 +23,14 @@
 
 namespace palpate::cli {
 
-/// Lowers the coupling's stiffness to the lowest limit of the devices, unless the user has set it.
-/// Returns true if it was lowered. Throws SceneError if a device cannot render the coupling.
+/// Lowers the coupling's stiffness to the lowest limit of the devices, unless the user has set the
+/// stiffness. Returns true if the stiffness was lowered. Throws SceneError if a device cannot
+/// render the coupling.
 [[nodiscard]] bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices);
 
 /// Rebuilds a scene on its own thread when its file, its gains or a volume's image changes, or when
-/// another site edits it. If the new scene has errors, prints them and keeps the present one.
+/// another site edits it. If the new scene has errors, prints the errors and keeps the present
+/// scene.
 class Watcher {
  public:
   /// @param spec   Present scene as in the file, fitted to `devices`.
@@ -107,14 +109,14 @@ class Watcher {
   void startBuild();
   /// Returns a built scene that differs from the present one. Reports a failed build.
   [[nodiscard]] std::optional<BuiltScene> takeBuilt();
-  /// Makes a built scene the present scene, and returns it unless it is unchanged. `image` may be
-  /// null.
+  /// Makes a built scene the present scene, and returns that scene unless the build changed
+  /// nothing. `image` may be null.
   [[nodiscard]] std::optional<BuiltScene> adopt(Made made, const IgtlImage* image);
   /// Builds a scene. Runs on the building thread.
   [[nodiscard]] Made make(const Task& task) const;
-  /// Builds `spec` with gains and images. If it throws, `made` is unchanged.
+  /// Builds `spec` with gains and images. If build() throws, `made` is unchanged.
   void build(Made& made, SceneSpec spec, const Dials& dials) const;
-  /// Builds with as many edits of other sites as are valid. `read`, `still`: as in Task.
+  /// Builds the scene with the valid edits of other sites. `read`, `still`: as in Task.
   void buildShared(Made& made, bool read, bool still, const Dials& dials) const;
   void tellOfEdits(const Made& made);
 

@@ -31,7 +31,7 @@ std::string programPath() {
                               : "check its permissions, or end other programs");
 }
 
-/// Example: "it was ended by signal 9 (Killed)".
+/// Describes how palpate-view has ended, for example "it was ended by signal 9 (Killed)".
 std::string endOf(int status) {
   if (status < 0) return "its exit status is unknown";
   if (WIFSIGNALED(status)) {

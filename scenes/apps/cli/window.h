@@ -14,13 +14,13 @@
 namespace palpate::cli {
 
 /// Shares a run with a window. Never blocks a haptic loop. If the user closes the window, the run
-/// ends; if the window's program fails, the run continues.
+/// ends; if the window's program fails, the run continues, unless the mouse leads all hands.
 // Padding is intended: the mailbox in the writer keeps its threads' data apart.
 class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// Creates the shared memory. Throws Error if palpate-view is not installed.
   explicit Window(double rate);
-  /// Tells the window that the run has ended. Kills palpate-view if it still runs after 1.5 s.
+  /// Signals the end of the run to the window. Kills palpate-view if it still runs after 1.5 s.
   ~Window();
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
@@ -34,7 +34,7 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void draw(const std::string& scene, const std::string& picture);
 
   [[nodiscard]] LiveWriter& writer() noexcept { return writer_; }
-  /// Returns the hand that the mouse leads. It starts at `start` [m].
+  /// Returns the hand that the mouse leads. The hand starts at `start` [m].
   [[nodiscard]] HandTarget mouse(const Vec3& start) {
     return behindMouse(share_.block().hand, start);
   }

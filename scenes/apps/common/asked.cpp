@@ -8,8 +8,8 @@ namespace {
 
 constexpr double kFarthest = 10.0;  ///< Largest coordinate of the hand [m].
 constexpr double kFollow = 0.02;    ///< Time constant with which the hand follows the mouse [s].
-/// Greatest speed of the hand [m/s]. The simulated arm overshoots it by up to a third, and must
-/// stay below 3 m/s, at which the loop brakes an arm.
+/// Greatest speed of the hand [m/s]. The simulated arm moves up to a third faster, and must stay
+/// below 3 m/s. At that speed the loop brakes an arm.
 constexpr double kFastest = 2.0;
 
 }  // namespace

@@ -1,4 +1,4 @@
-/// Reads a window's requests from memory that another process writes; limits all numbers.
+/// Reads a window's requests from memory that another process writes, and limits all numbers.
 #pragma once
 
 #include <cstdint>

@@ -26,7 +26,7 @@ volatile std::sig_atomic_t interrupted = 0;
 
 namespace {
 
-/// Paths of unfinished files, which an interrupt removes. An unused entry is null.
+/// Paths of unfinished files; endNow() removes these files. An unused entry is null.
 constexpr std::size_t kMostPartials = 16;
 std::array<std::atomic<const char*>, kMostPartials> partials{};
 std::atomic<bool> line_shown = false;
@@ -163,7 +163,8 @@ std::filesystem::path behindLinks(std::filesystem::path path) {
   std::error_code error;
   for (int links = 0; links < 40 && std::filesystem::is_symlink(path, error); ++links) {
     const auto behind = path.parent_path() / std::filesystem::read_symlink(path, error);
-    // A link such as /dev/stdout can lead to a pipe, which has no file name: then keeps the link.
+    // A link such as /dev/stdout can lead to a pipe, which has no file name: then the result is the
+    // link.
     if (!std::filesystem::exists(std::filesystem::symlink_status(behind, error)) &&
         std::filesystem::exists(std::filesystem::status(path, error))) {
       break;

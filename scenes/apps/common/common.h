@@ -27,7 +27,7 @@ inline constexpr int kInternal = 3;
 inline constexpr int kNothingFelt = 4;
 inline constexpr int kInterrupted = 130;
 
-/// Not 0 after a signal such as SIGINT.
+/// Not 0 after SIGINT, SIGTERM or SIGHUP, if noteInterrupts() was called.
 extern volatile std::sig_atomic_t interrupted;
 
 /// Returns the number, or null if it is not finite.
@@ -39,7 +39,8 @@ extern volatile std::sig_atomic_t interrupted;
 /// disappears with the callback's last copy. Returns null if standard error is not a terminal.
 [[nodiscard]] std::function<void(double done)> showProgress(const std::string& what);
 
-/// Returns the shortest text that converts back to the same double; empty if it is not finite.
+/// Returns the shortest text that converts back to the same double; empty if the number is not
+/// finite.
 [[nodiscard]] std::string number(double value);
 /// Returns a number with its noun: "1 touch", "2 touches".
 [[nodiscard]] inline std::string counted(int count, const char* one, const char* more) {
@@ -95,9 +96,9 @@ class WholeFile {
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs);
 
-/// Lets SIGINT, SIGTERM and SIGHUP remove uncommitted files and end with kInterrupted.
+/// Lets SIGINT, SIGTERM and SIGHUP remove uncommitted files and end the program with kInterrupted.
 void endAtInterrupts() noexcept;
-/// After this call, these signals only set `interrupted`, so that a program can finish its work.
+/// Lets SIGINT, SIGTERM and SIGHUP only set `interrupted`, so that the program can finish its work.
 void noteInterrupts() noexcept;
 /// Thrown after an interrupt: the program writes no output and ends with kInterrupted.
 struct Interrupted {};

@@ -130,7 +130,7 @@ bool outOfReach(const ExplainedTick& tick, const Mode& mode) {
   return guide != nullptr && !(distanceTo(primitiveOf(tick, *guide), tick.proxy()) <= guide->snap);
 }
 
-/// Names the first condition for a primitive that mode i does not meet.
+/// Describes the first reason why mode i has no primitive.
 std::string whySilent(const ExplainedTick& tick, std::size_t i, const Parts& parts,
                       const OrderedJson& of) {
   const Graph& graph = tick.graph();

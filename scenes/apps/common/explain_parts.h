@@ -20,7 +20,7 @@ struct ExplainedTick {
   StepReport report;
   LimitedForce limited;
   ForceLimits limits;
-  double dt = 0.0;  ///< [s]
+  double dt = 0.0;  ///< Duration of the tick [s].
   const StepTrace& trace;
   const ProxyState& state;  ///< State after the tick.
 
@@ -32,7 +32,7 @@ struct ExplainedTick {
                                    [](const StepTrace::Step& step) { return !step.foreseen; });
     return last == steps.rend() ? rest.report.proxy : last->at;
   }
-  /// Returns the proxy before its last move [m]. Guides measure their distances from there.
+  /// Returns the proxy before its last move [m]. Guides measure their distances from this position.
   [[nodiscard]] const Vec3& proxy() const {
     return trace.count == 0 ? rest.report.proxy : trace.steps().back().proxy;
   }
@@ -59,7 +59,8 @@ struct ExplainedTick {
 [[nodiscard]] OrderedJson transferReport(const ExplainedTick& tick, const Transfer& transfer,
                                          double own);
 
-/// Example: "bone holds with 1.2 of 3 N along its normal, its friction sticks with 0.2 of 0.36 N".
+/// Describes the loads of a mode, for example: "bone holds with 1.2 of 3 N along its normal, its
+/// friction sticks with 0.2 of 0.36 N". Returns an empty text if the mode carries no load.
 [[nodiscard]] std::string loadsInWords(const std::string& name, const Mode& mode,
                                        const std::vector<Load>& loads);
 

@@ -57,7 +57,7 @@ OrderedJson forceReport(const ExplainedTick& tick) {
   return json;
 }
 
-/// Describes what the limiter changed; empty if it changed nothing.
+/// Describes what the limiter changed. Returns an empty text if the limiter changed nothing.
 std::string limiterWords(const ExplainedTick& tick) {
   if (tick.limited.slewed) {
     return fmt::format("the limiter lets the force grow by {} N per tick",
@@ -123,7 +123,8 @@ OrderedJson because(const ExplainedTick& tick) {
   return json;
 }
 
-/// Reports a sub-step. `went` is the move of the proxy or, if foreseen, of the next reading.
+/// Reports a sub-step. The key `went` is the place to which the proxy moved or, if the sub-step is
+/// foreseen, the place of the next reading.
 OrderedJson stepReport(const ExplainedTick& tick, const StepTrace::Step& step) {
   OrderedJson json;
   json["foreseen"] = step.foreseen;

@@ -14,9 +14,9 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kTravel = 0.1;     // [m/s]: between two contacts
-constexpr double kPressing = 0.05;  // [m/s]: along a ray, into the scene
-constexpr double kStroking = 0.04;  // [m/s]: across a surface
+constexpr double kTravel = 0.1;     // [m/s]: speed between two contacts
+constexpr double kPressing = 0.05;  // [m/s]: speed along a ray, into the scene
+constexpr double kStroking = 0.04;  // [m/s]: speed across a surface
 constexpr double kStroke = 1.4;     // [s]: duration of a stroke
 constexpr double kRest = 0.15;      // [s]: rest at the deepest point
 constexpr double kCircle = 4e-3;    // [m]: radius of a stroke
@@ -28,11 +28,11 @@ constexpr std::size_t kMostStops = 3;
 
 /// Depths along a ray [m] for one mode.
 struct Stop {
-  double stroke = 0.0;  ///< Where the force is 70 % of the mode's largest on this ray.
-  double press = 0.0;   ///< Where the force is 95 % of it.
+  double stroke = 0.0;  ///< Depth at which the force is 70 % of the mode's largest on the ray.
+  double press = 0.0;   ///< Depth at which the force is 95 % of the mode's largest on the ray.
 };
 
-/// Depth of the first contact on a ray [m], and the depths of the modes behind it.
+/// Depth of the first contact on a ray [m], and the stops for the modes behind this contact.
 struct Profile {
   double contact = 0.0;
   std::vector<Stop> stops;
@@ -67,7 +67,8 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
     };
     stops.push_back({most, {reach(0.7), reach(0.95)}});
   }
-  // Keeps the stops with the largest forces, sorted by depth. Of stops within 2 mm, keeps one.
+  // Keeps the stops with the largest forces, sorted by depth. Keeps only one of several stops
+  // within 2 mm.
   std::stable_sort(stops.begin(), stops.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   for (const auto& [worth, stop] : stops) {
@@ -187,8 +188,8 @@ class Plan {
     return from_.linear * (ride_->poseOf(from_.toRest(at_), time()).back * probe_.force());
   }
 
-  /// Moves the probe to `to` within dt [s]. The hand's target is offset, so that the spring of the
-  /// grip and the force on the probe cancel there.
+  /// Moves the probe to `to` within dt [s]. Offsets the hand's target from `to`, so that the spring
+  /// of the grip and the force on the probe cancel at `to`.
   void step(const Vec3& to, double dt) {
     const Vec3 place = here(to, time() + dt);
     probe_.touch(place, dt);
@@ -304,7 +305,7 @@ class Plan {
   std::vector<PathPoint> path_;
   Vec3 at_ = Vec3::Zero();
   MotionPtr ride_;            ///< Motion that the path follows, or null.
-  Pose from_;                 ///< Pose of this motion at the start of the visit.
+  Pose from_;                 ///< Pose of the motion `ride_` at the start of the visit.
   Vec3 last_ = Vec3::Zero();  ///< Start of the last ray [m].
   ProbeRay first_;
   double first_clear_ = 0.0;

@@ -9,7 +9,7 @@ namespace palpate::cli {
 struct Search {
   int rays = 0;
   int met = 0;      ///< Number of rays on which a mode acted on the probe.
-  long reads = 0;   ///< Number of field readings on all rays.
+  long reads = 0;   ///< Number of field readings of search and planning.
   double ms = 0.0;  ///< Duration of search and planning [ms].
   int visits = 0;
 };
@@ -17,10 +17,10 @@ struct Search {
 /// Returns an exploration path: the hand touches, strokes and presses the scene's modes.
 ///
 /// The search moves a probe along straight rays; forces do not deflect the probe. The value of a
-/// mode on a ray is its force against the probe. Each visit takes the ray with the highest value,
-/// and prefers modes with few visits and places far from the last visits. The hand moves along the
-/// ray, presses each mode to its strength, strokes, and withdraws. The planner offsets the hand's
-/// target by the forces along the path.
+/// mode on a ray is the mode's force against the probe's motion. Each visit uses the ray with the
+/// highest value. Modes with few visits and places far from the last visits have a higher value.
+/// The hand moves along the ray, strokes and presses each mode, and withdraws. The planner offsets
+/// the hand's target by the forces along the path.
 ///
 /// The same scene gives the same path for any `seconds`. After one minute the path repeats.
 /// @param bounds   Box about all fields and guides of the scene [m].

@@ -19,7 +19,8 @@ namespace palpate::cli {
 }
 
 /// Returns the horizontal unit vector from the scene's centre to the viewer, in W. It points to the
-/// patient's front (anterior). Without a patient, or if the patient faces up or down, it is -y.
+/// patient's front (anterior). Without a patient, or if the patient faces up or down, the vector is
+/// -y.
 [[nodiscard]] inline Vec3 frontOf(const BuiltScene& built) {
   constexpr double kLeast = 0.3;  // a shorter vector points mainly up or down
   const std::optional<Mat3> patient = patientOf(built);

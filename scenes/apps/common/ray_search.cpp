@@ -13,12 +13,12 @@ namespace {
 
 constexpr int kLeastRays = 256;
 constexpr int kMostRays = 4096;
-constexpr int kEnough = 32;              // the search ends once each mode acted on so many rays
-constexpr int kSteps = 96;               // steps along a ray as long as the diagonal of the range
-constexpr long kMostReads = 1000000;     // readings of fields
+constexpr int kEnough = 32;           // the search ends once each mode acted on this number of rays
+constexpr int kSteps = 96;            // steps along a ray as long as the diagonal of the range
+constexpr long kMostReads = 1000000;  // largest number of field readings
 constexpr std::size_t kMostBoxes = 512;  // largest number of boxes for rays
 
-/// Returns boxes at a time [s] in which contacts are possible.
+/// Returns boxes in which contacts are possible at `time` [s].
 std::vector<Box> boxesOf(const Scene& scene, double time) {
   std::vector<Box> boxes;
   const auto add = [&](const Box& at_rest, int motion) {
@@ -42,7 +42,7 @@ std::vector<Box> boxesOf(const Scene& scene, double time) {
   for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
     add(graph.vector_frames[i].bounds, graph.vector_motions[i]);
   }
-  // A guide has no volume, so adds a box around its position.
+  // A guide has no volume: adds a box around the guide's position.
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
     const auto* guide = std::get_if<GuideMode>(&graph.modes[i]);
     if (guide == nullptr) continue;

@@ -14,8 +14,8 @@ inline constexpr double kLeastContact = 0.02;  ///< Smallest force that counts a
 inline constexpr double kClearance =
     8e-3;  ///< Distance between a visit's start and the contact [m].
 
-/// A probe that forces do not deflect, with the force of each mode on it. Parts whose lists of mode
-/// names are equal share one entry for each name.
+/// A probe that forces do not deflect, with the force of each mode on the probe. Parts whose lists
+/// of mode names are equal share one entry for each name.
 class SearchProbe {
  public:
   /// The scene has to outlive the probe.
@@ -62,9 +62,9 @@ struct HandRange {
 [[nodiscard]] HandRange handRangeOf(const Scene& scene, const Box& bounds, double radius);
 
 struct ProbeRay {
-  Vec3 from = Vec3::Zero();    ///< [m]
-  Vec3 along = Vec3::UnitX();  ///< A unit vector.
-  double length = 0.0;         ///< Ends where the force exceeds kHardestPress [m].
+  Vec3 from = Vec3::Zero();    ///< Start of the ray in W [m].
+  Vec3 along = Vec3::UnitX();  ///< Direction of the ray; a unit vector.
+  double length = 0.0;         ///< Length [m]; the ray ends where the force exceeds kHardestPress.
   std::vector<float> held;     ///< Largest force of each mode against the probe's direction [N].
   std::vector<float> depth;    ///< Distance to each mode's largest force [m].
   double hardest = 0.0;        ///< Largest total force against the probe's direction [N].
@@ -81,7 +81,7 @@ class RaySearch {
   std::vector<ProbeRay> rays;  ///< Rays on which a mode acted.
   std::vector<double> top;     ///< Largest force of each mode on any ray [N].
   int rays_cast = 0;           ///< Number of all rays, also those on which no mode acted.
-  long reads = 0;              ///< Field readings.
+  long reads = 0;              ///< Number of field readings.
 };
 
 }  // namespace palpate::cli

@@ -14,7 +14,8 @@ struct Character {
   bool valid = false;
 };
 
-/// `text` must not be empty. Overlong forms and surrogates are invalid.
+/// Returns the first character of `text`, which must not be empty. Overlong forms and surrogates
+/// are invalid.
 Character firstOf(std::string_view text) {
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
   const unsigned lead = byte(0);

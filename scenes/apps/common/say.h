@@ -24,7 +24,7 @@ class Legible;
 template <class T>
 using Formatted = std::conditional_t<std::is_arithmetic_v<T>, T, std::string>;
 /// Formats like fmt::format, but converts text arguments to Legible first. The format is trusted
-/// text: it is not converted, and may contain line ends.
+/// text: words() does not convert the format, which may contain line ends.
 template <class... Args>
 [[nodiscard]] Legible words(fmt::format_string<Formatted<Args>...> format, const Args&... args);
 

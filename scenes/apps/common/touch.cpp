@@ -16,13 +16,14 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kFarthest = 1e6;  // [m]: limit of hapticStep
+constexpr double kFarthest = 1e6;  // [m]: hapticStep() rejects larger coordinates
 
 DeviceInfo pathDevice() {
   return PathDevice({PathPoint{}}, 1000.0).info();
 }
 
-/// A primitive at full strength holds if it shares a load. It yields once the proxy has left it.
+/// Returns the state of a primitive. A primitive that carries its full strength still holds while
+/// the proxy is on the primitive; otherwise the primitive yields.
 Hold holdOf(const Load& load, const StepReport& report) {
   if (load.primitive.kind == PrimitiveKind::kForce) return Hold::kPushes;
   const double carried = load.force.norm();
@@ -70,7 +71,7 @@ std::vector<std::filesystem::path> inputsOf(const std::string& scene, const Scen
 }
 
 void checkReach(const std::string& name, const Vec3& p) {
-  if ((p.array().abs() < kFarthest).all()) return;  // false if a coordinate is NaN
+  if ((p.array().abs() < kFarthest).all()) return;  // the condition is false for NaN
   throw Error(name, "the place is farther than 1,000 km from the origin",
               "give coordinates in metres");
 }

@@ -14,7 +14,8 @@
 
 namespace palpate::cli {
 
-/// Parses "x,y,z" [m]. Throws Error about `option` unless all are finite and below 1,000 km.
+/// Parses "x,y,z" [m]. Throws Error about `option` unless the text is three finite numbers below
+/// 1,000 km.
 [[nodiscard]] Vec3 readVector(const std::string& option, const std::string& text);
 
 /// Returns true if p is in the box or on its faces.
@@ -33,8 +34,8 @@ void checkRate(const std::string& name, double rate);
 /// An open scene. Its notes were printed. Its coupling fits the device `path`.
 struct Opened {
   SceneSpec spec;
-  /// Description of `built`. If `spec` has parts, contains only the parts near the hand, in one
-  /// graph.
+  /// Description of `built`. If `spec` has parts, `told` contains only the parts near the hand, in
+  /// one graph.
   SceneSpec told;
   BuiltScene built;
 };
@@ -66,7 +67,7 @@ struct Rest {
   int ticks = 0;
 };
 /// Runs a tick with the hand at rest at `at` [m], so that the modes find their contacts. If the
-/// stiffness varies, runs further ticks until it is constant, for at most 2 s.
+/// stiffness varies, runs further ticks until the stiffness is constant, for at most 2 s.
 [[nodiscard]] Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at,
                           double dt);
 
@@ -94,9 +95,9 @@ struct Load {
                                         std::size_t i);
 /// Returns the sum of the loads: the mode's force on the proxy [N].
 [[nodiscard]] Vec3 totalOf(const std::vector<Load>& loads);
-/// Returns the loads that decide whether a mode holds: its planes, or all loads if it has no
-/// planes. Friction and the drag of a surface depend on the planes and do not count. Two opposed
-/// planes count as their sum.
+/// Returns the loads that decide whether a mode holds: its planes, or its other loads if it has no
+/// planes. Friction and, beside planes, the drag of a surface do not count. Two opposed planes
+/// count as their sum.
 [[nodiscard]] std::vector<Load> bearersOf(const std::vector<Load>& loads);
 /// Returns the most severe state of the loads; kIdle if their sum is zero.
 [[nodiscard]] Hold holdOf(const std::vector<Load>& loads);

@@ -66,7 +66,7 @@ std::vector<Vec3> centresOf(vtkDataSet* mesh) {
   return centres;
 }
 
-/// Extrapolates the averages at a range of points. Each task has one.
+/// Extrapolates the averages at a range of points. Each parallel task has its own object.
 class BoundaryFit {
  public:
   BoundaryFit(vtkDataSet* mesh, const std::vector<Vec3>& centres)
@@ -118,7 +118,7 @@ class BoundaryFit {
   /// Returns true if nearly all cells at p have their centres on one side of p, along the line from
   /// p to the mean of the centres, `mean`.
   [[nodiscard]] bool isOneSided(const Cells& own, const Vec3& p, const Vec3& mean) const {
-    constexpr double kShare = 0.8;  // 0 between equal cells, 1 at a plane boundary
+    constexpr double kShare = 0.8;  // the ratio is 0 between equal cells, 1 at a plane boundary
     const Vec3 way = mean - p;
     double apart = 0.0;
     for (const vtkIdType c : own) apart += std::abs(way.dot(centre(c) - p));
@@ -190,7 +190,7 @@ void extrapolateToBoundary(vtkDataSet* mesh, const std::vector<std::string>& nam
   const std::vector<Moved> arrays = movedOf(mesh, names);
   if (arrays.empty()) return;
   const std::vector<Vec3> centres = centresOf(mesh);
-  mesh->GetPointCells(0, vtkNew<vtkIdList>());  // VTK builds its table here, not in several threads
+  mesh->GetPointCells(0, vtkNew<vtkIdList>());  // builds VTK's table before the threads read it
   tbb::parallel_for(tbb::blocked_range<vtkIdType>(0, mesh->GetNumberOfPoints(), 256),
                     [&](const tbb::blocked_range<vtkIdType>& part) {
                       BoundaryFit fit(mesh, centres);

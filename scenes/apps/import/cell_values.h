@@ -8,7 +8,7 @@
 
 namespace palpate::importer {
 
-/// Corrects averages of cells at the points on the boundary of a mesh.
+/// Corrects the averages of cell values at the points on the boundary of a mesh.
 ///
 /// An average over the cells around a point is the value at the mean of their centres. At a
 /// boundary, all cells are on one side, so this mean is half a cell away, and derivatives there are

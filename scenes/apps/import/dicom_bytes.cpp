@@ -79,8 +79,8 @@ bool beginsAsDataSet(std::string_view bytes, bool is_explicit) {
   return second.has_value() && second->tag > first->tag && second->tag >> 16U <= 0x0010;
 }
 
-/// Returns true for a data set in big-endian byte order without preamble. Nothing in such a file
-/// states its transfer syntax.
+/// Returns true for a data set in big-endian byte order without preamble. Such a file does not
+/// state its transfer syntax.
 bool beginsAsBigEndian(std::string_view bytes) {
   std::string swapped(bytes.substr(0, 8));
   if (swapped.size() < 8) return false;
@@ -128,7 +128,8 @@ struct InflateEnd {
   ~InflateEnd() { inflateEnd(stream); }
 };
 
-/// Inflates the rest of a file into `to`. Returns what is damaged; "" if the file is valid.
+/// Inflates the rest of a file into the file descriptor `to`. Returns the reason of a failure; ""
+/// on success.
 std::string inflateInto(int to, std::istream& in) {
   // The length of an element has 32 bits, so a larger data set has no readable image.
   constexpr std::uint64_t kMost = std::uint64_t{1} << 32U;
@@ -208,7 +209,8 @@ bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out) {
   constexpr std::size_t kHeader = 64;
   const std::size_t first = numberAt(item, 4, 4);
   if (item.size() < kHeader || numberAt(item, 0, 4) != 1 || first < kHeader) return false;
-  // PackBits: a count >= 0 precedes count + 1 bytes; a negative one precedes a repeated byte.
+  // PackBits: a count >= 0 precedes count + 1 bytes; a negative count precedes one byte that occurs
+  // 1 - count times; -128 has no effect.
   std::vector<unsigned char> bytes;
   for (std::size_t at = first; at < item.size() && bytes.size() < pixels;) {
     const auto count = static_cast<signed char>(item[at++]);

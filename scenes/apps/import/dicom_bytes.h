@@ -8,14 +8,17 @@
 
 namespace palpate::importer {
 
-/// Returns true if a file that begins with these bytes is a DICOM file. Without the preamble of 128
-/// bytes, its first two elements must be little-endian, in order, and in groups 0002 to 0010.
+/// Returns true if a file that begins with these bytes is a DICOM file. A file without the preamble
+/// of 128 bytes must begin with two little-endian elements, in order, in groups 0002 to 0010, or
+/// with one big-endian element of group 0008.
 [[nodiscard]] bool beginsAsDicom(std::string_view bytes);
 
-/// Gives vtk-dicom, which cannot inflate, a plain file: inflates a deflated data set in memory.
+/// Inflates a deflated data set in memory, because vtk-dicom reads only data sets that are not
+/// deflated.
 class PlainDicom {
  public:
-  /// Throws VolumeError, which names `file`, if the data set is damaged or exceeds 4 GiB.
+  /// Throws VolumeError, which names `file`, if the data set is damaged, exceeds 4 GiB or does not
+  /// fit into memory, or if the file is big-endian without a transfer syntax.
   explicit PlainDicom(const std::filesystem::path& file);
   PlainDicom(const PlainDicom&) = delete;
   PlainDicom& operator=(const PlainDicom&) = delete;

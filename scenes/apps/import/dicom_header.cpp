@@ -77,7 +77,8 @@ void place(Slice& slice, vtkDICOMMetaData* meta) {
   slice.placed = true;
 }
 
-/// Corrects the sign of PixelPaddingValue, which some files write wrong.
+/// Returns a padding value with the sign that the pixels' type requires: some files write a wrong
+/// sign.
 double paddingOf(const vtkDICOMValue& value, const Slice& slice) {
   double stored = numberOf(value);
   const int bits = slice.format[2];
@@ -119,7 +120,7 @@ Slice sliceOf(vtkDICOMMetaData* meta, int frame) {
   return slice;
 }
 
-/// Returns true for classes of images, and for none: a truncated file may lack its class.
+/// Returns true for classes of images, and for "": a truncated file may lack its class.
 bool isImageClass(const std::string& uid) {
   if (uid.empty()) return true;
   static constexpr std::array kClasses = {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "130"};
@@ -133,14 +134,14 @@ bool isReport(const std::string& uid) {
   return uid.rfind("1.2.840.10008.5.1.4.1.1.88.", 0) == 0;
 }
 
-/// Returns the SOP class. Only group 0002 or only the data set may state it.
+/// Returns the SOP class, which a file may state only in group 0002, or only in the data set.
 std::string classOf(vtkDICOMMetaData* meta) {
   const std::string uid = meta->Get(0, DC::MediaStorageSOPClassUID).AsString();
   return uid.empty() ? meta->Get(0, DC::SOPClassUID).AsString() : uid;
 }
 
 void takePurpose(File& file, vtkDICOMMetaData* meta) {
-  // Secondary Capture Image Storage. The classes for several frames begin with it.
+  // Secondary Capture Image Storage. The classes for several frames begin with this UID.
   constexpr std::string_view kCapture = "1.2.840.10008.5.1.4.1.1.7";
   const std::string uid = classOf(meta);
   const std::string kind = meta->Get(0, DC::ImageType).AsString();
@@ -160,11 +161,12 @@ bool isReadable(const std::string& syntax) {
 
 constexpr const char* kTooFew = "the file has fewer pixels than its header states";
 
-/// Returns what is missing; "" if nothing. The decoders would invent missing parts.
+/// Returns the damage of a file that lacks compressed frames; "" if all are present. The decoders
+/// would replace missing frames by invented pixels.
 std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int frames) {
   std::ifstream in(path, std::ios::binary);
   auto at = static_cast<std::int64_t>(parser->GetFileOffset());
-  int parts = -1;  // the first part is a table of the others
+  int parts = -1;  // the first part is a table of offsets, not a frame
   while (true) {
     std::array<unsigned char, 8> head{};
     in.seekg(at);
@@ -199,7 +201,8 @@ std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames)
                         meta->Get(0, DC::BitsAllocated).AsInt() *
                         std::max(1, meta->Get(0, DC::SamplesPerPixel).AsInt()) * frames / 8.0;
   if (bytes < needed) {
-    // Colour images are rejected later. In 4:2:2 format they need fewer bytes than computed here.
+    // Colour images are rejected later. In 4:2:2 format these images need fewer bytes than computed
+    // here.
     if (meta->Get(0, DC::SamplesPerPixel).AsInt() > 1) return "";
     return kTooFew;
   }

@@ -57,7 +57,7 @@ std::vector<Group> byPlace(std::vector<Slice> slices) {
 }
 
 /// Sorts each group by time. Returns the index in kTimeTags of the tag that distinguishes the
-/// times; no value without one.
+/// times; no value if no tag does.
 std::optional<std::size_t> sortByTime(std::vector<Group>& groups) {
   for (std::size_t tag = 0; tag < kTimeTags.size(); ++tag) {
     const auto earlier = [&](const Slice& a, const Slice& b) {
@@ -83,13 +83,14 @@ bool hasPlace(const File& file) {
                      [](const Slice& slice) { return slice.placed; });
 }
 
-/// Some programs write slices as captures, so one with a place and no colour is a slice, unless its
-/// ImageType says that it is a screen save.
+/// Returns true for a screen save. A capture with a position and without colours counts as a slice,
+/// because some programs write slices as captures.
 bool isScreenSave(const File& file) {
   return file.is_screen_save || (file.is_capture && (file.is_colour || !hasPlace(file)));
 }
 
-/// Returns why a series cannot be a volume; "" if it can, or if one of its files is damaged.
+/// Returns the reason why a series cannot be a volume; "" if it can be a volume, or if one of its
+/// files is damaged.
 std::string reasonAgainst(const Series& series) {
   const auto all = [&](const auto& is) {
     return std::all_of(series.files.begin(), series.files.end(),
@@ -246,7 +247,8 @@ class Stacker {
                          fewest->size(), ruler.at(fewest->front()), count, ruler.at(twice.front())),
              "copy or export all images of the series");
     }
-    // Acquisition times are times of day, so subtracts the first one.
+    // Acquisition times are times of day, and step numbers may begin with 1, so the first value is
+    // subtracted.
     const TimeTag& kind = kTimeTags[*tag];
     const double step = series_.files.front()->time_step;
     const double start = kind.tag == DC::AcquisitionTime || kind.seconds == 0.0
@@ -269,8 +271,8 @@ class Stacker {
   }
 
   /// Returns the transform. Its step between slices follows their positions, because a tilted
-  /// gantry shears the volume. Sets `out.depths` if distances vary. Throws VolumeError without all
-  /// slices.
+  /// gantry shears the volume. Sets `out.depths` if distances vary. Throws VolumeError if slices
+  /// are missing.
   Affine mapOf(const std::vector<Group>& groups, const Vec3& normal, const Ruler& ruler,
                Stack& out) const {
     const Slice& first = groups.front().front();
@@ -350,7 +352,8 @@ class Stacker {
   }
 
   /// Returns the number of equal steps for slices at varying distances. The step is the smallest
-  /// distance that occurs twice in a row: a single smaller one belongs to a displaced slice.
+  /// length that two successive gaps do not exceed: a single smaller gap is due to a displaced
+  /// slice. There are at most kVoxelsPerPoint steps per gap.
   static double evenSteps(const std::vector<double>& gaps, double length) {
     double finest = gaps.size() == 1 ? gaps.front() : std::max(gaps[0], gaps[1]);
     for (std::size_t i = 1; i < gaps.size(); ++i) {
@@ -360,8 +363,8 @@ class Stacker {
         std::min(length / finest, kVoxelsPerPoint * static_cast<double>(gaps.size())));
   }
 
-  /// Returns the differences of successive image numbers, divided by the smallest one; empty if the
-  /// numbers are unknown or out of order.
+  /// Returns the differences of successive image numbers, divided by the smallest difference and
+  /// rounded down; empty if the numbers are unknown or out of order.
   static std::vector<double> jumpsOf(const std::vector<Group>& groups) {
     std::vector<double> jumps;
     for (std::size_t i = 1; i < groups.size(); ++i) {
@@ -377,11 +380,12 @@ class Stacker {
     return jumps;
   }
 
-  /// Returns the number of slices missing in gap i. Image numbers jump there, and the gap exceeds
-  /// one beside it; without numbers, it must be a multiple of both gaps beside it.
+  /// Returns the number of slices missing in gap i. Slices are missing if the image numbers jump in
+  /// the gap, and the gap is at least 1.5 times a neighbouring gap. Without numbers, the gap must
+  /// be a multiple of both neighbouring gaps.
   static std::size_t missingIn(const std::vector<double>& gaps, const std::vector<double>& jumps,
                                std::size_t i) {
-    std::vector<double> ratios;  // relative to the gaps beside it; for i = 0, i - 1 is not a gap
+    std::vector<double> ratios;  // relative to the neighbouring gaps; for i = 0, i - 1 is not a gap
     for (const std::size_t beside : {i - 1, i + 1}) {
       if (beside < gaps.size()) ratios.push_back(gaps[i] / gaps[beside]);
     }

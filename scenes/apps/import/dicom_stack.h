@@ -33,7 +33,8 @@ struct Series {
 
 struct Stack {
   std::vector<Slices> steps;  ///< Sorted by position.
-  /// Times of the steps [s], or their numbers; empty if there is one step.
+  /// Times of the steps [s]; empty if there is one step. If the files state only numbers of steps,
+  /// 1 s is assumed between successive numbers.
   std::vector<double> times;
   Affine map;
   std::vector<double> depths;  ///< Value of Piece::depths; empty if the slices are evenly spaced.

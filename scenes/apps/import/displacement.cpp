@@ -21,11 +21,11 @@ namespace {
 
 /// Largest residual of Newton's iteration at a voxel, as a share of the shortest voxel edge.
 constexpr double kConverged = 1e-3;
-/// Largest distance beyond a face at which a place still counts as within the field [voxels]. It
-/// exceeds the rounding of float vectors and the residual at which the iteration ends.
+/// Largest distance beyond a face at which a place still counts as within the field [voxels]. This
+/// distance exceeds the rounding of float vectors and the residual at which the iteration ends.
 constexpr double kOnFace = 1e-4;
 
-/// Returns the metres of a unit of length.
+/// Returns a unit of length in metres; a millimetre for other units and "".
 double metresOf(const std::string& unit) {
   static const std::map<std::string, double> metres{{"m", 1.0}, {"cm", 1e-2}, {"um", 1e-6}};
   const auto at = metres.find(unit);

@@ -23,11 +23,12 @@ enum class Direction : std::uint8_t {
 /// The check is that of a scene's "warp" (makeWarp), so a scene accepts the field. The inverse u at
 /// the place y solves u + v(y + u) = 0, where v is the spline of the given field. Newton's
 /// iteration u -= (I + dv/dx)^-1 (u + v) has this u as its fixed point. The notes state the
-/// residual |u + v| at the voxels and between them. Beyond its faces v is constant. The notes state
-/// the share of the voxels whose place y + u is more than 1e-4 voxel beyond a face.
+/// residual |u + v| at the voxels and between them. Beyond the faces of the given field, v is
+/// constant. The notes state the share of the voxels whose place y + u is more than 1e-4 voxel
+/// beyond a face.
 ///
-/// Throws VolumeError or SceneError, which name `file`: voxels have no data; the field, or its
-/// inverse, folds space or changes lengths tenfold; the iteration does not converge; the field is
+/// Throws VolumeError or SceneError, which name `file`: voxels have no data; the field or its
+/// inverse folds space or changes lengths tenfold; the iteration does not converge; or the field is
 /// too large for a "warp".
 /// @param made         Grid of vectors in its world space, all of whose voxels are active. Its name
 ///                     becomes "displacement".

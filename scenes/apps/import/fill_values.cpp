@@ -22,7 +22,8 @@ namespace {
 /// Largest number of fill values at each end of the range, such as "no data" and "land".
 constexpr std::size_t kMostFills = 2;
 
-/// The outermost different finite values, in the order `Before`. The last one is of the data.
+/// The outermost different finite values, in the order `Before`. At least the last of them is data,
+/// not a fill value.
 template <class Before>
 struct Outermost {
   std::array<double, kMostFills + 1> values{};
@@ -82,6 +83,7 @@ struct Fills {
   double highest = 0.0;
 };
 
+/// Returns true if all values outside the range of `fills` are fill values (hideFillValues).
 /// @param code  Values::lowestCode().
 bool areFills(const Ends& ends, const Fills& fills, double code) {
   const double range = fills.highest - fills.lowest;
@@ -182,7 +184,7 @@ bool isFillNumber(double value, double others) {
   constexpr double kRounding = 1e-6;
   const double digits = size / std::pow(10.0, std::floor(std::log10(size)));
   const bool is_power = digits < 1.0 + kRounding || digits > 10.0 - kRounding;
-  // A density of 1e16 beside 1e14 is data.
+  // A smaller ratio may be data, such as a density of 1e16 beside 1e14.
   constexpr double kBeyond = 1e4;
   return (value < 0.0 && digits >= 9.99) ||
          (size >= std::max(1e10, kBeyond * others) && (is_power || digits >= 9.99));

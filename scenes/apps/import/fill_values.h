@@ -12,18 +12,19 @@ namespace palpate::importer {
 /// none.
 ///
 /// A fill value satisfies two conditions. First, programs write this number for missing data
-/// (isFillNumber), or it is the lowest stored integer (Values::lowestCode), or minus another fill
-/// value. Second, it is isolated: its distance to all other values of its component is at least the
-/// range of these values. The other values must differ, so an array of two labels stays unchanged;
-/// a note says so if one of them looks like a fill value. The result replaces floats and doubles in
-/// place. From whole numbers an offset may be subtracted (wholeOffset).
+/// (isFillNumber), or the number is the lowest stored integer (Values::lowestCode) or the negative
+/// of another fill value. Second, the number is isolated: its distance to all other values of its
+/// component is at least the range of these values. The other values must differ, so an array of
+/// two labels stays unchanged; a note says so if one of them looks like a fill value. Changes
+/// floats and doubles in place. Converts whole numbers to floats or doubles, and may subtract an
+/// offset from them (wholeOffset).
 /// @param shared  Process group; all ranks find the same fill values.
 bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared);
 
-/// Returns true for numbers that programs write for missing data: negative ones whose digits begin
-/// with 999, such as -999; magnitudes from 1e10 and from 1e4 times the others on that are powers of
-/// ten or begin with 999; the lowest integers of 16, 32 and 64 bits, and these plus one; all
-/// magnitudes above 1e30.
+/// Returns true for numbers that programs write for missing data: negative numbers from -999 down
+/// whose digits begin with 999; powers of ten, and numbers whose digits begin with 999, if the
+/// magnitude is at least 1e10 and at least 1e4 times `others`; the lowest integers of 16, 32 and 64
+/// bits, and these integers plus one; all magnitudes above 1e30.
 /// @param others  Largest magnitude of the other values.
 [[nodiscard]] bool isFillNumber(double value, double others);
 

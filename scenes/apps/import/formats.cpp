@@ -114,7 +114,7 @@ bool isVtkLegacy(const std::string& b) {
 bool isVtkXml(const std::string& b) {
   return b.find("<VTKFile") != std::string::npos;
 }
-/// Recognizes ParaView's list of VTK files, JSON.
+/// Recognizes ParaView's list of VTK files (JSON).
 bool isVtkSeries(const std::string& b) {
   return b.find("\"file-series-version\"") != std::string::npos;
 }
@@ -128,7 +128,7 @@ bool isTiff(const std::string& b) {
 bool isJpeg(const std::string& b) {
   return has(b, 0, "\xff\xd8\xff");
 }
-/// Recognizes the file `info` of a neuroglancer precomputed volume. Old ones have no "@type".
+/// Recognizes the file `info` of a neuroglancer precomputed volume. Old volumes have no "@type".
 bool isNeuroglancer(const std::string& b) {
   return b.find("\"neuroglancer_multiscale_volume\"") != std::string::npos ||
          (b.find("\"num_channels\"") != std::string::npos &&
@@ -193,7 +193,8 @@ const std::array kFormats = {
            "give a file of volume data"},
 };
 
-/// Recognizes GRIB also by name, because a bulletin's heading may precede its first bytes.
+/// Recognizes GRIB also by its name, because the heading of a bulletin may precede the bytes
+/// "GRIB".
 bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
   std::string end = file.extension().string();
   for (char& c : end) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
@@ -201,7 +202,8 @@ bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
   return has(bytes, 0, "GRIB") || std::find(kNames.begin(), kNames.end(), end) != kNames.end();
 }
 
-/// Returns true if the name or the options say PLOT3D. Its content has no mark.
+/// Returns true for the name of a PLOT3D grid, or with --solution. A PLOT3D file has no magic
+/// number.
 bool isPlot3d(const Request& request) {
   if (!request.solution.empty()) return true;
   const std::string end = request.file.extension().string();
@@ -211,7 +213,8 @@ bool isPlot3d(const Request& request) {
   return false;
 }
 
-/// Returns the remedy; if the file is gzipped and the remedy names --raw, also says to unpack it.
+/// Returns the remedy; if the file is gzipped and the remedy names --raw, adds that the file must
+/// be unpacked.
 std::string unpackedFor(const std::filesystem::path& file, const std::string& remedy) {
   const bool is_packed = remedy.find("--raw") != std::string::npos && isGzip(file);
   return is_packed ? "unpack the file with gunzip, which --raw does not do; then " + remedy
@@ -335,7 +338,8 @@ std::unique_ptr<Reader> openAny(const Request& given) {
         fmt::format("the file looks like {}, which palpate does not import", format.name),
         unpackedFor(request.file, format.remedy));
   }
-  // In JSON, the key that isVtkSeries() searches may follow a long list.
+  // In a JSON file, the key that isVtkSeries() searches may be beyond the first bytes, after a long
+  // list.
   if (request.file.extension() == ".series") {
     refuseUnused(request, "a ParaView series", "");
     return openVtkSeries(request);

@@ -180,7 +180,8 @@ class Layout {
       for (double& at : z.at) at = standardHeight(at);
       note("pressures became heights in the standard atmosphere");
     } else if (z.along == Along::kNumber || kilometres(z.unit) == 0.0) {
-      // Levels without heights get equal distances from height 0 on. Depths go down.
+      // Levels without heights get equal distances from height 0 on. Depths become negative
+      // heights.
       const double step =
           side / 4.0 / static_cast<double>(std::max<std::size_t>(z.at.size(), 2) - 1);
       const double up = z.along == Along::kDepth ? -step : step;
@@ -264,7 +265,7 @@ void joinBy(const Flows& flows, const std::vector<std::string>& names, double st
     if (!fields.empty() && std::find(fields.begin(), fields.end(), flow.vector) == fields.end()) {
       continue;
     }
-    // The upward component often has another unit, Pa/s, and then cannot be joined.
+    // The upward component often has another unit, Pa/s. Then z is 0.
     if (parts[2] != nullptr && !isSameUnit(parts[2]->unit, parts[0]->unit)) parts[2] = nullptr;
     const std::size_t count = parts[0]->values.tuples();
     Values out(Type::kFloat32, 3, count);
@@ -371,7 +372,7 @@ std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& f
     content.value_unit[array.name] = array.unit;
   }
   std::vector<Piece> pieces = piecesOf(points, file, content.notes);
-  // The VTK arrays do not own their memory, so replaces them by the arrays of `grid`, which do.
+  // Replaces the VTK arrays, which do not own their memory, by the arrays of `grid`, which own it.
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {
       for (const Array& own : grid.arrays) {

@@ -40,10 +40,11 @@ struct EarthGrid {
 /// Converts a grid to pieces: an image if its points form an even lattice, otherwise a mesh.
 ///
 /// Longitudes and latitudes become km on a plane, at the scale of the middle latitude. Pressures
-/// become heights in the standard atmosphere (ISO 2533). Heights below a quarter of the longer side
-/// are stretched by a round number, to at least a quarter. Components of wind or current become one
-/// vector, with its z component stretched too. Adds a note for each change. Throws VolumeError if
-/// positions along an axis neither increase nor decrease.
+/// become heights in the standard atmosphere (ISO 2533). If the range of heights is below a quarter
+/// of the longer horizontal side, all heights are multiplied by a round number, so that the range
+/// is at least a quarter. Components of wind or current become one vector, with its z component
+/// stretched too. Adds a note for each change. Throws VolumeError if positions along an axis
+/// neither increase nor decrease.
 [[nodiscard]] std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                              const std::string& file, Content& content);
 

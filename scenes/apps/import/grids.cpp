@@ -70,7 +70,7 @@ std::size_t pointAt(const Piece& image, int i, int j, int k) {
 
 struct Surroundings {
   float middle = 0.0F;  ///< Median of the values on the image's faces.
-  /// On the image's faces, 99 % of the values differ from `middle` by at most this.
+  /// On the image's faces, 99 % of the values differ from `middle` by at most `spread`.
   float spread = 0.0F;
 };
 
@@ -180,8 +180,8 @@ bool hasHoles(const Piece& image, const Native<T, C>& values, std::size_t count,
   return std::find(all.begin(), all.end(), static_cast<char>(true)) != all.end();
 }
 
-/// Returns the mean of the data beside a voxel without data; no value if there are none. Slopes in
-/// the cells beside a hole read this value.
+/// Returns the mean of the neighbours with data of a voxel without data; no value without such
+/// neighbours. Slopes in the cells beside a hole read this mean.
 template <class Value, class Voxels>
 std::optional<Value> meanBeside(const Voxels& voxels, const Coord& c) {
   openvdb::Vec3d sum(0.0);
@@ -209,7 +209,7 @@ struct Background {
   Value value{};
   double tolerance = 0.0;
   double spread = 0.0;     ///< Surroundings::spread.
-  bool is_active = false;  ///< True if the image has holes: then only these are inactive.
+  bool is_active = false;  ///< True if the image has holes: then only holes are inactive.
 };
 
 struct Counts {
@@ -332,7 +332,7 @@ Gridded build(const Voxels& voxels, const Made& slices, const Background<Value>&
   const double spread = background.spread;
   const double range = std::max(out.highest, out.background) - std::min(out.lowest, out.background);
   if (background.is_active) {
-    // An image of one value stays without an active voxel, which the importer reports.
+    // An image of one value gets no active voxel, which the importer reports.
     if (counts.active > 0 && counts.surrounding > 0) {
       out.active += counts.surrounding;
       out.lowest = std::min(out.lowest, out.background);
@@ -397,7 +397,7 @@ Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& 
 }
 
 /// OpenVDB rejects a transform if the volume of a voxel is very small.
-/// @param first  Begin of the remedy.
+/// @param first  Beginning of the remedy.
 [[noreturn]] void refuseSmall(const std::string& file, double edge, const std::string& first = "") {
   throw VolumeError(
       file,

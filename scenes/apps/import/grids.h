@@ -50,7 +50,7 @@ struct Gridded {
 
 /// Makes a grid of cubes with edge `voxel` as gridFromImage does, by trilinear interpolation. The
 /// first cube is at the lowest corner of the image's bounds. A cube has no data if one of the
-/// voxels that it reads has none. Throws VolumeError as countCubes does.
+/// voxels that it reads has none. Throws VolumeError as gridFromImage and countCubes do.
 [[nodiscard]] Gridded gridOnCubes(const Piece& image, const Array& array, double voxel,
                                   double tolerance, const std::string& file,
                                   const Progress& progress);
@@ -66,7 +66,7 @@ struct Gridded {
 [[nodiscard]] std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel,
                                             double slack, const std::string& file);
 
-/// Largest number of voxels in a box. More voxels would need an hour for their leaves alone.
+/// Largest number of voxels in a box. The leaves of more voxels would take more than an hour.
 inline constexpr double kMostVoxels = 4e9;
 
 }  // namespace palpate::importer

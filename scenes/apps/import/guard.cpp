@@ -45,7 +45,7 @@ bool writeAll(int file, const char* data, std::size_t count) {
 
 [[noreturn]] void runChild(int pipe, const std::function<int(Teller&)>& work) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  signal(SIGINT, SIG_IGN);  // a terminal sends it to both processes; the parent ends the child
+  signal(SIGINT, SIG_IGN);  // a terminal sends SIGINT to both processes; the parent kills the child
   signal(SIGTERM, SIG_DFL);
   signal(SIGHUP, SIG_DFL);
   signal(SIGXFSZ, SIG_IGN);  // a write beyond the limit of file sizes then returns an error
@@ -82,7 +82,8 @@ struct Written {
   std::filesystem::path file;
 };
 
-/// Renames all files to their final names. If one fails, removes files that did not exist before.
+/// Renames all files to their final names. If a rename fails, removes the partial files, and the
+/// renamed files that replaced no other file. Then throws Error.
 void appear(const std::vector<Written>& files) {
   std::error_code error;
   std::vector<std::filesystem::path> fresh;

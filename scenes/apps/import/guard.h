@@ -6,7 +6,8 @@
 
 namespace palpate::importer {
 
-/// Sends reports from the child process to the user. Output of the child's libraries is discarded.
+/// Sends reports of the child process to the parent process, which prints them. Other output of the
+/// child process, such as that of libraries, is discarded.
 class Teller {
  public:
   explicit Teller(int pipe) : pipe_(pipe) {}
@@ -28,12 +29,13 @@ class Teller {
   int told_ = -1;
 };
 
-/// Runs `work` in a child process and returns its exit status, after one line on standard error if
-/// it failed: 2 for Error and for a crash (the file is at fault), 1 for a lack of memory, 3 for
-/// other failures. If this process is interrupted or terminated, the child is killed and the status
-/// is 130, unless its work is complete. The announced files appear together if the child succeeds,
-/// otherwise not at all. `what` is the file that is read. If the child ends without a message,
-/// prints `silent`, or, if that is empty, that the file is damaged.
+/// Runs `work` in a child process and returns its exit status. If the work fails, prints one line
+/// on standard error. The status is then 2 for Error and for a crash (the file is at fault), 1 for
+/// a lack of memory, 3 for other failures. If this process is interrupted or terminated, the child
+/// is killed and the status is 130, unless its work is complete. The announced files appear
+/// together if the child succeeds, otherwise not at all. `what` is the file that is read. If the
+/// child ends without a message, the parent prints `silent`; if `silent` is empty, a message that
+/// the file is probably damaged.
 [[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
                              const std::string& silent = "");
 

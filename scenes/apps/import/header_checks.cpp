@@ -53,7 +53,7 @@ double bytesOf(const std::filesystem::path& header, const std::vector<double>& s
 
 double sizeOfData(const std::filesystem::path& header, const std::filesystem::path& data,
                   bool follow) {
-  // Outside the header's folder, the author of a header could name any file of the user.
+  // Without this check, the author of a header could make the importer read any file of the user.
   std::error_code unread;  // a missing file is rejected below
   const std::filesystem::path folder =
       std::filesystem::weakly_canonical(std::filesystem::absolute(header).parent_path(), unread);

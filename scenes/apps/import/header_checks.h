@@ -20,8 +20,9 @@ namespace palpate::importer {
 /// Returns the first bytes of a file, at most 4096, as they are stored; "" if it is unreadable.
 [[nodiscard]] std::string firstBytesOf(const std::filesystem::path& file);
 
-/// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if it is
-/// unreadable or, unless `follow`, if it or its link's target is outside the header's folder.
+/// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if the data
+/// file is unreadable or, unless `follow` is true, if the file (after all links) is neither in the
+/// header's folder nor below this folder.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,
                                 const std::filesystem::path& data, bool follow);
 

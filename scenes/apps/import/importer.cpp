@@ -104,8 +104,8 @@ bool isInParts(const Options& options, ProcessGroup& group) {
   return group.size() > 1 && keepsVoxelsInBricks(options);
 }
 
-/// Returns the slices that this rank reads. Beyond its bricks and their aprons is one slice more,
-/// for the values beside voxels without data.
+/// Returns the slices that this rank reads: those of its bricks and their aprons, one more on each
+/// side for the values beside voxels without data, and those that the smoothing filter reads.
 Slab neededOf(const Options& options, const Shared& shared, int slices, const Affine& map) {
   return shared.own(slices, kBrickApron + 1 + smoothingReach(map, slices, options.smooth));
 }
@@ -128,10 +128,11 @@ ResamplingError sumOf(ResamplingError second, const ResamplingError& first) {
   return second;
 }
 
-/// With this tolerance, no voxel counts as background.
+/// Tolerance with which no voxel counts as background.
 constexpr double kKeepAll = -1.0;
 
-/// Keeps vectors, which may be displacements of zero, and all frames of a sequence.
+/// Returns true if a constant array is imported: a vector, which may be a displacement of zero, or
+/// a frame of a sequence. A level set (--iso) needs values that vary.
 bool keepsConstant(const Options& options, const Array& array) {
   return !options.iso && (options.time == "all" || array.values.components() == 3);
 }
@@ -305,7 +306,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
-  // By these entries, `palpate scene` guesses the same scene as this import.
+  // From these entries, `palpate scene` guesses the same scene as this import.
   text(kMetaImportedFrom, imported.image ? "image" : "mesh");
   if (imported.image && !imported.image->empty() && !imported.level_set) {
     const openvdb::Coord size = imported.image->dim();
@@ -322,7 +323,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
 }
 
-/// Throws Error if the arrays are not what --as says, because some readers ignore this option.
+/// Throws Error if the first array does not match --as, because some readers ignore this option.
 void checkAsked(const Request& request, const Content& content) {
   if (request.as.empty()) return;
   const int width = content.pieces.front().arrays.front().values.components();
@@ -383,7 +384,8 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
       continue;
     }
     for (Array& array : piece.arrays) {
-      // Passes each array on before the next one is converted, so that only one is in memory twice.
+      // Passes each array on before the next one is converted, so that only one array is in memory
+      // twice.
       Imported imported = fromImage(options, piece, std::exchange(array, {}), content.length_unit,
                                     in, telling, out.notes, shared, earlier);
       if (imported.made.active == 0) imported.made.grid->newTree();  // frees the voxels
@@ -422,7 +424,8 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
   {
     openvdb::GridCPtrVec grids;
     for (const Imported& imported : step.grids) {
-      // In an image with missing voxels the background is active (grids.h), in whole leaves.
+      // If voxels are missing, the background is active (grids.h). Replaces leaves of one value by
+      // tiles.
       if (imported.image && !imported.level_set && imported.made.holes > 0) {
         imported.made.grid->pruneGrid();
       }
@@ -441,7 +444,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
       step.grids.begin(), step.grids.end(),
       [](const Imported& imported) { return imported.level_set && imported.made.active == 0; });
   step.grids.clear();
-  if (is_empty) return;  // the only grid; a scene plays it as background
+  if (is_empty) return;  // a scene plays this only grid as background
   const auto refused = [&](const std::string& what, const std::string& refusal) {
     throw VolumeError(
         in, fmt::format("{} cannot be used in a scene ({})", what, refusal),
@@ -484,7 +487,8 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
   }
   BrickInput input = brickInput(makeVolume(*grid));
   grid.reset();
-  // Values may differ in the last digit between machines, so all ranks use the metadata of rank 0.
+  // Numbers in the metadata may differ in the last digit between machines, so all ranks use the
+  // metadata of rank 0.
   const ProcessGroup::Bytes text = group.gather(std::as_bytes(std::span(input.metadata))).front();
   input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
   (void)writeBricks(folder, input, options);
@@ -519,8 +523,10 @@ void addBodies(Step& step) {
     region.image = image.image;
     body->region->insertMeta(kMetaImportedFrom, openvdb::StringMetadata("image"));
     step.notes.push_back(
-        fmt::format("{}: this grid marks the region of the largest body for the scene; the hand "
-                    "does not feel {} other {}",
+        fmt::format("{0}: this grid marks the region of the largest body: the image has {1} other "
+                    "{2}, such as the table below a patient, and the scene's modes act only in "
+                    "this region; to feel all bodies, remove \"by\": \"{0}\" from the modes, and "
+                    "the factors of a \"product\" that have it",
                     body->region->getName(), body->left, body->left == 1 ? "body" : "bodies"));
     step.grids.push_back(std::move(region));
   }

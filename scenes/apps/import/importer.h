@@ -42,14 +42,14 @@ struct Imported {
   /// Whole number that was subtracted from the values (Array::value_offset).
   double value_offset = 0.0;
   std::optional<ResamplingError> resampling;
-  double voxel = 0.0;      ///< Edge after resampling; 0: not resampled.
-  double smoothing = 0.0;  ///< RMS of the changes by smoothing.
+  double voxel = 0.0;      ///< Edge of the cubes after resampling; 0: not resampled.
+  double smoothing = 0.0;  ///< RMS of the changes by smoothing, in `unit`.
   std::optional<LevelSet> level_set;
   /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled.
   /// No value for a mesh.
   std::optional<openvdb::CoordBBox> image;
-  /// The grid has all voxels of these bricks (BrickInput::share), so that they are written without
-  /// a copy of the grid. No value: the grid is copied.
+  /// Bricks all of whose voxels are in the grid (BrickInput::share), so that the importer writes
+  /// them without a copy of the grid. No value: the importer copies the grid.
   std::optional<Share> share;
 };
 
@@ -80,16 +80,17 @@ struct EarlierSteps {
   /// sequence has all frames.
   std::map<std::string, double> backgrounds;
   std::map<std::string, std::optional<double>> value_offsets;  ///< Array::value_offset.
-  bool has_empty = false;  ///< True after an empty level set. Only the first one gets a note.
+  /// True after an empty level set. Only the first empty level set gets a note.
+  bool has_empty = false;
 };
 
-/// Returns true if the values of a grid vary. Those of an empty level set do not.
+/// Returns true if a grid of the step has values that vary, or is a level set that is not empty.
 [[nodiscard]] bool hasContrast(const Step& step);
 
 /// Reads a step, makes its grids and sets their metadata. Leaves out constant scalars, unless
-/// --time is "all". Then a step without the surface of --iso gets an empty level set, except as
-/// bricks. If no grid remains, the notes say why. Throws Error. In a process group, each
-/// rank gets its part of an image's grid (Imported::share), and other grids completely.
+/// --time is "all". With --iso and --time all, a step without the surface gets an empty level set,
+/// except with --bricks. If no grid remains, the notes state the reason. Throws Error. In a process
+/// group, each rank gets its part of an image's grid (Imported::share), and other grids completely.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, ProcessGroup& group, EarlierSteps& earlier);
 

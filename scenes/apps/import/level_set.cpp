@@ -25,7 +25,7 @@ using openvdb::tools::BoxSampler;
 
 constexpr float kHalfWidth = 3.0F;  ///< [voxels]
 
-/// Passes on OpenVDB's progress, which arrives from any thread.
+/// Passes on the progress that OpenVDB reports from several threads.
 class Watcher final : public openvdb::util::NullInterrupter {
  public:
   explicit Watcher(const Progress& progress) : shared_(progress, 100) {}
@@ -39,7 +39,8 @@ class Watcher final : public openvdb::util::NullInterrupter {
   SharedProgress shared_;
 };
 
-/// Returns the fraction of the original surface's points at a voxel or more from the level set.
+/// Returns the fraction of the original surface's points whose distance from the level set's
+/// surface is at least a voxel.
 double lostPart(const std::vector<openvdb::Vec3s>& points, const openvdb::FloatGrid& surface) {
   const auto level = surface.getConstAccessor();
   const double edge = surface.voxelSize().x();
@@ -49,7 +50,8 @@ double lostPart(const std::vector<openvdb::Vec3s>& points, const openvdb::FloatG
   return static_cast<double>(lost) / static_cast<double>(std::max<std::size_t>(points.size(), 1));
 }
 
-/// Returns first-order distances between the surfaces where voxel edges cross the level set.
+/// Returns the first-order distances from the original isosurface, at the points where voxel edges
+/// cross the level set.
 std::vector<double> distances(const openvdb::FloatGrid& surface, const openvdb::FloatGrid& original,
                               double iso) {
   const auto level = surface.getConstAccessor();

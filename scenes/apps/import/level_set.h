@@ -11,7 +11,9 @@ struct LevelSet {
   openvdb::FloatGrid::Ptr grid;
   /// True if the solid is above the iso-value; false if below.
   bool solid_above = true;
-  /// Distance to the isosurface in the original's trilinear interpolation [voxels], to first order.
+  /// Distance of the level set's surface from the isosurface of the original, trilinearly
+  /// interpolated values [voxels], to first order: root mean square, and 99th percentile
+  /// (`p99_error`).
   double rms_error = 0.0;
   double p99_error = 0.0;
   std::uint64_t crossings = 0;
@@ -24,7 +26,8 @@ struct LevelSet {
 /// with the background is outside.
 ///
 /// The signs come from the values, so that cavities stay hollow. Throws VolumeError if there is no
-/// such surface, if all of it is thinner than the voxels, or if it needs too many voxels.
+/// such surface, if the whole solid is thinner than the voxels, or if the surface needs too many
+/// voxels.
 /// @param may_be_empty  True: without a surface, returns a level set without active voxels.
 [[nodiscard]] LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                                   const std::string& file, const Progress& progress,

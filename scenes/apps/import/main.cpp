@@ -292,7 +292,7 @@ void checkTogether(const Options& options) {
 
 /// Every rank checks options and files, which may differ between machines. One rank reports.
 int importTogether(const Options& options) {
-  // MPI may end a process by exit() without a message; then this one is printed.
+  // MPI may end a process by exit() without a message; palpate then prints this message.
   const Error silent("mpirun", "this rank stopped without a message",
                      "check the network between the machines, or import the file with one process");
   return runGuarded(
@@ -321,7 +321,7 @@ int importAlone(const Options& options) {
   });
 }
 
-/// Adds the options about how a file is read.
+/// Adds the options that control how a file is read.
 void addReading(CLI::App& app, Options& options) {
   Request& request = options.request;
   app.add_option("--series", request.series,
@@ -387,7 +387,7 @@ int main(int argc, char** argv) {
       "  palpate import dicom_folder/ ct.vdb --iso 300\n"
       "  palpate import flow.ex2 flow.vdb --field V --field Pres --voxel 0.1\n"
       "  palpate import mri.raw mri.vdb --raw '{\"size\":[128,128,84],\"type\":\"uint8\"}'");
-  // Of several ranks, only rank 0 reports errors in the options.
+  // If there are several ranks, only rank 0 reports errors in the options.
   const std::optional<int> rank = importer::rankByEnvironment();
   bool quiet = rank.value_or(0) != 0;
   try {
@@ -400,7 +400,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::Success& e) {
     return quiet ? cli::kDone : app.exit(e);
   } catch (const CLI::ParseError& e) {
-    // A nonzero status would let mpirun end the rank that reports.
+    // With a nonzero status, mpirun would end the rank that reports.
     if (quiet) return cli::kDone;
     cli::complain(fmt::format("usage: {}: see palpate import --help", e.what()));
   } catch (const Error& e) {

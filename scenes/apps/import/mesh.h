@@ -11,9 +11,9 @@
 
 namespace palpate::importer {
 
-/// Returns the cells that have a volume, are not hidden and have no hidden point; null if there are
-/// none. Splits cells in which VTK cannot locate a point, such as polyhedra, into tetrahedra.
-/// Throws VolumeError if cells refer to points that do not exist.
+/// Returns the cells that have a volume, are neither hidden nor duplicate, and have no hidden
+/// point; null if there are none. Splits all cells into tetrahedra if VTK cannot locate points in
+/// some of them, such as polyhedra. Throws VolumeError if cells refer to points that do not exist.
 [[nodiscard]] vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file,
                                                      std::vector<std::string>& notes);
 
@@ -23,7 +23,8 @@ namespace palpate::importer {
 ///                   coordinates.
 [[nodiscard]] bool isInsideCell(int type, const double parametric[3], double tolerance);
 
-/// Returns a mesh that can be resampled: VTK interpolates in the cell that contains a point.
+/// Returns a mesh that can be resampled. Its values at a place are VTK's interpolation in the cell
+/// that contains the place.
 [[nodiscard]] std::shared_ptr<const Mesh> meshOf(vtkDataSet* solid);
 
 }  // namespace palpate::importer

@@ -6,7 +6,7 @@
 #include <thread>
 #include <vector>
 
-// The headers then declare only MPI's C interface.
+// With these macros, MPI's headers declare only the C interface.
 #define OMPI_SKIP_MPICXX 1
 #define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
@@ -47,8 +47,8 @@ class MpiGroup final : public ProcessGroup {
       if (word.gives_up != 0) throw GroupEnded();
     }
     std::vector<Bytes> all(words.size());
-    // From here on, every rank must send the bytes that it has announced. A rank that fails loses
-    // its contact with the others.
+    // From here on, every rank must send the bytes that it has announced. If this rank fails, the
+    // others cannot continue with it.
     try {
       for (std::size_t r = 0; r < words.size(); ++r) {
         all[r].resize(words[r].bytes);
@@ -76,7 +76,7 @@ class MpiGroup final : public ProcessGroup {
   }
 
  private:
-  /// Sends data from one rank to all, in parts: MPI counts bytes by an int.
+  /// Sends data from one rank to all ranks, in parts of at most 1 GiB: MPI counts bytes by an int.
   void share(Bytes& bytes, int from) {
     constexpr std::uint64_t kMost = 1U << 30U;
     // wait() completes the request.

@@ -50,7 +50,7 @@ class NetcdfFile {
   [[nodiscard]] int dimensionNamed(const std::string& name) const;
   [[nodiscard]] int variableNamed(const std::string& name) const;
 
-  /// Returns true if the variable has the positions along a dimension.
+  /// Returns true if the values of the variable are the positions along a dimension.
   [[nodiscard]] bool isPositions(int variable) const;
   /// Returns all dimensions except time.
   [[nodiscard]] std::vector<int> spaceOf(int variable) const;
@@ -66,7 +66,8 @@ class NetcdfFile {
   /// Returns the positions along a dimension; indices from 0 if the file has no positions.
   [[nodiscard]] std::vector<double> positions(int d) const;
 
-  /// Throws VolumeError for more values than the file can hold at the best compression.
+  /// Throws VolumeError for more values than the file can contain at the best compression, or more
+  /// than kMostVoxels.
   void checkAbsurd(double values) const;
 
  private:

@@ -8,7 +8,8 @@
 namespace palpate::importer {
 namespace {
 
-/// Reads big-endian numbers. `ok` becomes false at the end of the file or for impossible numbers.
+/// Reads big-endian numbers. `ok` becomes false at the end of the file, or for numbers that no
+/// header can have.
 class Header {
  public:
   explicit Header(std::istream& in, int version) : in_(in), version_(version) {}

@@ -1,5 +1,6 @@
-/// Private to the importer: reads NRRD data with teem. It checks sizes first, because teem trusts
-/// the header, and decompresses gzip itself, because teem does not verify the checksum.
+/// Private to the importer: reads NRRD data with teem. This code checks sizes first, because teem
+/// does not compare the header with the size of the file. It also decompresses gzip, because teem
+/// does not verify the checksum.
 #pragma once
 
 #include <cstddef>
@@ -26,8 +27,9 @@ using NrrdFile = std::unique_ptr<std::FILE, CloseNrrdFile>;
 
 class NrrdData {
  public:
-  /// Checks, before memory is allocated, that the files can hold the header's values. Throws
-  /// VolumeError. The parsed header, `nrrd` and `state`, must outlive this object.
+  /// Checks, before memory is allocated, that the files are large enough for the values that the
+  /// header states. Throws VolumeError. The parsed header, `nrrd` and `state`, must outlive this
+  /// object.
   NrrdData(const Request& request, std::vector<NrrdPart> parts, Nrrd* nrrd, NrrdIoState* state);
 
   /// Reads the values [first, first + count) of all parts in sequence, in the byte order of this

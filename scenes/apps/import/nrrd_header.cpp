@@ -106,7 +106,7 @@ void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
                         kCorrectNrrdHeader);
     }
     header.lines.push_back(std::move(line));
-    // Debian's teem accepts the kind "3-gradient", but does not know its number of components.
+    // Debian's teem accepts the kind "3-gradient", but treats its number of components as unknown.
     std::string& taken = header.lines.back();
     const auto gradient = key == "kinds" ? taken.find("3-gradient") : std::string::npos;
     if (gradient != std::string::npos) taken.replace(gradient, 10, "3-vector");

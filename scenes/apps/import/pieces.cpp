@@ -34,7 +34,7 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
   const std::string given = name;
   constexpr std::size_t kLongest = 100;
   if (name.size() > kLongest) name.resize(kLongest);
-  // nlohmann-json throws if the name is not UTF-8. Then replaces all bytes beyond ASCII.
+  // nlohmann-json throws if the name is not UTF-8. In this case, replaces all bytes beyond ASCII.
   bool plain = true;
   try {
     (void)nlohmann::json(name).dump();
@@ -54,7 +54,8 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
   return name.empty() ? "density" : name;
 }
 
-/// Leaves out tensors of a mesh, because directions cannot be interpolated in a cell.
+/// Returns the arrays with valid names and with 1 or 3 components (makeReady). Leaves out tensors
+/// of a mesh, because directions cannot be interpolated in a cell.
 std::vector<Array> readyArrays(std::vector<Array> given, const Content& content, bool image,
                                std::vector<std::string>& notes) {
   std::vector<Array> arrays;

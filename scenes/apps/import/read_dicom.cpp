@@ -182,7 +182,7 @@ class Overheard {
     std::cerr.rdbuf(chat_);  // also clears error flags that writes without a buffer have set
   }
 
-  /// Returns the first line that reports damage, or "". Extraneous bytes are no damage.
+  /// Returns the first line that reports damage, or "". Extraneous bytes are not damage.
   [[nodiscard]] std::string damage() const {
     std::fflush(stderr);
     if (file_ == nullptr) return "";
@@ -236,7 +236,7 @@ class DicomReader final : public Reader {
                                      static_cast<int>(slices.size())};
     const Values stored = storedOf(slices);
 
-    // Takes only the values from vtkDICOMReader's output, which also leads to the patient's name.
+    // Takes only the values from vtkDICOMReader's output, which also has the patient's name.
     Content content;
     Piece image;
     image.size = size;
@@ -255,7 +255,8 @@ class DicomReader final : public Reader {
   }
 
  private:
-  /// Reads one file at a time: errors then name the file, and files may differ in pixel type.
+  /// Reads one file at a time, so that errors name the file. Throws VolumeError if files differ in
+  /// number or type of the pixels.
   Values storedOf(const std::vector<Slice>& slices) const {
     using Places = std::vector<std::size_t>;
     std::map<std::size_t, Places> of_file;
@@ -314,7 +315,7 @@ class DicomReader final : public Reader {
   Values bitsOf(std::size_t file, const std::vector<int>& frames, std::size_t plane) const {
     std::ifstream in(paths_[file], std::ios::binary);
     in.seekg(bits_at_[file]);
-    // The first item is a table of the others; each other item has one frame.
+    // The first item is a table of offsets; each other item has one frame.
     std::vector<std::string> items;
     std::array<unsigned char, 8> head{};
     while (in.read(reinterpret_cast<char*>(head.data()), head.size()) && head[0] == 0xfe &&
@@ -338,7 +339,8 @@ class DicomReader final : public Reader {
     return values;
   }
 
-  /// Omits names, numbers, dates, places and physicians, which could identify the patient.
+  /// Sets the description, the modality and the unit. Omits names, numbers, dates, places and
+  /// physicians, which could identify the patient.
   void describe(Content& content) const {
     content.description = head_.description;
     if (!head_.study.empty() && head_.study != head_.description) {
@@ -387,7 +389,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
     throw VolumeError(request.file.string(), "the DICOM file is compressed as a whole",
                       "unpack it, for example with gunzip");
   }
-  // A single file means its series, unless --series names another one.
+  // If the input is a file, imports the file's series, unless --series names another series.
   Request wanted = request;
   if (!is_folder && wanted.series.empty()) {
     const File file = headerOf(request.file);
@@ -415,7 +417,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::vector<File> files;
   files.reserve(paths.size());
   for (const fs::path& path : paths) files.push_back(headerOf(path));
-  // A damaged file without a series UID may belong to the requested series, so throws its error.
+  // A damaged file without a series UID may belong to the requested series, so its error is thrown.
   for (const File& file : files) {
     if (file.damage.empty() || (!file.series.empty() && file.is_image)) continue;
     throw VolumeError(file.path.string(), file.damage, file.remedy);

@@ -203,7 +203,7 @@ bool isCgns(const Request& request) {
   return reader->CanReadFile(request.file.c_str()) != 0;
 }
 
-/// Drops pressures and temperatures that VTK has derived wrongly: over 1 % are negative.
+/// Drops pressures and temperatures of which over 1 % are negative: VTK has derived them wrongly.
 void dropImpossible(Content& content) {
   constexpr double kFew = 0.01;
   for (Piece& piece : content.pieces) {

@@ -214,7 +214,7 @@ class Header {
     return !text({"BinaryData"}).empty() && !isTrue({"BinaryData"});
   }
 
-  /// Reads values as text. `where` begins the reason of an error.
+  /// Reads values as text. The reason of an error begins with `where`.
   void parse(std::istream& in, const std::string& where, const Values& values, std::size_t first,
              std::size_t count) const {
     visit(values, [&](auto* data) {

@@ -66,8 +66,8 @@ void placeImage(const Request& request, const NetcdfFile& file, const Variable& 
   }
 }
 
-/// Converts stored numbers to values. It maps the valid range linearly to the range from image-min
-/// to image-max, which may be given for the whole image, each slice or each row.
+/// Converts stored numbers to values. Maps the valid range linearly to the range from image-min to
+/// image-max, which a file states for the whole image, each slice or each row.
 class MincScale {
  public:
   MincScale(const Request& request, const NetcdfFile& file, int v) {

@@ -62,11 +62,11 @@ class Unpacking {
       low_ = range[0];
       high_ = range[1];
     }
-    // An attribute may have more digits than the variable's type can hold.
+    // An attribute may have more digits than a float, so rounds it like the variable's values.
     if (type_ == NC_FLOAT) {
       for (double& value : missing_) value = static_cast<double>(static_cast<float>(value));
     }
-    // Classic netCDF has no unsigned types, so an attribute says that values are unsigned.
+    // Classic netCDF has no unsigned types, so an attribute states that values are unsigned.
     const bool is_unsigned = file.text(v, "_Unsigned") == "true";
     const double bits = !is_unsigned        ? 0.0
                         : type_ == NC_BYTE  ? 8.0
@@ -272,7 +272,7 @@ class NetcdfReader final : public Reader {
                        [&](std::size_t a) { return file_.dimension(own[a]).centres >= 0; });
   }
 
-  /// Returns true if a variable gives the longitude or latitude of each point.
+  /// Returns true if a variable contains the longitude or latitude of each point of a level.
   [[nodiscard]] bool isCurved(int v, const Field& field) const {
     const std::vector<int>& own = dimensionsOf(field);
     const std::array plane{file_.centresOf(own[field.axes[0]]),

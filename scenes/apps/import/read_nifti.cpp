@@ -245,7 +245,8 @@ class NiftiReader final : public Reader {
     series_ = size[4] > 1;
     if (size[4] == 3 && size[5] == 1 &&
         (header_.intent == kVectorIntent || header_.intent == kDisplacementIntent)) {
-      // Some files store components as time steps; the intent code says that they are components.
+      // Some files store components as time steps, and state by the intent code that they are
+      // components.
       header_.size[5] = 3;
       header_.size[4] = 1;
       series_ = false;
@@ -284,7 +285,8 @@ class NiftiReader final : public Reader {
     notes_.push_back(std::string("components are read ") + kAsFsl);
   }
 
-  /// FSL stores fibre directions as three volumes, like a series. Their vectors have length 1 or 0.
+  /// Detects fibre directions, which FSL stores as three volumes, like a series: nearly all of the
+  /// vectors that are not zero have length 1.
   void findDirections() {
     if (!series_ || header_.size[4] != 3 || header_.size[5] != 1 || !request_.as.empty()) return;
     if (type_ != Type::kFloat32 && type_ != Type::kFloat64) return;
@@ -474,7 +476,7 @@ class NiftiReader final : public Reader {
     return map;
   }
 
-  /// Returns the axes of FSL's vectors: the file's voxel axes, with x mirrored if they are
+  /// Returns the axes of FSL's vectors: the file's voxel axes, with x mirrored if the axes are
   /// right-handed (fsl.fmrib.ox.ac.uk, "What conventions do the bvecs use?").
   static Mat3 fslFrame(const Affine& map) {
     Mat3 axes = map.linear;

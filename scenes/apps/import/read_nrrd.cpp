@@ -229,7 +229,8 @@ class NrrdReader final : public Reader {
         const int kind = axisAt(a).kind;
         if (kind == nrrdKindSpace || kind == nrrdKindDomain) space.push_back(a);
       }
-      // Old files have no kinds. Their fourth axis is either of components or a series.
+      // Old files have no kinds. If they have four axes, one of these is a list of components or a
+      // series.
       if (space.empty()) space = guess();
     }
     if (space.size() < 3) {
@@ -450,7 +451,8 @@ class NrrdReader final : public Reader {
       for (int& c : order) c += skip;
       if (symmetric || skip > 0) values = picked(values, order);
     }
-    // measurementFrame consists of columns: M(row, column) is measurementFrame[column][row].
+    // teem stores the columns of the measurement frame: M(row, column) is
+    // measurementFrame[column][row].
     Mat3 M = Mat3::Identity();
     const auto& frame = nrrd_->measurementFrame;
     if (nrrd_->spaceDim >= 3 && AIR_EXISTS(frame[0][0])) {

@@ -65,7 +65,8 @@ double cellsOf(const std::string& extent) {
          (static_cast<double>(e[5]) - e[4]);
 }
 
-/// Throws unless the pieces of a file cover its extent: VTK would not initialize the other memory.
+/// Throws unless the pieces of a file cover its extent: VTK would leave the other values
+/// uninitialized.
 void checkPieces(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::regex whole_extent("WholeExtent=\"([^\"]*)\"");
@@ -128,7 +129,8 @@ std::filesystem::path listedFile(const Request& request, const std::string& name
   return file;
 }
 
-/// Returns the files that a collection (.pvd) lists. Those with the same time are parts of a step.
+/// Returns the files that a collection (.pvd) lists. Files with the same time are parts of one
+/// step.
 TimedFiles filesOfCollection(const Request& request) {
   const auto refuse = [&](const std::string& why, const std::string& remedy) {
     throw VolumeError(request.file.string(), why, remedy);

@@ -1,4 +1,4 @@
-/// The result that all readers of the importer give: arrays, and the positions of their values.
+/// The result of all readers of the importer: arrays, and the positions of their values.
 #pragma once
 
 #include <array>
@@ -36,7 +36,7 @@ struct Array {
   std::string name;
   Values values;
   std::string unit;    ///< Unit of the values; empty: not known.
-  std::string given;   ///< Name in the file, if several arrays have this name.
+  std::string given;   ///< `name` without the number that makes it unique; set by makeReady().
   bool axial = false;  ///< True if vectors v and -v mean the same, as for fibres.
   /// True if a scalar's doubles are whole numbers in the file.
   bool whole = false;
@@ -51,17 +51,18 @@ struct Resampled;
 
 /// Suggested edges of cubic voxels for a mesh, in the file's unit.
 struct SuggestedVoxel {
-  /// `by_cell`, or a larger edge so that there are at most kVoxelsPerPoint voxels per point of the
-  /// mesh. 33 x 33 x 33 voxels are always allowed.
+  /// `by_cell`, or the larger edge that limits the voxels to kVoxelsPerPoint per point of the mesh.
+  /// 33 x 33 x 33 voxels are always allowed.
   double edge = 0.0;
-  /// Half the edge of a cube with the median volume of the cells' bounding boxes, so that there are
-  /// 32 to 512 voxels along the mesh's longest side; without volumes, 64 voxels.
+  /// Half the edge of a cube with the median volume of the cells' bounding boxes, limited to 32 to
+  /// 512 voxels along the mesh's longest side. For a mesh without cells: the edge for 64 voxels.
   double by_cell = 0.0;
-  double voxels_by_cell = 0.0;
+  double voxels_by_cell = 0.0;  ///< Estimated number of voxels in the mesh with `by_cell`.
 };
 
-/// Largest number of voxels per point of a mesh. Equal cells need 8. If most cells are small cells
-/// at a wall, half their edge would give hundreds, which the large cells do not need.
+/// Largest number of voxels per point of a mesh. A mesh of equal cells needs 8. If most cells are
+/// small cells at a wall, half their edge would need hundreds, which are useless in the large
+/// cells.
 inline constexpr double kVoxelsPerPoint = 16.0;
 
 class Mesh {
@@ -123,8 +124,8 @@ struct Request {
   std::filesystem::path solution;  ///< For PLOT3D: solution file of the grid file.
   std::string raw;                 ///< Layout of a file without header: JSON, or the path of JSON.
   std::string series;              ///< For DICOM: number, UID or description of the series.
-  /// Meaning of a series of 3 or 6 steps: "vector" or "tensor"; empty: time steps. "displacement":
-  /// vectors as ITK writes them, along LPS; a reader converts them as it converts positions.
+  /// Meaning of 3 or 6 steps or channels: "vector" or "tensor"; empty: steps are time steps.
+  /// "displacement": vectors as ITK writes them, along LPS, which a reader converts like positions.
   std::string as;
   bool follow = false;  ///< True: a header may name data files outside its folder.
   Progress progress;
@@ -153,10 +154,10 @@ class Reader {
                                               Content (*read)(const Request&));
 
 /// Detects the format by the first bytes, otherwise by the name, and opens the file. If the file
-/// cannot be imported, throws VolumeError, which names the format.
+/// cannot be imported, throws VolumeError, which names the format if it is known.
 [[nodiscard]] std::unique_ptr<Reader> openAny(const Request& request);
 
-// Each function opens files of some formats. Throws VolumeError for invalid files.
+// Each function opens files of some formats, and throws VolumeError for an invalid file.
 
 /// Opens a DICOM series, given by one of its files or by a folder.
 [[nodiscard]] std::unique_ptr<Reader> openDicom(const Request& request);

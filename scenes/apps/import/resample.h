@@ -7,13 +7,14 @@
 
 namespace palpate::importer {
 
-/// Errors of trilinear interpolation after resampling, divided by the range of the values. Compares
-/// with a mesh's own interpolation, at random points, or with an image's voxels.
+/// Errors of trilinear interpolation after resampling, divided by the range of the values. The
+/// reference is the mesh's own interpolation at random points, or the values of the image's voxels.
 struct ResamplingError {
   double rms = 0.0;
   double largest = 0.0;
   std::uint64_t points = 0;  ///< Number of points whose 8 surrounding voxels all have data.
-  /// Errors in the outermost voxel of a mesh, which depend on the background too.
+  /// Errors at points of a mesh of which only some of the 8 surrounding voxels have data. These
+  /// errors depend on the background too.
   double edge_rms = 0.0;
   double edge_largest = 0.0;
   std::uint64_t edge_points = 0;

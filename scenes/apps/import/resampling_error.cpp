@@ -18,7 +18,7 @@ Differences compareAt(const Piece& image, const Array& array, const GridT& grid)
   const int components = array.values.components();
   const auto row = static_cast<std::size_t>(image.size[0]);
   const auto rows = static_cast<std::size_t>(image.size[1]);
-  // Of a large image, takes only voxels at regular intervals.
+  // In a large image, compares only voxels at regular intervals.
   const std::size_t count = array.values.tuples();
   const std::size_t stride = count / 200000 + 1;
   for (std::size_t point = 0; point < count; point += stride) {

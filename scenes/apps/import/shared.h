@@ -45,7 +45,8 @@ class Shared {
   ProcessGroup* group_;
 };
 
-/// The result shares the memory of `values`.
+/// Returns the part of `values` for the slices. `values` has a tuple for each point of
+/// image.slices(). The result shares the memory of `values`.
 [[nodiscard]] Values slicesOf(const Piece& image, const Values& values, const Slab& slices);
 
 }  // namespace palpate::importer

@@ -7,7 +7,8 @@
 
 namespace palpate::importer {
 
-/// Reports the total progress of several threads. If a thread is reporting, others do not wait.
+/// Reports the total progress of several threads. If a thread is reporting, the reports of other
+/// threads are dropped, so that they do not wait.
 class SharedProgress {
  public:
   SharedProgress(const Progress& progress, int steps) : progress_(progress), steps_(steps) {}

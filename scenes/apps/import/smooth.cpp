@@ -152,7 +152,7 @@ Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
 
 Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
                      const std::string& file, const Progress& progress, const Shared& shared) {
-  // Frees the original when it is converted to floats: an array may need most of the memory, so
+  // Replaces the original by floats, and so frees it: an array may need most of the memory, so that
   // only one copy is possible.
   array.values = floatsOf(array.values);
   const Values original = array.values;

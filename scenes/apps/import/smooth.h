@@ -13,13 +13,14 @@ struct Smoothed {
   double range = 0.0;  ///< Highest minus lowest value; for vectors, the greatest magnitude.
 };
 
-/// Smooths the array along i, j and k in turn, up to three standard deviations, and converts it to
-/// floats. At the image's edges, the weights are scaled to the sum 1. Needs memory for one copy.
-/// Throws VolumeError for hidden values, and for values that are not finite.
+/// Converts the array to floats, and smooths it along i, j and k in turn with a Gaussian that is
+/// cut off at three standard deviations. At the image's edges, the weights are scaled to the sum 1.
+/// Needs memory for one copy. Throws VolumeError for hidden values, and for values that are not
+/// finite.
 ///
 /// In a process group, a rank's slices are correct only if smoothingReach() more slices on each
 /// side are in memory. The returned changes are those of all ranks.
-/// @param width  Standard deviation; in the file's unit, the same length along each axis.
+/// @param width  Standard deviation. A width in the file's unit is the same length on each axis.
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,
                                    const std::string& file, const Progress& progress = nullptr);
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, const SmoothWidth& width,

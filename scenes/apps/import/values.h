@@ -31,8 +31,8 @@ using Loss = std::string;
 /// The most serious loss: values become missing. All other losses only round values.
 inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are read as missing";
 
-/// Tuples of numbers of one type. Copies share the memory. Stores the message about losses when it
-/// is converted to float, so that every reader reports them.
+/// Tuples of numbers of one type. Copies share the memory. A conversion to floats stores its
+/// message about losses in the result, so that every reader reports the losses.
 class Values {
  public:
   Values() = default;
@@ -54,7 +54,8 @@ class Values {
   }
 
   [[nodiscard]] void* data() const { return data_.get(); }
-  /// Returns the value that the type's lowest integer had after `rescaled`; NaN: not scaled.
+  /// Returns the value of the stored type's lowest integer after rescaled(). NaN unless rescaled()
+  /// has scaled signed integers of at least 2 bytes.
   [[nodiscard]] double lowestCode() const { return lowest_code_; }
   void setLowestCode(double value) { lowest_code_ = value; }
 
@@ -76,7 +77,7 @@ class Values {
   double lowest_code_ = std::numeric_limits<double>::quiet_NaN();
 };
 
-/// Calls f with a pointer to the numbers, whose type is theirs.
+/// Calls f with a pointer to the numbers that has their type, such as std::int8_t*.
 template <class F>
 auto visit(const Values& values, F&& f) {
   switch (values.type()) {
@@ -104,7 +105,8 @@ auto visit(const Values& values, F&& f) {
   return f(values.as<double>());
 }
 
-/// Returns the loss if slope * value + offset is converted to float; if none, the earlier loss.
+/// Returns the earlier loss of `values`; if there is none, the loss of converting slope * value +
+/// offset to floats.
 [[nodiscard]] Loss floatLoss(const Values& values, double slope = 1.0, double offset = 0.0);
 
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each);

@@ -67,7 +67,7 @@ bool weighAt(const Vec3d& p, Worker& worker) {
   const int found =
       worker.cell->EvaluatePosition(x, closest, part, parametric, distance2, worker.weights.data());
   if (found < 0 || !isInsideCell(worker.cell->GetCellType(), parametric, kOutside)) return false;
-  // Just outside a cell, VTK does not compute the weights for all types of cells.
+  // Slightly outside a cell, VTK computes the weights only for some types of cells.
   if (found == 0) worker.cell->InterpolateFunctions(parametric, worker.weights.data());
   return true;
 }
@@ -377,7 +377,7 @@ class MeshResampler {
     locator_->FindCellsWithinBounds(box, worker.candidates);
     std::vector<Sheet::Leaf> here;
     if (worker.candidates->GetNumberOfIds() == 0) return here;
-    // the first of several cells is then the same for every locator
+    // sorts, so that the choice among several cells at a voxel does not depend on the locator
     worker.candidates->Sort();
 
     openvdb::util::NodeMask<3> taken;
@@ -430,7 +430,7 @@ class MeshResampler {
     }
     grid->setTransform(transform_->copy());
     takeRange(*grid, one.made);
-    // A typical value, because interpolation beside voxels without data reads the background.
+    // Sets the background to a typical value, which interpolation beside voxels without data reads.
     if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
       one.made.background = edgeValue(*grid);
       openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));

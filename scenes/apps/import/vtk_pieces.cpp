@@ -56,7 +56,7 @@ Affine mapOf(vtkImageData* image) {
     }
     map.origin[row] = matrix->GetElement(row, 3);
   }
-  // The first point need not have the index 0.
+  // The first point may have an index other than 0.
   const int* extent = image->GetExtent();
   map.origin += map.linear * Vec3(extent[0], extent[2], extent[4]);
   return map;
@@ -89,7 +89,7 @@ bool isNumbering(vtkDataSetAttributes* attributes, vtkDataArray* array) {
   return array == attributes->GetGlobalIds() || array == attributes->GetPedigreeIds();
 }
 
-/// Rejects arrays of a wrong length: VTK would read beyond the end of a short one.
+/// Rejects arrays of a wrong length: VTK would read beyond the end of a short array.
 void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::string& file) {
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = attributes->GetArray(a);

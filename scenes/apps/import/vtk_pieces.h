@@ -19,7 +19,7 @@ namespace palpate::importer {
 /// Rectilinear and curvilinear grids become images if their points form an even lattice. The cell
 /// values of an image become a second image, at the centres of the cells. The cell values of a mesh
 /// are averaged to its points. All meshes are joined. Adds notes about conversions and omitted
-/// arrays. Throws VolumeError for data without a volume.
+/// arrays. Throws VolumeError for data without a volume, and for arrays of a wrong length.
 [[nodiscard]] std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
                                           std::vector<std::string>& notes);
 

@@ -34,7 +34,7 @@ std::string shortened(const std::string& text) {
                           out.back() == '.' || out.back() == '!')) {
     out.pop_back();
   }
-  // Replaces other than printable ASCII characters: the message may quote a damaged file.
+  // Replaces all characters other than printable ASCII: the message may quote a damaged file.
   for (char& c : out) {
     if (c < 0x20 || c > 0x7e) c = '?';
   }
@@ -46,7 +46,7 @@ std::string shortened(const std::string& text) {
   return out;
 }
 
-/// Receives VTK's messages, also those of nested readers, which have no observer.
+/// Receives VTK's messages, including those of nested readers, to which no observer can be added.
 class Ear final : public vtkOutputWindow {
  public:
   static Ear* New() {

@@ -95,7 +95,7 @@ double wholeOffset(const Array& array, double lowest, double highest) {
   const double rounding =
       std::floor(2.0 * (std::nextafter(most, std::numeric_limits<double>::infinity()) - most));
   if (highest - lowest + rounding > kFloatWhole) return 0.0;
-  return std::min(lowest, std::nextafter(std::exp2(64.0), 0.0));  // 2^64 is no 64-bit integer
+  return std::min(lowest, std::nextafter(std::exp2(64.0), 0.0));  // 2^64 itself needs 65 bits
 }
 
 Loss wholeLoss(double lowest, double highest) {

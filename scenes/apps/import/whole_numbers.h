@@ -1,4 +1,5 @@
-/// Subtracts an offset from whole numbers too large for floats, to keep differences exact.
+/// Subtracts an offset from whole numbers that are too large for floats, to keep their differences
+/// exact.
 #pragma once
 
 #include <cmath>
@@ -37,8 +38,8 @@ template <class T>
 [[nodiscard]] Loss wholeLoss(double lowest, double highest);
 
 /// Subtracts the offset of a scalar if it needs one (Array::value_offset).
-/// @param series  Offset of this array in the earlier steps, which all steps must share. No value
-///                at the first step: the function sets it.
+/// @param series  Offset of this array in the earlier steps, which all steps must share. At the
+///                first step, `series` has no value, and the function sets it.
 /// @param shared  Process group. All ranks find the same offset.
 void subtractOffset(Array& array, std::optional<double>& series, const Shared& shared);
 

@@ -21,8 +21,9 @@ struct WrfGrid {
 };
 
 /// Returns the grid of a file with WRF's dimensions; no value for other files, or if the spacing is
-/// unknown. The spacing is DX and DY, otherwise the mean distance of points by XLAT and XLONG.
-/// Heights are those of the geopotential PH + PHB. Throws VolumeError if the file is damaged.
+/// unknown. The spacing is that of the attributes DX and DY, otherwise the mean distance between
+/// neighbouring points at XLAT and XLONG. A height is the geopotential PH + PHB divided by the
+/// gravity of WRF. Throws VolumeError if the file is damaged.
 [[nodiscard]] std::optional<WrfGrid> wrfGridOf(const NetcdfFile& file);
 
 }  // namespace palpate::importer

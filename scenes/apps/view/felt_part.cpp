@@ -10,15 +10,15 @@
 namespace palpate::view {
 namespace {
 
-/// Moves a vertex by one Newton step towards the surface: the mesh is coarser than the data, and a
-/// mask may end close to the surface.
+/// Returns a vertex after one Newton step towards the surface: the mesh is coarser than the data,
+/// and a mask may end close to the surface.
 Vec3 onSurface(const ScalarField& field, FieldCache& cache, double level, const Vec3& p) {
   const ScalarSample sample = field.sample(p, cache);
   const double slope = sample.gradient.squaredNorm();
   const FieldFrame& frame = field.frame();
   if (!sample.inside || !(slope > 0.0)) return p;
   const Vec3 step = (level - sample.value) / slope * frame.metres_per_unit * sample.gradient;
-  // A farther place cannot be the surface of this vertex.
+  // Ignores a longer step, which would lead to another part of the surface.
   constexpr double kVoxels = 8.0;
   return step.norm() < kVoxels * frame.voxel ? Vec3(p + step) : p;
 }

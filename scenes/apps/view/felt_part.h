@@ -20,7 +20,8 @@ struct Mask {
 
 /// Returns a text that differs for different masks.
 [[nodiscard]] std::string textOf(const std::vector<Mask>& masks);
-/// Returns a surface of `field` without the parts where a mask is zero or has no data.
+/// Returns the surface of `field` at the value `level` without the parts where a mask is zero or
+/// has no data.
 [[nodiscard]] vtkSmartPointer<vtkPolyData> feltPart(vtkPolyData& surface, const ScalarField& field,
                                                     double level, const std::vector<Mask>& masks);
 

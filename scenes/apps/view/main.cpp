@@ -55,7 +55,8 @@ void stepBack() {
 }
 
 /// Makes this process end before the loop if memory runs out: raises its OOM score, and limits its
-/// memory to `most` [bytes]. If `most` is not positive, the limit is the available memory.
+/// memory to `most` [bytes]. If `most` is not positive, the limit is the memory that is available
+/// now.
 void takeNoMore(double most) {
   std::ofstream("/proc/self/oom_score_adj") << 1000;
   std::ifstream info("/proc/meminfo");
@@ -142,7 +143,8 @@ int run(int argc, char** argv) {
   const bool still = !picture.empty();
   const int loops = still ? -1 : loopsCore();
   stepAside(loops);
-  // Precedes the limit of memory, under which a graphics driver would report no display.
+  // This call precedes takeNoMore(): under a limit of memory, a graphics driver would report no
+  // display.
   view::needDisplay(still);
   vtkObject::GlobalWarningDisplayOff();
   needOpenGL();

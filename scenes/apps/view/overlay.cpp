@@ -180,7 +180,7 @@ void Overlay::show(const LiveTick& tick) {
         put(actor, kArrow, load.primitive.position, along, 0.6 * ball_size, 0.6 * ball_size);
         break;
       case PrimitiveKind::kLine:
-        // Draws only the part of the line that is near the proxy; for a plane likewise.
+        // Draws only the parts of lines and planes that are near the proxy.
         put(actor, kCylinder, load.primitive.position + along.dot(from) * along, along,
             0.16 * size_, 0.2 * ball_size);
         break;

@@ -24,7 +24,7 @@ constexpr Colour kTrack{0.22, 0.24, 0.27};
 constexpr double kMargin = 14.0;
 constexpr double kInner = Panel::kWidth - 2.0 * kMargin;
 
-/// Formats a number without an exponent; below 0.001 it becomes 0.
+/// Formats a number without an exponent. Magnitudes below 0.001 become 0.
 std::string brief(double value) {
   const double size = std::abs(value);
   return size < 1e-3 || size >= 100.0 ? fmt::format("{:.0f}", value) : fmt::format("{:.3g}", value);
@@ -244,7 +244,7 @@ void Panel::show(const Content& content, double height) {
   double y = height - 26.0;
   for (const std::string& words : content.status) {
     const bool first = &words == &content.status.front();
-    constexpr std::size_t kLetters = 42;  // Characters in a line of the panel
+    constexpr std::size_t kLetters = 42;  // characters in a line of the panel
     for (std::size_t at = 0; at < words.size();) {
       std::size_t end = std::min(words.size(), at + kLetters);
       if (end < words.size()) {

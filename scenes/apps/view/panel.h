@@ -1,4 +1,5 @@
-/// The panel beside the picture: load and strength of each mode, plots, and the state of the loop.
+/// Draws the panel beside the picture: load and strength of each mode, plots, and the state of the
+/// loop.
 #pragma once
 
 #include <array>

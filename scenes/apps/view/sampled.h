@@ -18,7 +18,8 @@ namespace palpate::view {
 /// data are missing; their magnitudes have the name "value".
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const VectorField& field, Along along,
                                                     int most);
-/// Returns the 2nd and 99.5th percentile of the values; if equal, the second plus 1.
+/// Returns the 2nd and the 99.5th percentile of the values. If these are equal, the second is
+/// increased by 1.
 [[nodiscard]] std::pair<double, double> usual(vtkImageData& image);
 
 }  // namespace palpate::view

@@ -42,7 +42,7 @@ namespace {
 constexpr int kCoarsePoints = 80;
 constexpr int kPoints = 176;
 constexpr int kFinePoints = 320;
-constexpr double kPointsPerVoxel = 4.0;  ///< More points would show no more of the data.
+constexpr double kPointsPerVoxel = 4.0;  ///< more points would not show more details of the data
 constexpr int kCloudPoints = 112;
 constexpr int kStreamPoints = 64;
 constexpr std::size_t kMostClouds = 2;
@@ -109,12 +109,13 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
-/// Returns the masks of an isosurface. They move with the surface, and do not play or stream.
+/// Returns the masks of an isosurface, except masks that move in another way than the surface, play
+/// or stream.
 std::vector<Mask> masksOf(const Graph& graph, const IsosurfaceMode& mode) {
   const auto surface = static_cast<std::size_t>(mode.skin.field);
   std::vector<Mask> masks;
   for (const Transfer::Factor& factor : mode.strength.factors) {
-    // A factor that the surface's own value sets is the same on all of the surface.
+    // Skips a factor that the surface's own value sets, because it is equal on the whole surface.
     const int read = factor.scalar == mode.skin.value ? -1 : scalarFieldOf(graph, factor.scalar);
     if (read < 0) continue;
     const auto by = static_cast<std::size_t>(read);
@@ -377,7 +378,8 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   scaled->SetOutputScalarTypeToUnsignedShort();
   scaled->ClampOverflowOn();
   scaled->Update();
-  // The opacity follows the mode's strength if this depends on the value, and otherwise the value.
+  // The opacity follows the mode's strength if the strength depends on the value, and otherwise the
+  // value.
   const auto strong = [&](double value) {
     double product = 1.0;
     bool follows = false;

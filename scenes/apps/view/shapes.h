@@ -34,7 +34,7 @@ inline constexpr Colour kForce{0.80, 0.47, 0.65};
 class Shapes {
  public:
   /// Reads all fields, which takes one or two seconds. If `fine`, for still pictures, surfaces have
-  /// eight times as many triangles. Draws only the first kMostParts parts.
+  /// eight times as many triangles. Draws only the first kMostParts parts of the scene.
   Shapes(const BuiltScene& built, bool fine);
 
   static constexpr std::size_t kMostParts = 48;
@@ -118,7 +118,8 @@ class Shapes {
   std::vector<Letter> letters_;
   std::vector<Level> levels_;
   std::vector<std::string> notes_;
-  std::vector<std::string> known_;  ///< Shapes that were drawn, so that none is drawn twice.
+  /// Keys of the shapes that were drawn, so that no shape is drawn twice.
+  std::vector<std::string> known_;
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;

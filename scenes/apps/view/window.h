@@ -65,7 +65,7 @@ class ViewWindow {
 
   void frame();
   void refresh();
-  void takeAgain();  ///< Starts to read a changed scene, or shows it once it is read.
+  void takeAgain();  ///< Starts to read a changed scene, or shows the scene that was read.
   void showHand();
   /// Returns the bounds of the drawn hand, limited so that depths remain accurate.
   [[nodiscard]] vtkBoundingBox hand() const;
@@ -99,8 +99,9 @@ class ViewWindow {
   void withdraw();  ///< Resets requested gains that the loop has rejected.
 
   LiveBlock& block_;
-  bool again_ = false;  ///< The scene file may have changed and must be checked.
-  std::future<std::unique_ptr<Shapes>> reading_;  ///< The destructor waits for it.
+  bool again_ = false;  ///< True if the scene file may have changed and must be checked.
+  /// A changed scene that is being read; the destructor waits for it.
+  std::future<std::unique_ptr<Shapes>> reading_;
   std::unique_ptr<Shapes> shapes_;
   Options options_;
   vtkSmartPointer<vtkOpenGLRenderWindow> window_;

@@ -46,7 +46,7 @@ void ViewWindow::dial(float factor) {
   if (turned == end) return;
   float& dial = turned->factor;
   if (factor == 0.0F) {
-    // Switches the mode off, or restores the gain that it had before.
+    // Switches the mode off, or restores the gain from before the mode was switched off.
     const auto [before, fresh] = before_off_.try_emplace(turned->mode, 1.0F);
     if (dial != 0.0F) before->second = dial;
     dial = dial == 0.0F ? before->second : 0.0F;

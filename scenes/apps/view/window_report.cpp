@@ -115,7 +115,7 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
 }
 
 void ViewWindow::tell(const std::string& shot, const std::string& told_file) {
-  // Renames a file when it is complete, so that a reader never finds an incomplete one.
+  // Renames a file when it is complete, so that a reader never finds an incomplete file.
   if (!shot.empty()) {
     write(shot + ".partial", true);
     std::filesystem::rename(shot + ".partial", shot);

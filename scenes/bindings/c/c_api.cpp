@@ -63,14 +63,14 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path
   return spec;
 }
 
-/// Publishes the scene only after it is complete.
+/// Builds a scene. Publishes only a complete scene.
 void load(palpate_hand& hand, const std::filesystem::path& path) {
   auto scene = palpate::buildScene(specFor(hand, path)).scene;
   hand.path = palpate::absolutePlace(path);
   hand.servo.publish(std::move(scene));
 }
 
-/// Checks only the limits of the coupling; the servo checks those of the force.
+/// Checks only the limits of the coupling; the servo checks the limits of the force.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   if (!(arm.max_stiffness > 0.0)) {
     throw palpate::DeviceError("arm", "max_stiffness is not above 0 N/m",
@@ -91,7 +91,8 @@ palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   return info;
 }
 
-/// `real`: the host ticks in real time.
+/// Creates a hand and loads its scene. Returns null, and writes the error line, if this fails.
+/// `real` is true if the host ticks in real time.
 palpate_hand* loadHand(const char* path, const palpate_arm* arm, double rate, bool real,
                        char* error, size_t size) {
   std::unique_ptr<palpate_hand> hand;

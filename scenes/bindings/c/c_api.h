@@ -1,10 +1,10 @@
 /** The C99 interface of palpate, for host programs in any language: a scene and a hand in it. Link
  *  the library palpate_c.
  *
- *  Units are metres, seconds and newtons. The axes are right-handed; z points up if it does in the
- *  volume. The servo loop of the host calls palpate_tick with the position of its arm, and sends
- *  the returned force to the arm. A function that fails writes one line (what, why, remedy) to the
- *  buffer of the caller, shortened to its size.
+ *  Units are metres, seconds and newtons. The axes are right-handed; z points up if the z axis of
+ *  the volume points up. The servo loop of the host calls palpate_tick with the position of its
+ *  arm, and sends the returned force to the arm. A function that fails writes one line (what, why,
+ *  remedy) to the buffer of the caller, shortened to the size of the buffer.
  */
 #ifndef PALPATE_SCENES_C_API_H
 #define PALPATE_SCENES_C_API_H
@@ -22,7 +22,7 @@ typedef struct palpate_arm {
   double slew;          /**< Largest growth of the force [N/s], > 0. */
   double max_stiffness; /**< Largest stable stiffness of a coupling [N/m], > 0. */
   double max_damping;   /**< Largest stable damping of a coupling [N s/m], >= 0. */
-  int hand;             /**< Not 0: a hand may hold the arm; watch it and engage slowly. */
+  int hand;             /**< Not 0: a hand may hold the arm: the force then engages slowly. */
 } palpate_arm;
 
 /** The result of one tick. */
@@ -42,21 +42,23 @@ const char* palpate_version(void);
 /** Returns limits that every desktop arm can render, with `hand` set: 3.3 N, 500 N/m. */
 palpate_arm palpate_weakest_arm(void);
 
-/** Loads a scene file, a .vdb file or a folder of .vdb files. Slow: loads volumes.
+/** Loads a scene file, a .vdb file, or a folder of .vdb files or bricks. Slow: loads volumes.
  *  @param arm    Limits of the arm; the function copies them.
  *  @param rate   Ticks per second that the host will run [Hz], 10 to 100000.
  *  @param error  Receives the error line if the call fails; may be null.
+ *  @param size   Size of `error` with the terminating zero [bytes].
  *  @return       The hand, which palpate_unload frees; null if the call fails. */
 palpate_hand* palpate_load(const char* path, const palpate_arm* arm, double rate, char* error,
                            size_t size);
 
 /** Like palpate_load, for a host that ticks in virtual time, as a simulation or a test does: the
- * time that palpate_tick takes on this machine does not count. All other faults stay, such as a
- * large `dt`. Only for a simulated arm: on a real arm, a force that comes too late must be cut. */
+ *  time that palpate_tick takes on this machine does not count. All other faults stay, such as a
+ *  large `dt`. Use this function only with a simulated arm: on a real arm, a force that comes too
+ *  late must be cut. */
 palpate_hand* palpate_load_virtual(const char* path, const palpate_arm* arm, double rate,
                                    char* error, size_t size);
 
-/** Loads another scene for the same hand. The present scene stays active until the new one is
+/** Loads another scene for the same hand. The present scene stays active until the new scene is
  *  complete, and also if the call fails. Another thread may call palpate_tick at the same time.
  *  Call this function from the thread that called palpate_load.
  *  @return  0, or -1 if the call fails. */
@@ -71,7 +73,7 @@ void palpate_unload(palpate_hand* hand);
  *  @param position  Position of the hand [m]. If it is the same to the last bit for more than half
  *                   a second, the encoders count as no longer read, and the force fades.
  *  @param age       Age of the position [s]; 0 if unknown. More than 50 ms is a fault.
- *  @param dt        Time since the last tick [s]. It is a fault if this exceeds the period by more
+ *  @param dt        Time since the last tick [s]. It is a fault if `dt` exceeds the period by more
  *                   than 5 ms and by more than three periods. It is also a fault if time does not
  *                   advance for that long, or if this call takes that long (except after
  *                   palpate_load_virtual).
@@ -80,9 +82,9 @@ void palpate_unload(palpate_hand* hand);
 int palpate_tick(palpate_hand* hand, const double position[3], double age, double dt,
                  palpate_felt* felt);
 
-/** Cuts the force from the next tick on, until palpate_clear. Any thread may call this. */
+/** Cuts the force from the next tick on, until palpate_clear. Any thread may call palpate_cut. */
 void palpate_cut(palpate_hand* hand);
-/** After a fault, lets the force grow again slowly. Any thread may call this. */
+/** After a fault, lets the force grow again slowly. Any thread may call palpate_clear. */
 void palpate_clear(palpate_hand* hand);
 /** Returns the meaning of a fault and its remedy; "" for 0 and for an unknown number. */
 const char* palpate_fault_words(int fault);

@@ -12,7 +12,7 @@
 
 namespace palpate::python {
 
-/// Returns the limits of the device `path`, which every hand of a script has.
+/// Returns the description of the device `path`. Its limits apply to every hand of a script.
 [[nodiscard]] DeviceInfo pathInfo();
 
 /// The hand of a script in a scene. Each call of step() runs one tick.
@@ -20,10 +20,11 @@ class Hand {
  public:
   Hand(std::shared_ptr<const Scene> scene, const PlayParams& play, double rate);
 
-  /// Runs a tick with the probe at x, y, z [m], and returns the force [N]. Throws DeviceError.
+  /// Runs a tick with the probe at x, y, z [m], and returns the force [N]. `play` is the play time
+  /// [s]; if unset, the scene's playback advances by one tick. Throws DeviceError.
   std::tuple<double, double, double> step(double x, double y, double z, std::optional<double> play);
-  /// Moves the playback of sequences to a time [s] for the next step() that does not set it. As a
-  /// jump of play, it fades. Throws DeviceError.
+  /// Moves the playback of sequences to a time [s]. The next step() without `play` continues from
+  /// this time. The data fade in, as after each jump of play. Throws DeviceError.
   void seek(double seconds);
   void clear() { state_.clearFault(); }
 

@@ -20,7 +20,7 @@ using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 /// Returns three finite numbers as a vector. Throws Error, which names the argument `what`.
 [[nodiscard]] Vec3 vectorOf(const Doubles& values, const char* what);
 
-// Each function registers a part of the module. Later parts use the types of earlier ones.
+// Each function registers a part of the module. Later parts use the types of earlier parts.
 void bindErrors(py::module_& m);
 /// Registers functions that wait for this module's threads when Python ends.
 void registerEnd();

@@ -37,7 +37,8 @@ class Rows final : public TickSink {
   std::vector<TraceRow> rows;
 };
 
-/// Converts an array to a path: a position for each tick, or rows of t, x, y, z [s, m].
+/// Converts an array to a path: a position for each tick, or rows of t, x, y, z [s, m]. `rate` is
+/// the tick rate [Hz]. Throws DeviceError.
 [[nodiscard]] std::vector<PathPoint> pathOf(const Doubles& given, double rate);
 
 }  // namespace palpate::python

@@ -58,7 +58,7 @@ std::string jsonOf(const py::object& given) {
   }
 }
 
-/// Adds volumes that a script has made to the JSON of a scene, which need not list them.
+/// Adds the volumes of a script to the JSON of a scene. The scene need not list these volumes.
 std::string withVolumes(const std::string& text, const Volumes& volumes) {
   if (volumes.empty()) return text;
   Json scene = parseJson(text, "scene", raiseAs<SceneError>);
@@ -155,7 +155,7 @@ class PyScene {
   [[nodiscard]] Volumes volumes() const { return built_.volumes; }
 
  private:
-  /// Returns the description for virtual time: reads may wait, as ticks have no deadline.
+  /// Returns the description for virtual time: reads may wait, because ticks have no deadline.
   [[nodiscard]] static SceneSpec waiting(SceneSpec spec) {
     spec.waits = true;
     return spec;
@@ -165,7 +165,7 @@ class PyScene {
     return aside([spec = std::move(spec)]() mutable { return PyScene(std::move(spec)); });
   }
 
-  /// Returns the description with the volumes in memory, so that they are not loaded again.
+  /// Returns the description with the volumes in memory, so that the volumes are not loaded again.
   [[nodiscard]] SceneSpec loaded() const {
     SceneSpec spec = spec_;
     for (auto& [name, volume] : spec.volumes) {

@@ -11,7 +11,7 @@ namespace {
 
 /// A task whose result is discarded, but which runs to its end.
 struct Abandoned {
-  std::shared_ptr<void> work;  ///< Future of the task; its destructor waits for the task.
+  std::shared_ptr<void> work;  ///< Future of the task; the future's destructor waits for the task.
   std::function<bool()> ended;
   py::object kept;
 };
@@ -21,8 +21,8 @@ std::vector<Abandoned>& abandoned() {
   return *all;
 }
 
-/// Waits at the end of Python for abandoned tasks, because they use Python objects. Ctrl-C then
-/// ends the process.
+/// Waits at the end of Python for abandoned tasks, because they use Python objects. During this
+/// wait, Ctrl-C ends the process.
 void awaitAbandoned() {
   if (abandoned().empty()) return;
   std::signal(SIGINT, SIG_DFL);
@@ -33,10 +33,11 @@ void awaitAbandoned() {
   }
 }
 
-/// Process that started the threads. Its forks have no threads to wait for.
+/// Id of the process that has imported the module. Its forks have no threads to wait for.
 pid_t begun_in = 0;
 
-/// Called when Python has ended, before static objects are destroyed.
+/// Waits for the computing threads. Python calls awaitThreads() at its end, before static objects
+/// are destroyed.
 void awaitThreads() {
   if (getpid() != begun_in) return;
   std::signal(SIGINT, SIG_DFL);

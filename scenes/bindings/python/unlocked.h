@@ -17,8 +17,8 @@ namespace palpate::python {
 /// Time between two checks for signals such as Ctrl-C. A check takes Python's lock.
 inline constexpr auto kAsk = std::chrono::milliseconds(50);
 
-/// Returns true on the main thread, the only one that receives signals. Any other thread that
-/// checks for signals while Python ends is ended by Python within the check.
+/// Returns true on the main thread, the only thread that receives signals. If another thread checks
+/// for signals while Python ends, Python ends that thread within the check.
 [[nodiscard]] bool onMainThread();
 
 /// Counts threads other than the main thread that compute without Python's lock. Python does not
@@ -40,13 +40,14 @@ class Computing {
     --threads_;
     changed_.notify_all();
   }
-  /// Blocks the calling thread for ever if Python has ended. For loops that may take hours.
+  /// Blocks the calling thread for ever if Python has ended. Loops that may take hours call
+  /// parkAtEnd().
   void parkAtEnd() {
     if (!ended_.load(std::memory_order_relaxed)) return;
     leave();
     park();
   }
-  /// Waits until no thread computes. Called when Python has ended.
+  /// Waits until no thread computes. Call awaitEnd() after the end of Python.
   void awaitEnd() {
     ended_ = true;
     std::unique_lock lock(mutex_);
@@ -61,9 +62,9 @@ class Computing {
   int threads_ = 0;
 };
 
-/// Releases Python's lock until it is destroyed. If Python has ended by then, a daemon thread waits
-/// for the end of the process: if it took the lock, Python would end it and the process would
-/// abort.
+/// Releases Python's lock until this object is destroyed. If Python has ended by then, a thread
+/// other than the main thread waits for the end of the process. If that thread took the lock,
+/// Python would end the thread and the process would abort.
 class Unlocked {
  public:
   Unlocked() : state_(PyEval_SaveThread()) {
@@ -102,14 +103,14 @@ class Asking {
   Clock::time_point next_ = Clock::now() + kAsk;
 };
 
-/// Abandons a task: it runs to its end, and its result is discarded. `work` is its future, `ended`
-/// returns true after its end, and `kept` is the object that it reads.
+/// Abandons a task: the task runs to its end, and its result is discarded. `work` is the task's
+/// future. `ended` returns true after the task's end. `kept` is the object that the task reads.
 void abandon(std::shared_ptr<void> work, std::function<bool()> ended, py::object kept);
 void dropEnded();
 
 /// Runs `work` without Python's lock and returns its result. On the main thread, `work` runs in
-/// another thread: Ctrl-C ends the wait, and `work` runs on. So `work` must own the objects that it
-/// uses, or the caller must pass them as `kept`.
+/// another thread: Ctrl-C ends the wait, and `work` continues. So `work` must own the objects that
+/// it uses, or the caller must pass them as `kept`.
 template <class Work>
 auto aside(Work work, py::object kept = py::none()) {
   using Result = decltype(work());

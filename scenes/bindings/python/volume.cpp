@@ -79,7 +79,8 @@ void warnOfBackground(const GridInfo& info) {
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
-/// Returns floats and doubles unchanged, others as floats if exact, otherwise as doubles.
+/// Returns arrays of native floats and doubles unchanged. Converts other arrays to floats if this
+/// is exact, otherwise to doubles.
 py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
     throw VolumeError(name, "it is a masked array", "give array.filled(background)");

@@ -17,10 +17,12 @@ constexpr std::size_t kLongestName = 200;
 /// Largest amount by which a received sequence number may exceed the newest known one. Without this
 /// limit, a site could send the largest possible number, and no later edit could replace its edit.
 constexpr std::uint64_t kMostAhead = std::uint64_t{1} << 20U;
-constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;  ///< A double represents it exactly.
-constexpr std::size_t kMostNames = 64;                         ///< Most sites that are reported.
+/// Largest number of an edit; a double represents all numbers up to this limit exactly.
+constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;
+constexpr std::size_t kMostNames = 64;  ///< Largest number of reported sites.
 
-/// Returns true for keys that sites share: no descriptions; of volumes, place and sampling.
+/// Returns true for keys that sites share. Sites share no descriptions. Of volumes, sites share
+/// only the place and the sampling.
 bool isShared(const std::string& kind, const std::string& key) {
   constexpr std::array<std::string_view, 6> kOfVolumes{"axial",      "instances", "interpolation",
                                                        "non_finite", "place",     "smooth"};
@@ -60,8 +62,8 @@ std::vector<SharedKey> keysOfModes(const Json& modes) {
   return keys;
 }
 
-/// Returns true if edit `a` replaces edit `b`. For equal stamps the greater text wins: values are
-/// no criterion, because 2 and 2.0 are equal.
+/// Returns true if edit `a` replaces edit `b`. For equal stamps, the edit with the greater text
+/// replaces the other edit. Comparing values is not enough, because 2 and 2.0 are equal.
 bool isLater(const SharedEdit& a, const SharedEdit& b) {
   if (a.stamp != b.stamp) return b.stamp < a.stamp;
   return a.value.dump() > b.value.dump();
@@ -315,7 +317,7 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
       edits_ = std::move(all);
       news_ = untold_ = true;
     }
-    // Finds parts that differ from the other site's without an edit.
+    // Finds parts without an edit that differ between the two sites.
     const SharedText own = told();
     std::vector<SharedKey> differ;
     for (const auto& [key, digest] : own.rest) {
@@ -370,7 +372,8 @@ std::uint64_t SharedScene::newest() const noexcept {
 void SharedScene::settle(const SharedScene& copy) {
   SharedEdits all = edits_;
   merge(all, copy.edits_);
-  // Edits that are dropped here will arrive again. They are then rejected, and a line says so.
+  // Other sites send dropped edits again. hear() then rejects these edits, and returns a line for
+  // the user.
   if (textOf({all, {}}).size() > kMostSceneText) all = copy.edits_;
   edits_ = std::move(all);
   text_ = copy.text_;

@@ -27,10 +27,10 @@ using SharedKey = std::vector<std::string>;
 
 /// Logical time of an edit. All parts of one edit have the same stamp.
 struct SharedStamp {
-  std::uint64_t count = 0;  ///< Larger than every count that the site had received.
+  std::uint64_t count = 0;  ///< Larger than every count that the site knew at the edit.
   std::string site;         ///< The site that has made the edit.
   [[nodiscard]] bool operator==(const SharedStamp&) const = default;
-  /// Returns true if this stamp is earlier.
+  /// Returns true if this stamp is earlier than `other`.
   [[nodiscard]] bool operator<(const SharedStamp& other) const noexcept {
     return std::tie(count, site) < std::tie(other.count, other.site);
   }
@@ -71,9 +71,10 @@ class SharedScene {
   /// Merges the text of the site `from`. Returns lines for the user.
   [[nodiscard]] std::vector<std::string> hear(const std::string& from, const std::string& text);
   /// Makes an edit, later than all known edits, from the changes of the file's text. Throws Error
-  /// if the edit cannot be sent, and then leaves this object unchanged.
+  /// if other sites would reject the edit, and then leaves this object unchanged.
   void edit(const std::string& text);
-  /// Adopts the state of `copy`, but keeps edits that arrived since the copy was made.
+  /// Adopts the state of `copy`, but keeps edits that arrived since the copy was made. If all edits
+  /// together are too long for a message, keeps only the edits of `copy`.
   void settle(const SharedScene& copy);
   /// Returns true, once, if edits have arrived that felt() does not include.
   [[nodiscard]] bool takeNews() noexcept { return std::exchange(news_, false); }
@@ -82,7 +83,7 @@ class SharedScene {
   [[nodiscard]] std::optional<std::string> takeTold();
 
   /// Returns the edits that differ from the file, the earliest first. If there are more than
-  /// `most`, joins the earliest.
+  /// `most`, joins the earliest edits into one entry.
   [[nodiscard]] std::vector<SharedEdits> inOrder(std::size_t most) const;
   [[nodiscard]] std::string textWith(const SharedEdits& edits) const;
   /// Returns the edits of inOrder() that the running scene includes.

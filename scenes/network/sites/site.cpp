@@ -39,7 +39,7 @@ constexpr double kSmallWay = 1e-4;   ///< A smaller motion of the proxy is not s
 constexpr double kSmallGift = 1e-5;  ///< A smaller change of an energy is not sent at once [J].
 constexpr std::uint32_t kMostAtOnce = 64;
 constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Time between two scene texts.
-constexpr std::size_t kMostScenes = kMostLinks;               ///< Texts that wait for takeScenes().
+constexpr std::size_t kMostScenes = kMostLinks;  ///< Largest number of texts for takeScenes().
 
 /// Returns a number for the site's name; not 0.
 std::uint64_t numberOfSite(const std::string& name) noexcept {
@@ -76,7 +76,8 @@ std::string addressTowards(const std::string& address) {
   return text.data();
 }
 
-/// Returns DDS's configuration. It has no multicast, so only the named machines learn of this site.
+/// Returns DDS's configuration. The configuration disables multicast, so DDS announces this site
+/// only to the named machines.
 std::string configOf(const SiteParams& params) {
   std::vector<std::string> peers = params.with;
   if (peers.empty()) peers.emplace_back("127.0.0.1");
@@ -92,7 +93,8 @@ std::string configOf(const SiteParams& params) {
       addressTowards(peers.front()), 2 * kMostLinks, text);
 }
 
-/// Stores only DDS's first log line, because a peer can cause any number. DDS has one log sink.
+/// Stores only DDS's first log line, because a peer can cause any number of lines. DDS has one log
+/// sink, so only one object may exist.
 class Complaints {
  public:
   Complaints() {
@@ -257,10 +259,11 @@ class DdsSite final : public Site {
       const dds_entity_t scenes = need(dds_create_topic(participant, &palpate_site_Scene_desc,
                                                         "palpate_scene", nullptr, nullptr),
                                        "the topic of scenes");
-      // Does not wait for sites that read no data. Late joiners get the newest text.
+      // The writer does not wait for sites that read no data. Late joiners get the newest text.
       dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
       dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
-      // A full reader would block all of DDS. So the reader has no limit, but hearScenes() has one.
+      // A full reader would block all of DDS. So the reader has no limit, but hearScenes() limits
+      // the texts that it stores.
       dds_qset_resource_limits(qos, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, 1);
       scene_reader_ =
           need(dds_create_reader(participant, scenes, qos, nullptr), "the reader of scenes");
@@ -355,7 +358,7 @@ class DdsSite final : public Site {
   }
 
   void hearScenes() {
-    // The other texts wait in DDS.
+    // DDS stores the other texts until the next call.
     if (scenes_.size() >= kMostScenes) return;
     std::array<void*, kMostAtOnce> samples{};
     std::array<dds_sample_info_t, kMostAtOnce> infos{};
@@ -395,8 +398,8 @@ class DdsSite final : public Site {
     if (others_.find(name) == others_.end() && !makeRoom()) return;
     Other& other = others_[name];
     SiteState& state = other.state;
-    // A new writer is another program with this name, or one that DDS has found again. Its messages
-    // are ignored until the previous writer is silent and its spring has faded out.
+    // A new writer is another program with this name, or a program that DDS has found again. This
+    // site ignores the new writer until the previous writer is silent and its spring has faded out.
     if (other.slot != kMostLinks && writer != other.writer) {
       if (state.here || state.presence > 0.0) return;
       letGo(other);
@@ -430,7 +433,7 @@ class DdsSite final : public Site {
       word.to = one.to_life;
       word.given = one.given;
     }
-    // A site sends this one a word only once it knows this one.
+    // The other site sends a word to this site only after it knows this site.
     if (word.from != 0) heard_.words[other.slot] = word;
   }
 
@@ -451,7 +454,8 @@ class DdsSite final : public Site {
         kMostLinks));
   }
 
-  /// If too many sites are known, forgets the one silent longest. Returns false if it cannot.
+  /// If too many sites are known, forgets the site that has been silent longest. Returns false if
+  /// no site is silent.
   bool makeRoom() {
     if (others_.size() < 4 * kMostLinks) return true;
     const auto longest = longestSilent([](const Other&) { return true; });
@@ -471,7 +475,8 @@ class DdsSite final : public Site {
     other.newest = 0;
   }
 
-  /// Gives a site a free slot among the links, or the slot of the site silent for longest.
+  /// Assigns a free slot among the links to a site, or the slot of the site that has been silent
+  /// longest. Returns false if no slot is free and no site is silent.
   bool seat(const std::string& name, Other& other) {
     std::size_t slot = 0;
     while (slot < kMostLinks && heard_.who[slot] != 0) ++slot;
@@ -558,7 +563,7 @@ class DdsSite final : public Site {
   std::optional<std::string> scene_;
   std::map<std::string, std::string> scenes_;
 
-  // Only the thread uses these members.
+  // Only the site's own thread uses these members.
   LinksHeard heard_;
   std::array<std::uint64_t, kMostLinks> site_{};  ///< Site in each slot, by numberOfSite; 0: free.
   std::uint64_t seats_ = 0;
@@ -566,7 +571,7 @@ class DdsSite final : public Site {
   bool told_same_ = false;
   bool told_full_ = false;
   Clock::time_point said_at_;
-  std::size_t said_ = 0;  ///< Number of lines printed in this second.
+  std::size_t said_ = 0;  ///< Number of lines in the present second.
   std::uint64_t messages_ = 0;
   Clock::time_point sent_at_;
   Clock::time_point scene_at_;

@@ -14,7 +14,7 @@
 namespace palpate {
 
 /// Identity of a site, and its peers. The site announces itself to the machines of `with`. The list
-/// is not a filter: if it is not empty, sites on other machines can connect too. Only `keys`
+/// is not a filter: if the list is not empty, sites on other machines can connect too. Only `keys`
 /// restricts the peers.
 struct SiteParams {
   std::string name;               ///< Unique name: at most 31 letters, digits, - and _.
@@ -33,10 +33,10 @@ inline constexpr std::size_t kMostSceneText = 65536;
 [[nodiscard]] bool isSiteName(const std::string& name) noexcept;
 
 struct SiteState {
-  bool here = false;         ///< True while its messages arrive.
+  bool here = false;         ///< True while the site's messages arrive.
   std::uint64_t heard = 0;   ///< Number of received messages.
   std::uint64_t missed = 0;  ///< Number of lost messages.
-  std::uint64_t lives = 0;   ///< Number of times it has joined.
+  std::uint64_t lives = 0;   ///< Number of times the site has joined.
   double presence = 0.0;     ///< Link::presence
   double paid = 1.0;         ///< Link::paid
   double energy = 0.0;       ///< Link::energy [J]
@@ -48,7 +48,7 @@ class Site {
   Site() = default;
   Site(const Site&) = delete;
   Site& operator=(const Site&) = delete;
-  /// Leaves the domain. The other sites learn of this at once.
+  /// Leaves the domain. DDS informs the other sites at once.
   virtual ~Site() = default;
 
   /// Returns the events since the last call, one line each.
@@ -63,7 +63,8 @@ class Site {
 };
 
 /// Joins the other sites. The first call loads the module palpate_sites.so, which contains DDS.
-/// Throws Error if module, address or network does not exist. `links` must outlive the result.
+/// Throws Error if the module, the address or the network is missing. `links` must outlive the
+/// result.
 [[nodiscard]] std::unique_ptr<Site> openSite(const SiteParams& params, HandLinks& links);
 /// Type of the module's entry function.
 using SiteFactory = std::unique_ptr<Site>(const SiteParams& params, HandLinks& links);

@@ -15,14 +15,14 @@ namespace palpate::cli {
 
 struct IgtlServer::Counts {
   std::atomic<std::int64_t> connections{0};
-  /// Clients that had to wait because the largest number was connected.
+  /// Number of clients that had to wait, because the largest number of clients was connected.
   std::atomic<std::int64_t> refused{0};
-  /// Connections that the server has ended, because of invalid data or unread messages.
+  /// Number of connections that the server has ended, because of invalid data or unread messages.
   std::atomic<std::int64_t> ended{0};
-  /// Sets of messages that were sent, summed over all clients.
+  /// Number of sets of messages that were sent, summed over all clients.
   std::atomic<std::int64_t> sent{0};
   std::atomic<std::int64_t> skipped{
-      0};  ///< Rounds not sent, because the client had not read the previous one.
+      0};  ///< Number of sets not sent, because the client had not read the previous set.
   std::atomic<std::int64_t> received{0};
   std::atomic<std::int64_t> images{0};
 };
@@ -51,7 +51,7 @@ struct IgtlServer::Client {
   std::size_t out_at = 0;
   std::int64_t took = 0;  ///< Time at which the client last read data [ns].
   bool wants_status = true;
-  /// True if too many clients are connected: the server then accepts only a cut from this one.
+  /// True if too many clients are connected: the server then accepts only a cut from this client.
   bool waits = false;
 
   Client(int s, std::string p) : socket(s), peer(std::move(p)) {}

@@ -15,8 +15,8 @@
 namespace palpate::cli {
 namespace {
 
-constexpr std::size_t kType = 12;  ///< [bytes]
-constexpr std::size_t kName = 20;  ///< [bytes]
+constexpr std::size_t kType = 12;  ///< Size of a type in a message [bytes].
+constexpr std::size_t kName = 20;  ///< Size of a name in a message [bytes].
 constexpr std::size_t kImageHead = 72;
 
 template <std::size_t kBytes>

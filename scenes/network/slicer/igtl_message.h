@@ -45,7 +45,9 @@ enum class IgtlCode : std::uint16_t {
   kDisabled = 15,
 };
 
-/// Return complete messages of version 1. `now` is in ns since 1970. Shorten long texts.
+/// The next three functions return complete messages of version 1, and shorten long texts. `name`
+/// is the device's name in the message. `now` is in ns since 1970. `place` is in the space and unit
+/// that the client expects.
 [[nodiscard]] Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place);
 [[nodiscard]] Bytes igtlString(std::string_view name, std::int64_t now, std::string_view text);
 [[nodiscard]] Bytes igtlStatus(std::string_view name, std::int64_t now, IgtlCode code,
@@ -78,9 +80,10 @@ struct IgtlImage {
   Bytes bytes;                   ///< The message. The values begin at `first`, i fastest.
   std::size_t first = 0;
 };
-/// Returns the image in the body of a message. Throws Error if it is invalid.
+/// Returns the image in the body of a message. Throws Error if the image is invalid.
 [[nodiscard]] IgtlImage readIgtlImage(const IgtlHead& head, Bytes body);
-/// Returns the image as a volume. Throws VolumeError if it is not usable. Slow; uses all cores.
+/// Returns the image as a volume. Throws VolumeError if the image is not usable. Slow; uses all
+/// cores.
 [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const IgtlImage& image);
 
 }  // namespace palpate::cli

@@ -26,7 +26,7 @@ namespace {
 
 const char* const kSubject = "--igtl";
 constexpr std::size_t kMostClients = 4;
-/// Number of clients that may wait. They can only cut the force.
+/// Number of clients that may wait. These clients can only cut the force.
 constexpr std::size_t kMostWaiting = 16;
 constexpr int kBacklog = 128;           ///< Connections that the system queues for the server.
 constexpr int kMostAtOnce = 64;         ///< Connections accepted in one round.
@@ -191,7 +191,10 @@ void IgtlServer::run() {
     } catch (const std::exception& error) {
       // If memory has run out, the next round may succeed.
       clients_.clear();
-      complaints_.say(std::string("igtl: all connections are closed: ") + error.what());
+      complaints_.say(
+          fmt::format("igtl: all connections are closed, because the server failed ({}): connect "
+                      "again, or free memory",
+                      error.what()));
     }
   }
   clients_.clear();
@@ -236,7 +239,7 @@ void IgtlServer::round() {
     send();
   }
   std::erase_if(clients_, [](const auto& client) { return client->socket < 0; });
-  // Free places go to the clients that connected first.
+  // Assigns free places to the clients that connected first.
   for (std::size_t i = 0; i < std::min(clients_.size(), kMostClients); ++i) {
     if (std::exchange(clients_[i]->waits, false)) {
       greetings_.say("igtl: " + clients_[i]->peer + " is connected");
@@ -264,7 +267,7 @@ void IgtlServer::accept() {
       ++counts_->refused;
       complaints_.say(fmt::format("igtl: {} waits: {} clients are connected: disconnect one",
                                   shownPlace(from, size), kMostClients));
-      // Drops the client that has waited longest: it had the most time to send a cut.
+      // Drops the client that has waited longest: this client had the most time to send a cut.
       if (std::count_if(clients_.begin(), clients_.end(), waits) >=
           static_cast<std::ptrdiff_t>(kMostWaiting)) {
         drop(**std::find_if(clients_.begin(), clients_.end(), waits), "");
@@ -362,7 +365,7 @@ void IgtlServer::send() {
   const Bytes told = igtlString("PalpateStatus", at, status_);
   for (const auto& client : clients_) {
     if (client->socket < 0 || client->waits) continue;
-    // A client that has not read all previous messages gets no new ones.
+    // A client that has not read all previous messages gets no new messages.
     if (client->out_at < client->out.size()) {
       ++counts_->skipped;
       continue;

@@ -1,4 +1,4 @@
-/// An OpenIGTLink server with its own thread: shows a run in 3D Slicer, and takes requests.
+/// An OpenIGTLink server with its own thread: shows a run in 3D Slicer, and receives requests.
 #pragma once
 
 #include <array>
@@ -54,12 +54,14 @@ struct IgtlShown {
 ///
 /// A client can cut the force, replace a volume, and lead a hand that has no arm. Only a user at
 /// the arm can restore the force. A client that sends invalid data or does not read cannot delay
-/// others. Invalid data end the connection, and a line tells the user.
+/// other clients. After invalid data, the server closes the connection and prints a line. After an
+/// invalid image in a valid message, the connection continues.
 // Padding is intended: it keeps the mailboxes' data of two threads on separate cache lines.
 class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Listens, and answers connections after begin(). Throws Error if it cannot listen. `rate` is
-  /// above 0 and at most kIgtlMostRate [Hz]. If `images` is true, clients can replace volumes.
+  /// Listens, and answers connections after begin(). Throws Error if the address or port cannot be
+  /// used. `rate` is above 0 and at most kIgtlMostRate [Hz]. If `images` is true, clients can
+  /// replace volumes.
   IgtlServer(const IgtlPlace& place, double rate, bool images);
   ~IgtlServer();
   IgtlServer(const IgtlServer&) = delete;
@@ -67,19 +69,22 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   /// Returns address and port, in the form that a client needs.
   [[nodiscard]] const std::string& place() const noexcept { return place_; }
-  /// Returns the hand that clients lead. It starts at `start` [m]. Call this before begin().
+  /// Returns the hand that clients lead. The hand starts at `start` [m]. Call hand() before
+  /// begin().
   [[nodiscard]] HandTarget hand(const Vec3& start);
   void begin();
 
   // Only the run's thread calls the following functions.
-  /// Sets the hands that clients can cut. Cuts them at once if a client has already requested it.
+  /// Sets the hands that clients can cut. Cuts these hands at once if a client has already
+  /// requested a cut.
   void cuts(std::vector<HapticThread*> hands);
   void expect(const BuiltScene& scene);
   void show(const IgtlShown& shown);
   /// Reports the result of the image that was taken last to all clients. If the image was refused,
   /// its sender also gets a STATUS.
   void tell(const std::string& news, bool refused);
-  /// Returns a new image once, or null. Until then, other images get the answer kBusy.
+  /// Returns a new image once; otherwise null. While an image waits for this call, the server
+  /// answers other images with kBusy.
   [[nodiscard]] std::shared_ptr<const IgtlImage> takeImage();
   [[nodiscard]] OrderedJson summary() const;
 
@@ -101,18 +106,18 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
    private:
     std::string last_;
     std::int64_t next_ = 0;  ///< Time from which the next line may be printed [ns].
-    std::int64_t more_ = 0;  ///< Number of lines since the last printed one.
+    std::int64_t more_ = 0;  ///< Number of lines since the last printed line.
   };
 
   void run();
   void round();
   void accept();
   void read(Client& client);
-  /// Processes bytes as they arrive. Throws Error if they are not a valid message.
+  /// Processes bytes as they arrive. Throws Error if the bytes are not a valid message.
   void feed(Client& client, ByteView bytes);
   void beginBody(Client& client);
   void endBody(Client& client);
-  /// Keeps an image for takeImage(), or answers that it is invalid.
+  /// Stores an image for takeImage(), or answers that the image is invalid.
   void keepImage(Client& client, const IgtlHead& head, Bytes body);
   /// Sends the refusal of an image to its sender.
   void answerRefusal();
@@ -152,7 +157,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::uint64_t client = 0;
     std::string why;  ///< Empty: no refusal.
   };
-  Refusal refusal_;  ///< Refusal of an image that its sender does not know yet.
+  Refusal refusal_;  ///< Refusal that the image's sender has not received yet.
   std::string news_;
 
   std::int64_t next_ = 0;  ///< Time at which the next messages are sent [ns].
