@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Lists the functions that the sanitizers' tests do not reach, though other tests do.
+"""Lists the functions that the sanitizers' tests do not reach, but other tests reach.
 
     cmake --preset coverage && cmake --build build/coverage
     tests/coverage.py run build/coverage OUT [SUITE...]    runs the Catch2 tests and the Python suites (default: all)

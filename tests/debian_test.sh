@@ -18,7 +18,7 @@ trap cleanup EXIT
 megabytes() { du -sm --one-file-system "$root" | cut -f1; }
 quietly() { "$@" >>"$place/log" 2>&1 || { tail -40 "$place/log"; exit 1; }; }
 
-# The mirror from which this machine gets its packages.
+# Uses the mirror from which this machine gets its packages.
 from=$(apt-get indextargets --format '$(SITE)' 'Created-By: Packages' | awk '!/security/ && !n++')
 quietly debootstrap --variant=minbase --include=sudo,ca-certificates "$release" "$root" "$from"
 cp -rL /etc/apt/apt.conf.d/. "$root/etc/apt/apt.conf.d/"
@@ -34,7 +34,7 @@ chroot "$root" chown -R ada: /home/ada
 . "$root/etc/os-release"
 echo "empty $PRETTY_NAME: $(megabytes) MB"
 
-# as_user COMMAND: runs it in the checkout and prints what it cost.
+# as_user COMMAND: runs COMMAND in the checkout. Prints its minutes, its processor minutes and its disk space.
 as_user() {
     local before since=$SECONDS status=0
     before=$(megabytes)

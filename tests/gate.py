@@ -5,7 +5,7 @@ gate.py changed             prints the rooms that differ from the last gate that
 gate.py passed              remembers the rooms as they were when `changed` ran
 gate.py report MINUTES BUDGETS FOLDER...
     MINUTES: the lines of .ci/minutes. BUDGETS: lines of a test and its seconds. FOLDER: build/PRESET/runs/NAME with
-    CTest's LastTest.log, console.log and status of one run. Prints where the minutes went, the dearest tests, the
+    CTest's LastTest.log, console.log and status of one run. Prints the minutes of each step, the slowest tests, the
     tests that exceeded their budgets and those that passed at their second try. Ends with "N passed, N failed[, N
     skipped]". Status 1: a test failed or is missing, or the gate took too long."""
 import hashlib
@@ -24,8 +24,8 @@ ROOMS = {"engine": ("engine", "bench/methods", "tests/engine", "tests/loop", "te
          "samplers": ("samplers", "tests/samplers"),
          "devices": ("devices", "tests/devices"),
          "scenes": ("scenes", "tests/scenes", "tests/import")}
-# Processor time without compilers and clang-tidy [min]: 45 minutes on two cores. A warm run takes half
-# (CONTRIBUTING.md).
+# Limit of the processor time without compilers and clang-tidy [min]: 45 minutes on two cores. A run takes half of this
+# if all caches are filled (CONTRIBUTING.md).
 BUDGET = 90
 HOST_BUDGET = 240   # [s]; limit for all tests that depend on the scheduler
 DEAREST = 10

@@ -85,7 +85,7 @@ class Report(unittest.TestCase):
         self.assertEqual(self.report([("a", "passed")])[1][-1], "1 passed, 0 failed")
         self.assertEqual(self.report([("a", "passed")])[0], 0)
 
-    def test_a_failed_test_fails_the_gate_for_every_word_with_which_ctest_reports_it(self):
+    def test_the_gate_fails_for_every_way_in_which_ctest_reports_a_failed_test(self):
         for word in ("failed", "crashed", "unlike"):
             with self.subTest(word):
                 result, lines = self.report([("a", word), ("b", "passed")], status=8)

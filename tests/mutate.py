@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Plants faults of one line, one at a time, and prints which tests detect them: by hand, before a release.
+"""Plants faults of one line, one at a time, and prints which tests detect them. Run this before a release.
 
 tests/mutate.json has the faults. The script copies the sources, uncommitted changes included, and builds the copy
 in the folder of --build; it changes nothing in this tree. First, all selected tests must pass without a fault. Then
@@ -196,7 +196,7 @@ def try_fault(tree, fault, preset, seconds):
             return "unbuilt", words.strip().splitlines()[-1]
         for cases in (FEW, USUAL):
             for run in fault["runs"]:
-                # Allows for other programs on the cores.
+                # The limit allows for other programs on the cores.
                 seen = tree.test(preset, run, cases, 60.0 + 5.0 * seconds[preset, run])
                 if seen:
                     return "died", f"{run.split()[0]}: {seen}"

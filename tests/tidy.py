@@ -3,13 +3,13 @@
 
 BUILD has a compile_commands.json. A source or header has passed unchanged if it has a stamp: a file named by a hash of
 clang-tidy's version and options, the compile command, and the file's own code without comments.
-clang-tidy reports what it finds in a header with any source that includes it. So a changed header is checked with one
-of these sources, not with all; only --all finds a complaint that a changed header causes in a source that did not
-change. Stamps are in the user's cache folder, as ccache's objects are, so that all clones share them. --all ignores the
-stamps and runs the slow checks too. With --most N at most N sources are checked, and the next run continues: so a
-machine without stamps, or a new flag, does not make one run long.
+clang-tidy reports a complaint about a header with any source that includes the header. So a changed header is checked
+with one source that includes it, not with all. Only --all finds a complaint that a changed header causes in an
+unchanged source. Stamps are in the user's cache folder, as ccache's objects are, so that all clones share them. --all ignores the
+stamps and runs the slow checks too. With --most N at most N sources are checked, and the next run continues. So a
+run stays short on a machine without stamps, and after a change of flags.
 
-Most of the time goes into headers, which clang-tidy 14 reads and matches again for every source. So several sources
+clang-tidy 14 spends most of its time on headers, which it reads and matches again for every source. So several sources
 with the same flags are checked in one unit. If a unit has complaints, or does not compile, each of its sources is
 checked again alone, and only those results count."""
 import argparse
@@ -60,7 +60,7 @@ def included(build):
     headers = {}
     for rule in rules.replace("\\\n", " ").splitlines():
         source, *rest = (str(Path(f).resolve()) for f in rule.partition(": ")[2].split())
-        # A source of several targets depends on the headers that any of them includes.
+        # A source of several targets depends on the headers that any of these targets includes.
         headers.setdefault(source, set()).update(
             file for file in rest if file.startswith(f"{ROOT}/") and not file.startswith(f"{build}/") and file != source)
     return headers
@@ -69,7 +69,7 @@ def included(build):
 class Stamps:
     def __init__(self, build):
         self.headers = included(build)
-        # Makes paths equal in all clones.
+        # Replaces the folders in paths, so that paths are equal in all clones.
         self.here = lambda text: text.replace(str(build), "build").replace(str(ROOT), ".")
         self.entries = {}
         for entry in json.loads((build / "compile_commands.json").read_text()):
@@ -224,7 +224,7 @@ def main():
             else:
                 bad += 1
                 print(words, file=sys.stderr)
-    # A source that no target compiles here was not checked with the flags of its build.
+    # A source that no target of this build compiles was not checked with its own flags, so it gets no stamp.
     known = {source for source in passed_now if source in stamps.entries}
     complained = set().union(*(stamps.headers.get(source, set()) for source in set(now) - passed_now))
     for file in known.union(*(stamps.headers.get(source, set()) for source in known)) - complained:

@@ -16,7 +16,7 @@ int run(const Options& options) { return options.rounds; }
 }  // namespace
 int first() { return run(Options()); }
 """
-# The same names, other contents.
+# A source with the same names as GOOD, and other contents.
 OTHER = """#include <string>
 namespace {
 struct Options {
@@ -36,7 +36,7 @@ FAULTS = {
         "int left(std::string s) { take(std::move(s)); return static_cast<int>(s.size()); }\n",
     "bugprone-infinite-loop": "void wait() { int i = 0; while (i < 1) { } }\n",
 }
-# A name that another source uses for something else.
+# A pattern of a source, for names that another source uses for something else.
 NAMES = "namespace {\nstruct %s {};\nint %s() { return 0; }\n}  // namespace\nint %s() { return %s(); }\n"
 
 
@@ -67,7 +67,7 @@ class Unit(unittest.TestCase):
                     self.assertFalse(passed)
                     self.assertIn(check, words)
 
-    def test_a_wrong_name_is_reported_though_another_source_has_it_right(self):
+    def test_an_invalid_name_is_reported_even_if_it_is_valid_in_another_source(self):
         self.assertTrue(self.told(NAMES % ("Told", "shape", "one", "shape"), GOOD)[0])
         passed, words = self.told(NAMES % ("Told", "shape", "one", "shape"),
                                   NAMES % ("shape", "Told", "two", "Told"))

@@ -31,7 +31,7 @@ CELLS = {
     9: ["at most 16 ms"],
     10: ["0, 0, 0"],
 }
-# For each figure, the text that gives it, and a wrong text.
+# For each figure: a text in the recorded output that its value needs, and a text that invalidates the output.
 OTHERWISE = {1: ("1e-09 |", "1e-08 |"), 2: ("10000000 problems", "20000 problems"),
              3: ('"walk, carried", "primitives": 8', '"walk, carried", "primitives": 4'),
              4: ("1 kHz, asleep", "1 kHz, early"), 5: ("along 1000", "along 100"),

@@ -36,14 +36,14 @@ class SamplerAccuracy(unittest.TestCase):
         cls.holder.cleanup()
 
     def errors(self, field, method, quantity="value", which="rms"):
-        """Returns the errors by voxels per wavelength, from coarse to fine."""
+        """Returns the errors, in the order of voxels per wavelength from coarse to fine."""
         found = {r["voxels"]: r[quantity][which] for r in self.data["errors"]
                  if r["field"] == field and r["method"] == method}
         return [found[voxels] for voxels in VOXELS]
 
     def falls(self, method, quantity, factor, field="waves"):
-        _, *fine = self.errors(field, method, quantity)  # with four voxels per wavelength the order of convergence
-                                                         # does not show
+        # At four voxels per wavelength, the error does not yet fall with the order of the method.
+        _, *fine = self.errors(field, method, quantity)
         for coarse, half in zip(fine, fine[1:]):
             self.assertGreaterEqual(coarse / half, factor, (method, field, quantity, fine))
 

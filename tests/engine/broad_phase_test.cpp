@@ -22,7 +22,8 @@ Box boxAt(const Vec3& centre, const Vec3& half) {
   return {centre - half, centre + half};
 }
 
-/// Returns boxes of many sizes in a cube of 1 m. Some have equal centres, some have no thickness.
+/// Returns random boxes whose centres lie in a cube with an edge of 1 m. Some boxes have the same
+/// centre, and some are flat.
 std::vector<Box> someBoxes(std::size_t count, Random& random) {
   std::vector<Box> boxes;
   const Vec3 heap = random.inCube(0.5);
@@ -46,8 +47,8 @@ std::vector<std::uint32_t> found(const BroadPhase& tree, const Box& query) {
   return all;
 }
 
-/// Requires that the tree finds every box that overlaps the query. Other boxes that it finds must
-/// be within float rounding of the query.
+/// Requires that the tree finds every box that overlaps the query, and no box twice. Each found box
+/// must be within 1 um of the query, because the tree stores floats.
 void compare(const BroadPhase& tree, const std::vector<Box>& boxes, const Box& query) {
   const auto all = found(tree, query);
   REQUIRE(std::adjacent_find(all.begin(), all.end()) == all.end());
@@ -70,7 +71,7 @@ TEST_CASE("the box tree finds the same boxes as a search through all boxes", "[b
     for (int i = 0; i < 200; ++i) {
       compare(tree, boxes, boxAt(random.inCube(0.6), random.logUniform(1e-6, 0.3) * Vec3::Ones()));
     }
-    // refit() must work for moved boxes without a new tree.
+    // All boxes move. After refit(), the tree must find the boxes at their new positions.
     for (Box& box : boxes) {
       const Vec3 by = random.inCube(0.2);
       box = {box.lower + by, box.upper + by};
@@ -84,9 +85,8 @@ TEST_CASE("the box tree finds the same boxes as a search through all boxes", "[b
   }
 }
 
-TEST_CASE(
-    "a query point on a face of a box finds the box and an empty or non-finite box is never found",
-    "[broad]") {
+TEST_CASE("the box tree finds a box that the query touches but never an empty or non-finite box",
+          "[broad]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   std::vector<Box> boxes{boxAt({0.1, 0.2, 0.3}, {0.1, 0.1, 0.1}),
@@ -111,10 +111,8 @@ TEST_CASE(
   CHECK(BroadPhase().meeting(boxAt({0, 0, 0}, {1, 1, 1}), {}) == 0);
 }
 
-TEST_CASE(
-    "a hand with random steps of 0.2 mm searches the box tree in less than 2 % of the ticks and "
-    "misses no box",
-    "[broad]") {
+TEST_CASE("a hand that moves 0.2 mm per tick searches the box tree in less than 2 % of the ticks",
+          "[broad]") {
   Random random(2);
   const std::vector<Box> boxes = someBoxes(3000, random);
   const BroadPhase tree(boxes);
@@ -149,7 +147,7 @@ TEST_CASE(
   const Box query = boxAt(Vec3::Zero(), Vec3::Constant(1e-3));
   CHECK(near.near(heap, query).size() == NearBoxes::kMost);
   CHECK_FALSE(near.complete());
-  // Many boxes are in the margin around the query, but not in the query itself.
+  // All boxes but the first are in the margin around the query, and outside of the query.
   for (std::size_t i = 1; i < boxes.size(); ++i) boxes[i] = boxAt({0.005, 0, 0}, {1e-4, 1, 1});
   heap.refit(boxes);
   near.forget();

@@ -14,7 +14,7 @@ using palpate::test::Random;
 TEST_CASE("the coupling acts as a spring and a damper from probe to proxy", "[coupling][eq3]") {
   const Vec3 f = couplingForce({500.0, 2.0}, {1e-3, 0, 0}, 0.1);
   CHECK((f - Vec3(0.7, 0, 0)).norm() < 1e-15);
-  // The damper must not reverse the force, nor more than double it.
+  // The damper may reduce the spring's force to zero or double the force, but not more.
   CHECK(couplingForce({500.0, 2.0}, {1e-3, 0, 0}, -9.0) == Vec3::Zero());
   CHECK((couplingForce({500.0, 2.0}, {1e-3, 0, 0}, 9.0) - Vec3(1, 0, 0)).norm() < 1e-15);
   CHECK(couplingForce({500.0, 2.0}, Vec3::Zero(), 0.0) == Vec3::Zero());
@@ -32,15 +32,15 @@ TEST_CASE("the rate of the spring's length is measured over 2 ms for any tick le
     double time = 0.0;
     double length = 0.0;
     for (int i = 0; i < 1000; ++i) {
-      // The length changes at a constant rate. The measured rate must be right from the first tick.
+      // The length changes at 0.3 m/s. The measured rate must be 0.3 m/s from the first tick on.
       REQUIRE(steady.next(1.0 + 0.3 * (i + 1) / rate, 1.0 / rate) == Approx(0.3).epsilon(1e-6));
       const double dt = random.uniform(0.7, 1.3) / rate;
       time += dt;
       length = 1.0 + 0.3 * time;
       REQUIRE(uneven.next(length, dt) == Approx(0.3).epsilon(1e-6));
     }
-    // At any tick rate, the rates that one encoder step causes have the same sum times the tick
-    // length.
+    // One encoder step changes the measured rate for several ticks. The sum of these rates, times
+    // the tick length, must be the same at any tick rate.
     LengthRate stepped;
     for (int i = 0; i < 200; ++i) (void)stepped.next(0.0, 1.0 / rate);
     double sum = 0.0;

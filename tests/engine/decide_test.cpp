@@ -8,13 +8,14 @@
 namespace palpate::decide_test {
 namespace {
 
-/// A row of the table for TrialState: read, within, spent, held.
+/// A row of the table for TrialState. Its flags are in the order read, within, spent, held.
 struct TrialRow {
   TrialState state;
   Next next;
 };
 
-/// A row of the table for SweepState: complete, strays, chosen_out, met_before.
+/// A row of the table for SweepState. Its flags are in the order complete, strays, chosen_out,
+/// met_before.
 struct SweepRow {
   SweepState state;
   Next next;
@@ -25,9 +26,8 @@ constexpr bool kYes = true;
 
 }  // namespace
 
-TEST_CASE(
-    "after a trial step the tick reads again, ends, waits or releases the proxy, by its state",
-    "[step]") {
+TEST_CASE("the state after a trial step decides whether the tick reads, arrives, waits or releases",
+          "[step]") {
   constexpr std::array<TrialRow, 16> kRows{{
       // Without a reading, the next action is always a reading.
       {{kNo, kNo, kNo, kNo}, Next::kRead},
@@ -38,16 +38,15 @@ TEST_CASE(
       {{kNo, kYes, kNo, kYes}, Next::kRead},
       {{kNo, kYes, kYes, kNo}, Next::kRead},
       {{kNo, kYes, kYes, kYes}, Next::kRead},
-      // The remaining distance is within the tolerance: the proxy has arrived, even if no reading
-      // is left.
+      // The error is within the tolerance, so the proxy has arrived, even if no readings are left.
       {{kYes, kYes, kNo, kNo}, Next::kArrive},
       {{kYes, kYes, kNo, kYes}, Next::kArrive},
       {{kYes, kYes, kYes, kNo}, Next::kArrive},
       {{kYes, kYes, kYes, kYes}, Next::kArrive},
-      // The tick may read again.
+      // Readings are left, so the tick reads again.
       {{kYes, kNo, kNo, kNo}, Next::kRead},
       {{kYes, kNo, kNo, kYes}, Next::kRead},
-      // The tick may not read again.
+      // No readings are left. The proxy waits if a primitive holds it, else the tick releases it.
       {{kYes, kNo, kYes, kYes}, Next::kWait},
       {{kYes, kNo, kYes, kNo}, Next::kRelease},
   }};
@@ -60,14 +59,14 @@ TEST_CASE(
 TEST_CASE("a free proxy reads the field at the first surface and at new parts on its path",
           "[step]") {
   constexpr std::array<SweepRow, 8> kRows{{
-      {{kNo, kNo, kNo, kNo}, Next::kRead},  // first surface on the path
-      // A second surface ends the search along the path.
+      {{kNo, kNo, kNo, kNo}, Next::kRead},  // the sweep ends at the first surface
+      // The sweep ends at a second surface.
       {{kNo, kNo, kNo, kYes}, Next::kRelease},
       {{kNo, kNo, kYes, kNo}, Next::kRead},
-      {{kNo, kYes, kNo, kNo}, Next::kRead},  // the path enters new parts, even after a surface
+      {{kNo, kYes, kNo, kNo}, Next::kRead},  // the sweep led to new parts
       {{kNo, kYes, kNo, kYes}, Next::kRead},
-      {{kNo, kYes, kYes, kNo}, Next::kRelease},  // parts must not be chosen again
-      {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the path is searched up to the hand
+      {{kNo, kYes, kYes, kNo}, Next::kRelease},  // the limit on choices of parts is reached
+      {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the sweep reached the hand
       {{kYes, kYes, kNo, kYes}, Next::kRelease},
   }};
   for (const SweepRow& row : kRows) {

@@ -19,7 +19,7 @@ struct Reference {
   double lambda2;
 };
 
-/// Computes the expected values from their definitions, with Eigen's eigenvalue solver.
+/// Computes Q and lambda2 from their definitions, with Eigen's eigenvalue solver.
 Reference referenceOf(const Mat3& J) {
   const Mat3 S = 0.5 * (J + J.transpose());
   const Mat3 O = 0.5 * (J - J.transpose());
@@ -37,8 +37,8 @@ Mat3 randomMatrix(Random& random) {
 }  // namespace
 
 TEST_CASE("Q and lambda2 of known flows have their analytic values", "[flow]") {
-  // Solid rotation at w about z. With strain rate S and rotation rate O: |O|^2 = 2 w^2, S^2 + O^2 =
-  // diag(-w^2, -w^2, 0).
+  // A solid rotation at w = 3 rad/s about z has strain rate S = 0 and rotation rate O. Then |O|^2 =
+  // 2 w^2, and S^2 + O^2 = diag(-w^2, -w^2, 0).
   Mat3 rotation = Mat3::Zero();
   rotation(0, 1) = -3.0;
   rotation(1, 0) = 3.0;
@@ -54,7 +54,8 @@ TEST_CASE("Q and lambda2 of known flows have their analytic values", "[flow]") {
   shear(0, 1) = 5.0;
   CHECK(qCriterion(shear) == 0.0);
   CHECK(std::abs(lambda2(shear)) < 1e-15);
-  // Burgers' vortex on its axis: strain of 1 along the axis, rotation at 2.
+  // On the axis of Burgers' vortex, the strain rate along the axis is 1/s. The flow rotates at
+  // 2 rad/s.
   Mat3 burgers = Vec3(-0.5, -0.5, 1.0).asDiagonal();
   burgers(0, 1) = -2.0;
   burgers(1, 0) = 2.0;

@@ -21,7 +21,8 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// Solves one balance with friction. After restart() the start is cold.
+/// Solves balances with friction. Each solve starts from the last balance (warm start), unless
+/// restart() is called before.
 struct Balance {
   PrimitiveSet set;
   WarmStart warm;
@@ -32,7 +33,7 @@ struct Balance {
   SolveResult solve(const Vec3& probe, const Vec3& proxy = Vec3::Zero()) {
     return solveWithFriction(probe, kStiffness, set, proxy, params, warm, start, forces);
   }
-  /// Forgets the last balance. This is faster than a new Balance, which takes 1 ms.
+  /// Forgets the last balance. Construction of a new Balance would take 1 ms.
   void restart() {
     set.clear();
     warm.forget();
@@ -196,8 +197,8 @@ TEST_CASE("on one plane with a drag the proxy moves at most 1 + mu times as far 
     const double mu = random.uniform(0.1, 1.5);
     const Vec3 way = random.inCube(2e-6);
     Vec3 probe = random.inCube(3e-3);
-    // The plane is micrometres away from the old proxy, as on a round surface, where it was read at
-    // the new proxy.
+    // The plane is up to 20 um away from the old proxy. On a round surface this happens because the
+    // plane is read at the new proxy.
     const double height = random.uniform(-2e-5, 2e-5);
     const auto offset = [&] {
       b.restart();
@@ -218,8 +219,8 @@ TEST_CASE("on one plane with a drag the proxy moves at most 1 + mu times as far 
 }
 
 TEST_CASE("behind a surface that yields a drag holds the proxy in place", "[modes][friction]") {
-  // A skin that yields at 0.8 N, and a drag below it. The hand moves in to 3.2 mm, then partly out
-  // and in again several times.
+  // The body has a skin that yields at 0.8 N, and a drag of 0.3 N inside. The hand moves between
+  // depths of 3.2 mm and 2.4 mm five times.
   ModeSpec skin;
   skin.kind = ModeKind::kIsosurface;
   skin.of = "body";
@@ -293,8 +294,8 @@ TEST_CASE("Coulomb's law holds for a plane that is balanced together with other 
     REQUIRE(result.error_bound <= 1e-6);
     const FrictionLink& link = b.set.links()[0];
     REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-9 * strength);
-    // If the friction is replaced by fixed primitives of its final strengths, the balance is the
-    // same within the error bounds.
+    // Fixed primitives with the final strengths of the friction must give the same balance, within
+    // the error bounds.
     const SolveResult plain = solveProxy(probe, kStiffness, b.set.items(), Vec3::Zero());
     REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
     if (i % 100 == 0) {
@@ -343,9 +344,8 @@ TEST_CASE(
   CHECK(limited <= 1e-3 * static_cast<double>(cases));
 }
 
-TEST_CASE(
-    "friction on walls around one point is balanced, and a search that ends early releases no wall",
-    "[modes][friction]") {
+TEST_CASE("if a search for frictions ends early each friction keeps at least its last strength",
+          "[modes][friction]") {
   // The hand jumps between random positions within two to four walls.
   Random random(64);
   const long cases = test::cases(3000);
@@ -365,7 +365,7 @@ TEST_CASE(
       const std::vector<double> held = b.start.held;
       const bool remembered = b.start.count > 0;
       const Vec3 probe = random.inCube(5e-3);
-      // Every second solve gets too few iterations.
+      // Every second solve has a limit of six iterations, so that it often ends early.
       b.params.max_iterations = at % 2 == 0 ? SolverParams{}.max_iterations : 6;
       const SolveResult result = b.solve(probe);
       if (result.status != SolveStatus::kIterationLimit) continue;
@@ -376,7 +376,8 @@ TEST_CASE(
       }
       REQUIRE(result.error_bound >= excess / kStiffness);
       ++(at % 2 == 0 ? limited : stopped);
-      // Coulomb's law may hold although the error bound is large.
+      // If Coulomb's law is violated, each friction must have at least the strength of the last
+      // balance, or the largest strength that its plane allows.
       for (std::size_t l = 0; remembered && excess > 1e-9 && l < links.size(); ++l) {
         const double most = links[l].coefficient * b.set.items()[links[l].plane].strength;
         CAPTURE(i, at, l, held[l], most);
@@ -386,15 +387,15 @@ TEST_CASE(
     }
   }
   CAPTURE(limited, stopped, weaker);
-  CHECK(limited <= cases / 10000);  // each case has three solves
+  CHECK(limited <= cases / 10000);  // each case has three solves with the normal limit
   CHECK(stopped > cases / 10);
   CHECK(weaker > cases / 10);
 }
 
 TEST_CASE("the solver finds the next balance where a branch of balances ends at a fold",
           "[modes][friction]") {
-  // A wall with friction, a plane of a cloud, and a drag, from two recorded ticks. The branch of
-  // balances ends at a fold.
+  // Each of the two recorded ticks has a wall with friction, a cloud's plane, and a drag. The
+  // branch of balances ends at a fold.
   struct Tick {
     double stiffness;
     Vec3 probe;
@@ -458,7 +459,7 @@ TEST_CASE("the solver finds the next balance where a branch of balances ends at 
 
 TEST_CASE("a converged tick at a yielding skin over bone has an error bound of at most 3 um",
           "[modes][friction][release]") {
-  // A skin that yields, a drag below it, and bone behind.
+  // The hand presses through a skin that yields and a tissue with drag, onto bone.
   const auto rough = [](const char* of, double strength, double friction) {
     ModeSpec mode;
     mode.kind = ModeKind::kIsosurface;
@@ -501,9 +502,9 @@ TEST_CASE("a converged tick at a yielding skin over bone has an error bound of a
 
 TEST_CASE("a failed search for frictions in a groove does not make the proxy slip",
           "[modes][friction]") {
-  // Two walls with friction share a load, which moves from one wall to the other during a slow push
-  // along the groove. Even where Coulomb's law is not met, the walls must hold. The spring's force
-  // changes by 4 mN per tick.
+  // Two walls with friction share a load. During a slow push along the groove, the load moves from
+  // one wall to the other. The walls must hold even in ticks in which Coulomb's law is not
+  // satisfied. The spring's force changes by 4 mN per tick.
   for (const double degrees : {30.0, 60.0, 80.0}) {
     for (const double mu : {0.2, 0.8}) {
       CAPTURE(degrees, mu);
@@ -656,7 +657,7 @@ TEST_CASE("primitives at one place share a load and a plane without load carries
     REQUIRE(b.solve(along * t - into * q).status == SolveStatus::kConverged);
     const double share = wall / (wall + drag) * kStiffness * into;
     CHECK(q.dot(b.forces[0]) == Approx(share).epsilon(1e-6));
-    // Three walls that meet in a point can share the load in one way only.
+    // Three walls through one point can share a load in only one way.
     b.set.clear();
     for (const Vec3& n : {q, t, Vec3(q.cross(t))}) {
       const Vec3 tilted = (n + 0.1 * random.direction()).normalized();

@@ -83,8 +83,8 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   spec.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
   const auto ramp = TransferFunction::piecewise({{0, 0}, {1, 10}});
   spec.modes = {mode(ModeKind::kFollow, "flow"), mode(ModeKind::kFollow, "flow")};
-  // Factors: a number, a curve of the mode's own speed, and a curve of the distance to another
-  // volume's surface.
+  // The factors are a number, a curve of the flow's speed, and a curve of the distance to the
+  // head's surface.
   spec.modes[0].strength = TransferSpec(std::vector<TransferSpec::Factor>{
       {0.5, ""}, {ramp, ""}, {TransferFunction::window(0, 0.1, 2), "head"}});
   // A factor without a property uses the mode's `by`.
@@ -235,7 +235,7 @@ TEST_CASE("an isosurface on a 33rd volume is refused with the limit of 32 volume
   };
   for (int i = 0; i < 32; ++i) add(ModeKind::kIsosurface);
   CHECK(compileGraph(spec, balls).vector_properties.size() == 64);
-  // Modes that read a value alone need no vector.
+  // A viscosity mode reads only the value, so it adds no vector.
   for (int i = 0; i < 32; ++i) add(ModeKind::kViscosity);
   CHECK(compileGraph(spec, balls).scalar_fields.size() == 64);
   spec.modes.back().kind = ModeKind::kIsosurface;
@@ -253,8 +253,7 @@ TEST_CASE("a bad coupling or sub-step limit is refused when the scene is made", 
   CHECK_THROWS_WITH(makeScene(spec, fields(), {}, {0}), Contains("/accuracy/max_substeps"));
 }
 
-TEST_CASE("the error for an unknown name suggests a similar name but not a different one",
-          "[graph]") {
+TEST_CASE("the error for an unknown name suggests a name only if it is similar", "[graph]") {
   CHECK(nearestName("denisty", {"heat", "density"}) == "density");
   CHECK(nearestName("velocity", {"heat", "density"}).empty());
 }

@@ -78,7 +78,7 @@ bool placeDrag(void* state, const ModeInput& input, PrimitiveSet& set) noexcept 
 struct Named {
   const char* name;
   ModeSpec mode;
-  bool anchored;  ///< True: anchored at the last tick's proxy, so it adds no energy.
+  bool anchored;  ///< True if the mode is anchored at the last tick's proxy, so it adds no energy.
 };
 
 Named named(const char* name, ModeKind kind, const char* of, double strength, bool anchored) {
@@ -317,8 +317,8 @@ TEST_CASE("each mode places the primitives that the table of modes gives for it"
   REQUIRE(placed(near, p).size() == 1);
   CHECK(placed(near, p)[0].strength == Approx(1.2));
   near.guide.metres_per_unit = 1.0;
-  // In front of a plane guide, the proxy is held at any distance. More than the snap distance
-  // behind it, the proxy is free.
+  // A plane guide holds a proxy in front of the plane at any distance. It releases a proxy that is
+  // more than the snap distance behind the plane.
   near.guide.shape = PrimitiveKind::kPlane;
   near.guide.direction = Vec3::UnitY();
   const auto wall = placed(near, p);
@@ -329,7 +329,8 @@ TEST_CASE("each mode places the primitives that the table of modes gives for it"
   CHECK(placed(near, p - Vec3(0.0, 2e-3, 0.0)).empty());
 }
 
-TEST_CASE("a guide releases the hand at a distance of the proxy and not of the hand", "[modes]") {
+TEST_CASE("a guide releases the hand when the proxy and not the hand is at the snap distance",
+          "[modes]") {
   ModeSpec guide;
   guide.kind = ModeKind::kGuide;
   guide.guide = {PrimitiveKind::kPoint, Vec3(0.1, 0, 0), Vec3::UnitX(), 4e-3};
@@ -347,9 +348,8 @@ TEST_CASE("a guide releases the hand at a distance of the proxy and not of the h
   CHECK(held == Approx(8e-3).margin(2e-4));
 }
 
-TEST_CASE(
-    "on a vortex core a line holds the proxy and around it a tube keeps the proxy off the core",
-    "[modes]") {
+TEST_CASE("a vortex tube holds the proxy on the core or at a constant radius around the core",
+          "[modes]") {
   const Vec3 axis = Vec3(1, 2, 2) / 3.0;
   const std::map<std::string, FieldPtr> at{
       {"flow", makeVortex(Vec3::Zero(), 3.0 * axis, 0.2, 0.1)}};
@@ -393,7 +393,7 @@ TEST_CASE(
   CHECK(state.primitives().items()[1].strength == Approx(0.75));
 }
 
-TEST_CASE("the force of a vortex tube does not jump at its core and rounding errors cause no force",
+TEST_CASE("a vortex tube's force is continuous at its core and rounding errors cause no force",
           "[modes]") {
   const std::map<std::string, FieldPtr> at{{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.1)}};
   ModeSpec tube;
@@ -432,10 +432,8 @@ TEST_CASE("the force of a vortex tube does not jump at its core and rounding err
   }
 }
 
-TEST_CASE(
-    "a front with snap-drag snaps at even distances both ways, and without snap-drag follows the "
-    "hand",
-    "[modes]") {
+TEST_CASE("a front with snap-drag releases the proxy at even distances in both directions",
+          "[modes]") {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
   const std::map<std::string, FieldPtr> at{
       {"flow", makeVectorField(frame, [](const Vec3&) {
@@ -463,9 +461,9 @@ TEST_CASE(
     CHECK(last > 0.9);
     return where;
   };
-  CHECK(drops(0.0).empty());
-  // A front holds the proxy until the spring is 2 mm long (s/k). The next front is 4 voxels farther
-  // on.
+  CHECK(drops(0.0).empty());  // without snap-drag, the force never drops
+  // A front holds the proxy until the spring is 2 mm long (s/k). The next front is 4 voxels (4 mm)
+  // farther along the hand's path, so the releases are 6 mm apart.
   const std::vector<double> fronts = drops(4.0);
   REQUIRE(fronts.size() == 4);  // on a path of 30 mm
   for (std::size_t i = 1; i < fronts.size(); ++i) {
@@ -499,7 +497,7 @@ TEST_CASE("an isosurface with viscosity but without strength drags everywhere in
   CHECK(dragged < 250);
 }
 
-TEST_CASE("a user-defined mode reads its fields and places its primitives and keeps its state",
+TEST_CASE("a user-defined mode receives its state and fields and its primitives act on the hand",
           "[modes]") {
   auto count = std::make_shared<int>(0);
   ModeSpec own;
@@ -517,8 +515,8 @@ TEST_CASE("a user-defined mode reads its fields and places its primitives and ke
   CHECK(first.samples == 4);
   CHECK(pulled.samples == 2 * pulled.substeps);
   CHECK(*count - before == 1 + pulled.substeps);
-  // At 5 cm, the wave's height is 2 mm sin(3). The pull is 0.4 N plus that height times 1 N per
-  // metre. The position of the reading changes it by up to 1e-5 of its size.
+  // At 5 cm, the wave's height is 2 mm sin(3). The pull is 0.4 N plus this height times 1 N/m. The
+  // position of the reading changes the pull by up to 1e-5 of its value.
   CHECK(pulled.wanted.norm() == Approx(0.4 + 2e-3 * std::sin(3.0)).epsilon(1e-5));
   own.user.place = nullptr;
   CHECK_THROWS_WITH(sceneOf({own}), Catch::Contains("/modes/0"));
@@ -578,9 +576,10 @@ TEST_CASE("pairs and triples of modes balance as the reference solver does",
       }
     }
   }
-  // 455 sets (182 with sanitizers); some sets never have a primitive
+  // There are 455 sets, or 182 with sanitizers. Some of them place no primitive in the chosen tick.
   CHECK(compared > (test::kSanitized ? 150 : 400));
-  // If two planes with friction coincide, rounding decides how they share their load.
+  // If two planes with friction coincide, rounding decides how the planes share the load. Such
+  // ticks may reach the iteration limit.
   CAPTURE(ticks, limited);
   CHECK(limited <= 20);  // measured: 4 of 182,455
 }
@@ -595,7 +594,7 @@ TEST_CASE("a mode of zero strength does not change the result, bit for bit", "[m
     const auto forces = [&](const std::vector<ModeSpec>& specs) {
       Random own(seed);
       std::vector<double> out;
-      int samples = 0;  // of ticks with primitives: a free tick may need none
+      int samples = 0;  // in ticks with primitives; a free tick may need no sample
       feel(*sceneOf(specs), ClosedPath(own, 400),
            [&](int, const Vec3&, const StepReport& r, const ProxyState&) {
              out.insert(out.end(), {r.force.x(), r.force.y(), r.force.z(), r.error_bound});
@@ -609,7 +608,7 @@ TEST_CASE("a mode of zero strength does not change the result, bit for bit", "[m
     const auto alone = forces({base});
     CHECK(forces({base, zero}) == alone);
     CHECK(forces({zero, base}) == alone);
-    // A strength curve that is zero at these positions. It reads the field that is read anyway.
+    // This strength curve is zero at all positions of the path. The base mode reads the same field.
     if (mode.mode.of == base.of) {
       zero.strength = TransferFunction::piecewise({{10.0, 0.0}, {20.0, 1.0}});
       CHECK(forces({base, zero}) == alone);
@@ -630,8 +629,7 @@ TEST_CASE("rotating and moving scene and hand together rotates the force in the 
     CAPTURE(still[i].name);
     Scene scene = *sceneOf({still[i].mode, still[1].mode});
     Scene turned = *sceneOf({moved[i].mode, moved[1].mode}, fields(pose));
-    // The tolerance of the balance limits how precisely primitives share a load, and so how precise
-    // the friction is.
+    // The tolerance of the balance limits the precision of the loads, and so that of the friction.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     if (rough) scene.solver.tolerance = turned.solver.tolerance = 1e-9;
     const ClosedPath path(random, 400);
@@ -658,8 +656,9 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     const std::vector<Named> still = allModes();
     CAPTURE(still[i].name);
-    // In a moving volume the path is split elsewhere. If two surfaces coincided, micrometres would
-    // decide which of them bears the load. So a surface with friction is combined with a front.
+    // In a moving volume, the sub-steps are at other positions. If two surfaces coincided, an
+    // offset of micrometres would decide which surface bears the load. So this test combines a
+    // surface with friction with a front instead.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     const ModeSpec& beside = still[rough ? 5 : 1].mode;
     Scene scene = *sceneOf({still[i].mode, beside});
@@ -682,7 +681,8 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
       worst = std::max(worst, (pose.linear * force - other).norm());
       largest = std::max(largest, force.norm());
     }
-    // Friction depends on how the planes share the load, which is only as precise as the balance.
+    // Friction depends on how the planes share the load. The loads are only as precise as the
+    // balance.
     CHECK(worst <= (rough ? 1e-8 : 1e-9) * largest);
   }
 }
@@ -707,10 +707,8 @@ TEST_CASE("a motion that stands still does not change the forces, bit for bit", 
   }
 }
 
-TEST_CASE(
-    "the hand gains at most the counted energy of moving volumes and of the spring, and no tick "
-    "allocates",
-    "[modes][moving][passivity][realtime][release]") {
+TEST_CASE("the hand gains at most the energy that ticks count for moving volumes and the spring",
+          "[modes][moving][passivity][realtime][release]") {
   std::vector<std::vector<ModeSpec>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode.mode});
   std::vector<ModeSpec> all;
@@ -892,7 +890,7 @@ TEST_CASE("volumes that no mode needs are not read, and orthogonal sets are solv
   CHECK(countAt({0.08, 0, 0.03}) == 1);   // b
   CHECK(countAt({1, 0, 0.03}) == 1);      // far
   CHECK(countAt({0.5, 0, 0}) == 0);
-  // A weight is not read where its mode has no data: without wind, the pressure is not read.
+  // Where the wind has no data, its mode does not act, so the pressure is not read.
   GraphSpec weighted = spec;
   weighted.modes = {spec.modes[2]};
   std::map<std::string, FieldPtr> apart = at;
@@ -901,7 +899,8 @@ TEST_CASE("volumes that no mode needs are not read, and orthogonal sets are solv
   CHECK(fieldsAt(lonely->graph, {0.1, 0, 0}).scalars == 0);
   CHECK(fieldsAt(lonely->graph, {0.01, 0, 0}).scalars == 1);
 
-  // Orthogonal sets: a surface with its friction, a line with its front, a front with a surface.
+  // The first three sets are orthogonal: a surface with friction, a line with a front, and a front
+  // with a surface. The last set is not.
   const auto kindOfSolve = [&](const std::vector<ModeSpec>& modes) {
     GraphSpec g;
     g.modes = modes;
@@ -948,7 +947,7 @@ TEST_CASE("a tick with all modes allocates no memory", "[modes][realtime]") {
   CHECK(*calls > 1000);
 }
 
-TEST_CASE("a varying stiffness is passive and changes at a limited rate",
+TEST_CASE("a varying stiffness adds no energy and changes at a limited rate",
           "[coupling][modes][passivity][release]") {
   GraphSpec spec;
   const auto all = allModes();
@@ -981,8 +980,8 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate",
   CHECK(high > 600.0);
   CHECK(high <= 900.0);
 
-  // While the hand presses on a hard surface, the stiffness must wait. It changes after the
-  // release.
+  // While the spring is stretched by 3 mm, the stiffness must not grow without energy. After the
+  // release, the stiffness grows.
   const Vec3 offset(0, 0, 3e-3);
   VaryingStiffness k{300.0, 0.0};
   k = nextStiffness(k, 800.0, offset, 0.0, kDt);
@@ -998,8 +997,7 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate",
   k = nextStiffness(k, 800.0, Vec3::Zero(), 0.0, kDt);
   CHECK(k.value == Approx(305.0 + 2e-6 / 9e-6));
   CHECK(nextStiffness({300.0, 0.0}, 800.0, Vec3(1e-17, 0, 0), 0.0, kDt).value ==
-        305.0);                                                           // an offset of the size
-                                                                          // of rounding
+        305.0);  // an offset of 1e-17 m counts as zero
   CHECK(nextStiffness(k, 0.0, Vec3::Zero(), 0.0, kDt).value == k.value);  // no data
   CHECK(nextStiffness(k, std::nan(""), Vec3::Zero(), 0.0, kDt).value == k.value);
 }

@@ -69,7 +69,7 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kStiffness, 0.0});
 }
 
-/// A hand in a scene.
+/// A hand in a scene, with its proxy.
 struct Hand {
   const Scene& scene;
   Reader reader;
@@ -125,7 +125,8 @@ TEST_CASE("a motion rotates and translates at a constant rate between two keyfra
   check(again.poseAt(2.0 + 3.0 * 1000), 1.25, {0.1, 0, 0});
   check(Motion(std::vector<Keyframe>{keyAt(7.0, {0, 1, 0})}).poseAt(0.0), 0.0, {0, 1, 0});
 
-  // The region that a moving box covers, and the box's top speed.
+  // sweep() returns a box around all positions of the moving box. topSpeed() returns an upper bound
+  // of the speed of its points.
   const Box box{{0.1, -0.01, -0.01}, {0.12, 0.01, 0.01}};
   const auto z = [](double angle) {
     return Eigen::Quaterniond(Eigen::AngleAxisd(angle, Vec3::UnitZ()));
@@ -251,7 +252,7 @@ TEST_CASE("a ball that moves over a resting hand keeps the proxy on its surface"
       }
       CHECK(held > ticks / 5);
       CHECK(more <= 5);       // ticks in which contact begins
-      CHECK(worst <= 0.001);  // measured 5e-6, with one or two readings per tick
+      CHECK(worst <= 0.001);  // [voxels]; measured: 5e-6
     }
   }
 }
@@ -282,8 +283,8 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
           const double load = r.wanted.dot(q);
           const Vec3 along = r.wanted - load * q;
           const Vec3 now = hand.state.bodies()[0].pose.toRest(hand.state.proxy());
-          // While the hand sticks, the tangential force grows with the ball's rotation. While it
-          // slips, the force is mu times the load.
+          // While the proxy sticks, the tangential force grows with the ball's rotation. While the
+          // proxy slips, the tangential force is mu times the load.
           REQUIRE(along.norm() <= mu * load * (1.0 + 1e-6));
           slipped = slipped || along.norm() > 0.999 * mu * load;
           if (!slipped) {
@@ -295,7 +296,8 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
         const double load = r.wanted.dot(q);
         const Vec3 along = r.wanted - load * q;
         CHECK(slipped);
-        // The surface moves by 0.047 mm per tick. The hand starts to slip after 2 mm times mu.
+        // The surface moves by 0.047 mm per tick. The proxy slips after the surface has moved by mu
+        // times 2 mm.
         CHECK(stuck == Approx(mu * 2e-3 / (kRadius * kRate * kDt)).margin(3.0 + 10.0 * mu));
         CHECK(creep <= 1e-9 * kVoxel);
         CHECK(along.norm() == Approx(mu * load).epsilon(1e-6));
@@ -306,7 +308,7 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
   }
 }
 
-TEST_CASE("two bodies with different motions act on the hand together and one after the other",
+TEST_CASE("two bodies with different motions push the hand at the same time or in turn",
           "[modes][moving]") {
   // One ball comes from the left, a spinning ball comes from the front, and a floor is at rest.
   constexpr double kRadius = 0.03;
@@ -443,7 +445,7 @@ TEST_CASE("a moving viscous medium pulls the hand in the medium's direction of m
   }
 }
 
-TEST_CASE("a scene's time starts with the proxy's first tick in it and continues through faults",
+TEST_CASE("a scene's time starts with the first tick in that scene and continues through faults",
           "[modes][moving]") {
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), 0.03, kVoxel)}};
   const auto make = [&] {

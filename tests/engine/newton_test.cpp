@@ -17,9 +17,9 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// A quadric V = 0. A Surface has two: one for its values, one whose gradient gives the normals of
-/// its planes. On trilinear volumes, too, normals come from another gradient than that of the
-/// values.
+/// A quadric V = 0. A Surface has one quadric for its values and another one for the normals of its
+/// planes. Trilinear volumes have the same property: their normals are not the gradients of their
+/// interpolated values.
 struct Quadric {
   double value = 0.0;
   Vec3 slope = Vec3::Zero();
@@ -36,7 +36,7 @@ struct Surface {
   double strength = 0.0;
 };
 
-/// The residual of the balance of the primitives read at x, and Newton's step from x.
+/// The residual of the balance with the primitives that were read at x, and Newton's step from x.
 struct Reading {
   Vec3 residual;
   Vec3 step;
@@ -122,9 +122,8 @@ TEST_CASE("Newton's residual falls quadratically on a fillet on which Picard's i
   CHECK(newton.residuals[4] < 1e-12);
 }
 
-TEST_CASE(
-    "Newton's step converges quadratically on one and two and three surfaces that hold the proxy",
-    "[newton]") {
+TEST_CASE("Newton's step converges quadratically on up to three surfaces that hold the proxy",
+          "[newton]") {
   test::Random random(3);
   const long count = test::cases(2000);
   long held = 0;
@@ -150,7 +149,7 @@ TEST_CASE(
     const bool all =
         std::all_of(course.last.loads.begin() + static_cast<std::ptrdiff_t>(others.size()),
                     course.last.loads.end(), [](Load load) { return load == Load::kHeld; });
-    // Skips cases in which loads change between steps, or the hand is at a ridge.
+    // Skips cases in which a surface does not hold, or the hand is near a ridge.
     if (!all || course.residuals[8] > 1e-9) continue;
     ++held;
     for (std::size_t i = 3; i + 1 < course.residuals.size(); ++i) {
@@ -183,14 +182,13 @@ TEST_CASE("Newton's step converges where a surface yields and the direction of t
     converged += course.residuals[8] < 1e-11 ? 1 : 0;
   }
   CHECK(gave > count / 2);
-  CHECK(converged >= gave - gave / 50);  // fails only where the surface turns over
+  CHECK(converged >= gave - gave / 50);  // the others are where the quadric curves back
 }
 
-TEST_CASE(
-    "on a convex edge Newton's step lowers the energy, without surfaces it equals the residual",
-    "[newton]") {
-  // A cylinder of radius 1 mm, the hand 3 mm deep and 10 um to one side of the ridge. The nearest
-  // point is on that side.
+TEST_CASE("Newton's step follows the residual on a convex edge and equals it without surfaces",
+          "[newton]") {
+  // The hand is 3 mm deep in a cylinder of radius 1 mm, and 10 um to one side of the ridge. The
+  // nearest point of the surface is on the same side.
   Surface edge;
   edge.strength = 10.0;
   edge.value = {0.0, Vec3::UnitZ(), Vec3(1.0, 0.0, 0.0).asDiagonal().toDenseMatrix() / 1e-3};

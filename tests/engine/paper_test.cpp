@@ -76,11 +76,9 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 
 }  // namespace
 
-TEST_CASE(
-    "fig. 1: a tick reads properties along the proxy's path, moves the proxy, then computes the "
-    "pull",
-    "[paper][fig1][eq3]") {
-  // The ground is a surface with a drag. Its field records the positions at which it is read.
+TEST_CASE("fig. 1: a tick reads properties before it moves the proxy and computes the force",
+          "[paper][fig1][eq3]") {
+  // The ground is a surface with a drag. Its field records the positions of all readings.
   std::vector<Vec3> read;
   const FieldPtr ground = makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&read](const Vec3& p) {
@@ -102,18 +100,19 @@ TEST_CASE(
     read.clear();
     const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
     CAPTURE(tick);
-    // Step 1: local properties. The paper reads them at the old proxy. The engine reads them where
-    // the last tick's constraints lead the proxy, because the constraints must hold there. Each
-    // tick reads the ground once.
+    // Step 1 reads the local properties. The paper reads them at the old proxy. The engine reads
+    // them at the position to which the last tick's constraints lead the proxy, because the
+    // constraints must hold there. Each tick after the first reads the ground once.
     REQUIRE(r.samples == (tick == 0 ? 2 : 1));
     if (tick > 0) {
       for (Primitive& p : known) p.position = before;
       const test::Reference foreseen = solveReference(hand, kStiffness, known);
-      // The first call reads that position. Further calls read around it, to find how the normal
-      // changes.
+      // The first reading is at that position. Further readings are around the position, to measure
+      // how the normal changes.
       REQUIRE((read.front() - hand - foreseen.offset).norm() < 1e-9);
     }
-    // Step 2: constraints at the old proxy. The proxy moves to where they balance the spring.
+    // Step 2 places the constraints at the old proxy, and moves the proxy to the position at which
+    // the constraints balance the spring.
     const auto items = state.primitives().items();
     known.assign(items.begin(), items.end());
     REQUIRE(known.size() == 2);
@@ -122,7 +121,7 @@ TEST_CASE(
     const test::Reference reference = solveReference(hand, kStiffness, known);
     const Vec3 offset = r.proxy - hand;
     REQUIRE((offset - reference.offset).norm() <= r.error_bound + reference.error_bound + 1e-15);
-    // Step 3: the force follows from the new proxy by eq. (3) alone.
+    // Step 3 computes the force from the new proxy by eq. (3).
     lengths.push_back(offset.norm());
     const int back = std::min(tick, static_cast<int>(kRateTime / kDt + 0.5));
     const double then = lengths[static_cast<std::size_t>(tick - back)];
@@ -192,7 +191,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
   }
 }
 
-TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force, primitives do not",
+TEST_CASE("fig. 2: weak non-orthogonal constraints give a spurious force unlike primitives",
           "[paper][fig2][eq7]") {
   Random random(2);
   std::cout
@@ -239,8 +238,7 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
   }
 }
 
-TEST_CASE("weak primitives of any kind give at most their summed strength, like the reference",
-          "[paper]") {
+TEST_CASE("weak primitives of any kind give a force of at most their summed strength", "[paper]") {
   Random random(4);
   for (double strength = 1e-9; strength < 2e-2; strength *= 10.0) {
     for (int i = 0; i < 100; ++i) {
@@ -299,7 +297,7 @@ TEST_CASE("section 3.1: n parallel constraints multiply the error by 1 - n each 
 
 TEST_CASE("section 3.2: two objects, a stream and its curl balance together in each tick",
           "[paper]") {
-  // A ball half inside the ground, in a stream that twists about its own axis.
+  // A ball is half inside the ground, in a stream that twists about its own axis.
   GraphSpec spec;
   spec.fields = {{"spin", {Derivation::kCurl, "flow"}}};
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0),
@@ -399,7 +397,7 @@ TEST_CASE("eq. 8: a directed force acts with its full strength, alone and among 
     std::vector<Primitive> set{push};
     const Vec3 alone = solveProxy(probe, kStiffness, set, probe).offset;
     CHECK((alone - methods::forceFunction(probe, kStiffness, set, probe).offset).norm() < 1e-15);
-    // With other primitives, it acts like a hand that is s/k farther along the force.
+    // Among other primitives, the force acts as if the hand were s/k farther along the force.
     std::vector<Primitive> others{random.primitive(), random.primitive(), random.primitive()};
     const Vec3 moved_probe = probe + push.strength / kStiffness * push.direction;
     const SolveResult moved = solveProxy(moved_probe, kStiffness, others, probe);
@@ -429,8 +427,8 @@ TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force"
             solved.error_bound + reference.error_bound);
     if ((solved.proxy - point.position).norm() < 1e-5) continue;  // the point holds the proxy too
     // The plane's force is the difference between the spring's and the point's force, along the
-    // plane's normal. It is the full strength behind the plane, zero in front of it, and anything
-    // in between on the plane.
+    // plane's normal. Behind the plane, this force is the full strength; in front of the plane, it
+    // is zero. On the plane, it is between zero and the strength.
     const Vec3 left = kStiffness * solved.offset - printedForce(point, solved.proxy);
     const double along = left.dot(q);
     const double height = solved.proxy.dot(q);
@@ -454,8 +452,8 @@ TEST_CASE(
     const Vec3 probe(0, 0, -pull / kStiffness);
     const SolveResult solved = solveProxy(probe, kStiffness, set, probe);
     CHECK(solved.error_bound < 1e-15);
-    // On and above the plane, the residual is the spring's force. Below the plane it is the
-    // strength minus that force. So it is at least the smaller of the two.
+    // On and above the plane, the residual is the spring's force. Below the plane, the residual is
+    // the strength minus the spring's force. So the residual is at least the smaller value.
     const double left = std::min(pull, 1.0 - pull);
     CHECK(residualForce(solved.offset, probe, kStiffness, set).norm() >= left * (1 - 1e-9));
     CHECK(smallestResidualNear(solved.proxy, probe, set) >= left * (1 - 1e-3));
@@ -525,8 +523,9 @@ TEST_CASE("section 4.2: the smallest |f_res| is not always at the balance", "[pa
 TEST_CASE("section 4.3: the work of a balance grows at most linearly with the number of primitives",
           "[paper]") {
   // An iteration of palpate or of Euler's method visits each primitive a fixed number of times. So
-  // the test counts N times the iterations. Strengths are at most 6 N / N, so that for any N the
-  // proxy sometimes sticks and sometimes slides.
+  // the work is the number of primitives times the iterations. The strengths are inversely
+  // proportional to the number of primitives. So for any number, the proxy sometimes sticks and
+  // sometimes slides.
   constexpr int kFew = 8;
   constexpr int kMany = static_cast<int>(kMaxPrimitives);
   const auto work = [](bool ours, bench::Family family, int count) {

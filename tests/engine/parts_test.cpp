@@ -28,7 +28,7 @@ namespace {
 constexpr double kDt = 1e-3;
 const ForceLimits kOpen{1000.0, 1e9};
 
-/// A ball, with data in a cube of twice its size.
+/// A ball. Its field has data in a cube whose edge is twice the ball's diameter.
 struct Ball {
   Vec3 centre = Vec3::Zero();
   double radius = 0.02;
@@ -99,8 +99,8 @@ std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
   return makeScene(spec, fields, coupling);
 }
 
-/// Builds a scene with this graph and a wall that blocks the proxy. The wall is a part, or one of
-/// the graph's volumes.
+/// Builds a scene with this graph and a wall that blocks the proxy. If `as_part` is true, the wall
+/// is a part; otherwise the wall is one of the graph's volumes.
 std::unique_ptr<const Scene> besideWall(GraphSpec spec, std::map<std::string, FieldPtr> fields,
                                         const Ball& wall, bool as_part,
                                         const CouplingParams& coupling = {}) {
@@ -151,8 +151,9 @@ TEST_CASE("parts give the same forces as volumes that are read in every tick", "
   CHECK(felt > 2000);
 }
 
-TEST_CASE("a fast hand follows a stream of a part as it follows one of a volume", "[scale]") {
-  // At 2 m/s a tick takes several moves.
+TEST_CASE("a fast hand feels the same force from a part's stream as from a volume's stream",
+          "[scale]") {
+  // At 2 m/s the proxy makes several moves per tick.
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kFollow;
@@ -279,7 +280,7 @@ TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]")
         b = together.step({0.06 - gap, 0, 0});
         REQUIRE(a.proxy.x() < 0.0601);
       }
-      // The wall bears the wind's force minus that of the spring, which is stretched over the gap.
+      // The wall bears the wind's force minus the spring's force. The spring is as long as the gap.
       CHECK((a.wanted - b.wanted).norm() < 1e-6);
       if (wind / 500.0 > gap) CHECK(a.parts == 1);
     }
@@ -317,9 +318,10 @@ TEST_CASE("a moving body pushes the proxy against a part but not through it", "[
   CHECK(off < 1e-6);
 }
 
-TEST_CASE("if more parts than the limit are near the hand, the strongest parts are evaluated",
+TEST_CASE("only the strongest parts are evaluated if more parts than the limit are near the hand",
           "[scale]") {
-  // Seventy balls overlap. A graph has thirty of them; the other forty are parts.
+  // Seventy balls overlap. In scene `crowd` all are parts, in `chosen` only the 64 strongest. In
+  // `all`, thirty are volumes of the graph and forty are parts.
   Random random(5);
   std::vector<Ball> balls(70);
   for (std::size_t i = 0; i < balls.size(); ++i) {

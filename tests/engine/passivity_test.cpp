@@ -1,5 +1,5 @@
-/// Tests the energy tank: with it, no hand, arm or scene can extract energy. Other methods fail
-/// these tests.
+/// Tests the energy tank: no hand, arm or scene can extract energy from a loop with an energy tank.
+/// Control runs without a tank, or with wrong data in the tank, show that hands then gain energy.
 #include "palpate/engine/safety/passivity.h"
 
 #include <cmath>
@@ -54,10 +54,8 @@ constexpr auto kAsDrawn = [](PassivityRun&) {};
 
 }  // namespace
 
-TEST_CASE(
-    "with an energy tank no scene gives a hand energy, but with a passivity observer some scenes "
-    "do",
-    "[passivity]") {
+TEST_CASE("no scene gives a hand energy with an energy tank but some do with a passivity observer",
+          "[passivity]") {
   const long count = test::cases(400);
   const Many tank = playMany(count, Keeper::kTank, kAsDrawn);
   const Many nobody = playMany(count, Keeper::kNobody, kAsDrawn);
@@ -104,8 +102,8 @@ TEST_CASE("with a lagging amplifier no hand extracts energy from the energy tank
 
 namespace {
 
-/// Runs passive hands and adversaries. If the tank knows the uncertainty that `doubt` sets, no hand
-/// gains energy. Otherwise some hands gain energy.
+/// Runs `count` passive hands and as many adversaries. Requires that no hand gains energy if the
+/// tank knows the uncertainty that `doubt` sets, and that some hands do otherwise.
 template <class Doubt>
 void onlyWhereTold(long count, Doubt doubt) {
   for (const bool adversary : {false, true}) {
@@ -164,22 +162,22 @@ class Doubted {
     tank.refill(energy_);
     send(0.0, -doubt);
   }
-  /// Sends a force that acts `late` [s] after the middle of that range. Then the hand moves for a
-  /// period at `speed`, plus `greed` times the speed that gains the most energy against viscous
-  /// friction.
+  /// Sends the share `given` of a force [N], which acts `late` [s] after the middle of that range.
+  /// Then the hand moves for a period at `speed` [m/s], plus `greed` times the speed that gains the
+  /// most energy against viscous friction.
   void tick(double force, double late, double speed, double greed, double given = 1.0) {
     ask(force);
     tank.weaken(given, params_.arm);
     send(given * force, late);
     move(speed, greed);
   }
-  /// Requests a force from the tank. Returns the smallest difference so far between the true energy
-  /// and the tank's [J].
+  /// Requests a force [N] from the tank. Returns the smallest difference so far between the true
+  /// energy and the tank's energy [J].
   double spare(double force) {
     ask(force);
     return spare_;
   }
-  /// Raises the force slowly to 10 N and holds it, until delayed forces are constant.
+  /// Raises the force slowly to 10 N and keeps it there, until all delayed forces are 10 N.
   void settle() {
     for (int i = 1; i <= 1000; ++i) tick(0.01 * i, 0.0, 0.0, 0.0);
     for (int i = 0; i < 4; ++i) tick(10.0, 0.0, 0.0, 0.0);
@@ -228,20 +226,20 @@ TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]
   // more than the tank counts.
   constexpr double kT = Doubted::kPeriod;
   constexpr double kRounding = 1e-12;  // [J]
-  SECTION("a path covered within the uncertainty") {
+  SECTION("the hand moves while the start of a force is uncertain") {
     Doubted hand(0.5 * kT, 0.5 * kT);
     hand.tick(0.0, 0.0, 0.0, 0.0);
     hand.tick(1.0, -0.5 * kT, 10.0, 0.0);
     CHECK(hand.spare(1.0) >= -kRounding);
   }
-  SECTION("a force that varies about its mean") {
+  SECTION("the force during a period varies about its mean") {
     Doubted hand(kT, 0.5 * kT);
     hand.tick(0.0, 0.0, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, -5.0, 1.0);
     CHECK(hand.spare(10.0) >= -kRounding);
   }
-  SECTION("forces that act longer than the mean delay") {
+  SECTION("an old force acts longer than the mean delay") {
     Doubted hand(2.0 * kT, 0.5 * kT);
     hand.settle();
     hand.tick(0.0, 0.5 * kT, 0.0, 0.0);
@@ -249,14 +247,14 @@ TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]
     hand.tick(0.0, 0.5 * kT, 0.0, 1.0);
     CHECK(hand.spare(0.0) >= -kRounding);
   }
-  SECTION("uncertainty that lasts into the next period") {
+  SECTION("the uncertainty lasts into the next period") {
     Doubted hand(0.8 * kT, 0.5 * kT);
     hand.tick(0.0, 0.0, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, -30.0, 0.0);
     CHECK(hand.spare(10.0) >= -kRounding);
   }
-  SECTION("motors that give zero force, late") {
+  SECTION("motors that give zero force switch late") {
     Doubted hand(0.8 * kT, 0.5 * kT);
     hand.settle();
     const double before = hand.tank.energy();
@@ -267,7 +265,7 @@ TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]
     hand.tick(0.0, 0.5 * kT, 100.0, 0.0);
     CHECK(hand.spare(0.0) >= -kRounding);
   }
-  SECTION("motors that give zero force, so that an old force stays") {
+  SECTION("an old force continues while the motors give zero force") {
     Doubted hand(2.0 * kT, 0.5 * kT);
     hand.settle();
     hand.tick(10.0, 0.5 * kT, 0.0, 0.0, 0.0);
@@ -283,8 +281,8 @@ TEST_CASE("the energy tank assumes the worst case of the jitter of position read
   TankParams params = acting(0.5);
   params.arm.delay = 1.25e-3;
   params.arm.doubt = params.arm.jitter = 0.25e-3;
-  // Without a force: the time between two readings can be half a period longer than the period. In
-  // this time, a hand at constant speed moves 1.5 times as far.
+  // In the first case, no force acts. The time between two readings can be 1.5 periods, so a hand
+  // at constant speed can move 1.5 times as far.
   Tank tank;
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, kCap);
   const double speed = 0.2;
@@ -292,8 +290,8 @@ TEST_CASE("the energy tank assumes the worst case of the jitter of position read
   (void)tank.pass(Vec3::Zero(), {speed * longest, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() <= 0.5 * speed * speed * longest + 1e-15);
   CHECK(tank.energy() > 0.99 * 0.5 * speed * speed * longest);
-  // With a force: the reported position stays the same, but the force may have moved the hand since
-  // the position was read.
+  // In the second case, a force acts. The reported position stays the same, but the force may have
+  // moved the hand since the position was read.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, 100.0);
   other.refill(10.0);
@@ -333,8 +331,8 @@ TEST_CASE(
     CHECK(told.broken == 0);
     CHECK(told.debt == 0.0);
   }
-  // If the tank is not told that the motors give less force, it credits too much work to a hand
-  // that moves against the force. An adversary moves with the force, so this test has none.
+  // A tank that does not know the motors' share credits too much work to a hand that moves against
+  // the force. An adversary moves with the force, so these runs have no adversary.
   const Many untold = playMany(120, Keeper::kTank, [](PassivityRun& run) {
     run.weak = 0.3;
     run.tells_weak = false;
@@ -365,10 +363,10 @@ TEST_CASE("early ticks give the hand no energy, and late ticks put the energy ta
     INFO("late: margin " << debtors.margin << ", debt " << debtors.debt);
     CHECK(debtors.broken == 0);
     CHECK(debtors.debt > 0.0);
-    // In less than a tenth of the runs energy comes out, at most 1.5 J.
+    // The hand extracts energy in less than a tenth of the runs, and at most 1.5 J.
     CHECK(10 * debtors.active < debtors.runs);
     CHECK(debtors.worst > -1.5);
-    // With a delay in addition to early ticks, the tank has no debt either.
+    // With early ticks and a delay, the tank has no debt.
     const auto delayed = [&](PassivityRun& run) {
       early(run);
       run.jitter = 0.3;
@@ -381,7 +379,7 @@ TEST_CASE("early ticks give the hand no energy, and late ticks put the energy ta
   }
 }
 
-TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down by the energy tank",
+TEST_CASE("the energy tank reduces the force of an active wall but not of a passive wall",
           "[passivity]") {
   struct Felt {
     double scaled = 0.0;
@@ -421,10 +419,10 @@ TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down b
   CHECK(active.lost > 0.01);
 }
 
-TEST_CASE("without encoder steps and delay the largest force of the tank equals the closed form",
+TEST_CASE("without encoder steps or delay the tank allows a force up to the closed-form limit",
           "[passivity]") {
   // A hand that moves by dx = 1 mm in a period T against viscous friction b puts in b dx^2 / T. A
-  // force R held for T can extract at most R^2 T / (4 b).
+  // force R that acts for a period T can extract at most R^2 T / (4 b).
   const double b = 0.5;
   const double period = 1e-3;
   Tank tank;
@@ -443,12 +441,10 @@ TEST_CASE("without encoder steps and delay the largest force of the tank equals 
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE(
-    "the energy tank pays for the uncertainty of an encoder step when a force starts and while it "
-    "acts",
-    "[passivity]") {
-  // A path is known only to within an encoder step. A force costs half a step times the force when
-  // it starts to act, and again while it acts.
+TEST_CASE("the energy tank pays for the uncertainty of an encoder step while a force acts",
+          "[passivity]") {
+  // The tank knows a path only to within an encoder step. So a force costs half a step times the
+  // force when it starts to act. While it acts, it costs the same amount again.
   const double b = 0.5;
   const double period = 1e-3;
   const double step = 1e-5;
@@ -501,7 +497,7 @@ TEST_CASE("the tank stores a hand's work up to its cap and gives it back", "[pas
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, cap);
   (void)tank.pass(Vec3::Zero(), {1e-2, 0, 0}, true, period, params, cap);  // 50 mJ
   CHECK(tank.energy() == Approx(cap));
-  // The hand extracts as much as it can: 0.5 mJ per tick.
+  // The hand moves with the force and extracts 0.5 mJ per tick, the largest possible amount.
   for (int i = 0; i <= 10; ++i) {
     CHECK(tank.pass({1, 0, 0}, {1e-2 + 1e-3 * i, 0, 0}, true, period, params, cap) == 1.0);
   }
@@ -551,13 +547,13 @@ TEST_CASE("an invalid position of the hand empties the energy tank", "[passivity
   CHECK(tank.energy() > 0.0);
   CHECK(tank.pass({1, 0, 0}, {nan, 0, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.energy() == 0.0);
-  // After a reset, the tank starts at the hand's position in the next call. The path before does
-  // not count.
+  // After an invalid position, the tank starts again at the hand's position in the next call. The
+  // path to that position does not count.
   CHECK(tank.pass({1, 0, 0}, {1, 1, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass({1, 0, 0}, {1, 1, 1}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass(Vec3::Zero(), {1, 1, 1.001}, true, 1e-3, params, kCap) == 1.0);
   CHECK(tank.energy() == Approx(0.5e-3));
-  // An invalid period must not change the energy.
+  // A tick with an invalid period must leave the energy unchanged.
   const double before = tank.energy();
   for (const double dt : {0.0, -1.0, nan, 1e-310}) {
     (void)tank.pass(Vec3::Zero(), {1, 1, 1.002}, true, dt, params, kCap);
@@ -565,9 +561,8 @@ TEST_CASE("an invalid position of the hand empties the energy tank", "[passivity
   }
 }
 
-TEST_CASE(
-    "the hand's work fills the energy tank to its cap, and refills beyond the cap are counted",
-    "[passivity]") {
+TEST_CASE("the hand's work fills the energy tank only to its cap but a refill may exceed the cap",
+          "[passivity]") {
   Tank tank;
   const TankParams params = acting(0.5);
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, 1e-3, params, 0.01);
@@ -578,7 +573,7 @@ TEST_CASE(
   CHECK(tank.refilled() == 0.02);
 }
 
-TEST_CASE("the energy tank restarts if more forces are under way than it can store",
+TEST_CASE("the energy tank restarts if more delayed forces are pending than it can store",
           "[passivity]") {
   Tank tank;
   TankParams params = acting(5.0);
@@ -643,7 +638,7 @@ TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[
       CHECK(tank.debt == 0.0);
     }
   }
-  // Control experiment: if repeated positions are passed as new, the tank fails.
+  // As a control, the loop passes repeated positions as new ones. Then some hands gain energy.
   const Many told = playMany(test::cases(100), Keeper::kTank, [](PassivityRun& run) {
     run.every = 4;
     run.tells_age = false;
@@ -653,7 +648,8 @@ TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[
 }
 
 TEST_CASE("a restarted energy tank gives no force until a new position arrives", "[passivity]") {
-  // A part of the path since the last position lies before the reset.
+  // The hand moved a part of the path to the next position before the reset. So the tank must not
+  // count this path.
   const TankParams params = acting(0.5);
   Tank tank;
   for (int n = 0; n < 3; ++n) {
@@ -664,7 +660,7 @@ TEST_CASE("a restarted energy tank gives no force until a new position arrives",
     CHECK(tank.pass({0, 0, 0}, {9e-3, 0, 0}, true, 1e-3, params, kCap) == 1.0);
     CHECK(tank.energy() == Approx(0.5 * 1e-6 / 1e-3));
   }
-  // The same holds for a new tank.
+  // A new tank must behave in the same way.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), false, 1e-3, params, kCap);
   (void)other.pass(Vec3::Zero(), {8e-3, 0, 0}, true, 1e-3, params, kCap);

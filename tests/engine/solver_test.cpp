@@ -81,8 +81,8 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
           "[solver][balance]") {
   // docs/speed_accuracy.md reports a run with PALPATE_CASES=10000000.
   const long n = test::cases(100000);
-  const long every = std::max(1L, n / 1000);  // every this many cases, one is compared with the
-                                              // reference
+  // One of `every` cases of each family is compared with the reference.
+  const long every = std::max(1L, n / 1000);
   long over_goal = 0;
   std::map<Family, long> judged;
   int most = 0;
@@ -113,7 +113,6 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
     solves += r.iterations;
     over_goal += static_cast<long>(r.iterations > 25);
     worst_bound = std::max(worst_bound, r.error_bound / allowed);
-    // Compares the families in turn with the reference.
     if (i / static_cast<long>(bench::kFamilies.size()) % every != 0) continue;
     ++judged[family];
     const Reference ref = solveReference(p.probe, p.stiffness, p.primitives);
@@ -226,7 +225,7 @@ TEST_CASE("directions whose length differs from 1 by less than 1e-6 count as uni
     const SolveResult b = solveProxy(probe, kStiffness, exact, probe);
     CAPTURE(describe(probe, kStiffness, set));
     CHECK((a.offset - b.offset).norm() <= a.error_bound + b.error_bound);
-    // For directed forces alone, the error bound is only rounding.
+    // For a set of directed forces only, the error bound covers only rounding.
     const std::vector<Primitive> off{
         {PrimitiveKind::kForce, Vec3::Zero(), {0, 0, 1.0 + 0.99e-6}, 1.0}};
     const SolveResult r = solveProxy(Vec3::Zero(), kStiffness, off, Vec3::Zero());
@@ -278,7 +277,7 @@ TEST_CASE("nearly orthogonal sets of primitives are solved within their error bo
 namespace {
 
 /// A hand that moves randomly about primitives. If `follow` is true, the primitives move with the
-/// proxy and turn slowly in each tick, as those of modes do. Otherwise they are fixed.
+/// proxy and turn slowly, as the primitives of modes do. Otherwise the primitives are fixed.
 struct Walk {
   Walk(int count, bool follow, std::uint64_t seed) : follows(follow), random(seed) {
     for (int i = 0; i < count; ++i) {
@@ -379,7 +378,7 @@ TEST_CASE("rotating and shifting the problem rotates and shifts the balance", "[
     const SolveResult a = solveProxy(probe, kStiffness, set, probe);
     const SolveResult b = solveProxy(R * probe + t, kStiffness, turned, probe);
     CAPTURE(describe(probe, kStiffness, set));
-    // The rotated problem has coordinates of 0.1 m, which determine the rounding.
+    // The extra 1e-16 m covers the rounding of the rotated problem's coordinates of 0.1 m.
     CHECK((R * a.offset - b.offset).norm() <= a.error_bound + b.error_bound + 1e-16);
   }
 }
@@ -450,7 +449,8 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
     CAPTURE(width, z);
     CHECK(std::abs(r.proxy.z() - std::clamp(z, 0.0, width)) <= r.error_bound);
     CHECK(r.error_bound <= 1e-6 * 4.0 / kStiffness);
-    // The plane on which the proxy presses bears the spring's force, the other plane none.
+    // The plane against which the spring presses the proxy bears the spring's force. The other
+    // plane bears no force.
     const double spring = kStiffness * (r.proxy.z() - z);
     const double unknown = kStiffness * r.error_bound + 1e-12;
     CHECK(std::abs(forces[0].z() - std::max(0.0, spring)) <= unknown);
@@ -459,8 +459,7 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
 }
 
 TEST_CASE("planes alone are balanced exactly by pivoting, far below the tolerance", "[solver]") {
-  // Newton's method would stop at an error bound of 1e-6 S/k, with an error of about 5e-7 S/k.
-  // Pivoting gives the exact result.
+  // Newton's method would stop at an error bound of 1e-6 S/k. Pivoting gives the exact result.
   for (const std::size_t count : {3, 8, 64, 1024}) {
     CAPTURE(count);
     Random random(21);
@@ -481,8 +480,9 @@ TEST_CASE("planes alone are balanced exactly by pivoting, far below the toleranc
       REQUIRE(exact.iterations == r.iterations);
     }
   }
-  // Three planes that cross in one point, and a slot of two opposite planes along each, all three
-  // times. All hold the first load, some yield at the second, all yield at the third.
+  // Three planes cross in one point, and a slot of two opposite planes lies along each of them. The
+  // set contains all these planes three times. All planes hold the first load, some yield at the
+  // second, and all yield at the third.
   const std::vector<Vec3> normals{{1, 0, 0}, {0.6, 0.8, 0}, {0.2, 0.3, 0.9}};
   for (const double load : {1e-3, 4e-3, 0.1}) {
     std::vector<Primitive> set;
@@ -507,8 +507,8 @@ TEST_CASE(
     "[solver]") {
   Random random(22);
   for (long i = 0; i < test::cases(20000); ++i) {
-    // A surface with viscosity places primitives like these: a point at the proxy, and a plane
-    // close to it.
+    // A surface with viscosity places similar primitives: a point at the proxy, and a plane near
+    // the point.
     const Vec3 at = random.inCube(5e-2);
     const double apart = random.integer(10) == 0 ? 0.0 : random.logUniform(1e-16, 1e-2);
     Primitive other = random.primitive();

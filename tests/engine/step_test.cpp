@@ -30,7 +30,7 @@ ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength) {
   return spec;
 }
 
-/// A scene of one field and some modes, and a hand.
+/// A scene with one field and its modes, and a hand.
 struct Bench {
   std::unique_ptr<const Scene> scene;
   Reader reader;
@@ -105,21 +105,20 @@ TEST_CASE("a surface pushed harder than its strength releases the proxy at s/k",
   }
 }
 
-TEST_CASE(
-    "after yielding a surface pulls until its proxy is three voxels deep and then releases it",
-    "[step][fig6]") {
+TEST_CASE("a surface that has yielded pulls until the proxy is three voxels deep", "[step][fig6]") {
   Bench bench = sphere(1.0);
   const Vec3 d = Vec3::UnitZ();
   bench.go(1.1 * kRadius * d, kRadius * d);
   // The proxy's depth is the hand's depth minus s/k = 2 mm. Voxels are 1 mm.
   StepReport r = bench.go(kRadius * d, (kRadius - 4.9e-3) * d, 1e-5);
   CHECK(r.force.norm() == Approx(1.0).epsilon(1e-6));
-  // As the plane weakens, the proxy moves deeper, and the plane weakens further.
+  // Between hand depths of 4.9 mm and 5.1 mm, the proxy reaches a depth of three voxels, and the
+  // surface releases it.
   r = bench.go((kRadius - 4.9e-3) * d, (kRadius - 5.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   r = bench.go((kRadius - 5.1e-3) * d, (kRadius - 10e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
-  // Inside the solid, the proxy moves freely and can leave it.
+  // Inside the solid, the proxy moves freely and can leave the solid.
   r = bench.go((kRadius - 10e-3) * d, (kRadius - 0.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   double most = 0.0;
@@ -245,7 +244,7 @@ TEST_CASE("at the limit of sub-steps the rest of the path waits and the status r
   const StepReport r = bench.step({0.04, 0, 0});
   CHECK(r.status == StepStatus::kSubstepLimit);
   CHECK(r.substeps == 16);
-  // one voxel per reading, and one after the last reading
+  // The proxy moves one voxel per reading, and one voxel after the last reading.
   CHECK(r.proxy.x() == Approx(17e-3));
   bench.step({0.04, 0, 0});
   bench.step({0.04, 0, 0});
@@ -310,8 +309,8 @@ TEST_CASE("a new scene keeps the proxy and forgets surfaces that have yielded", 
   CHECK((after.proxy - before.proxy).norm() < 1e-9);
   CHECK((after.force - before.force).norm() < 1e-6);
 
-  // With a new scene, a contact that has yielded is forgotten. So the hand leaves the new solid
-  // without a force.
+  // A new scene forgets that a contact has yielded. The proxy then counts as inside the new solid,
+  // which causes no force.
   Bench weak = sphere(0.5);
   weak.go({0, 0, 1.02 * kRadius}, pressed);
   REQUIRE(sideOf(weak.state.memory(0)) == Side::kYielded);
@@ -333,10 +332,10 @@ TEST_CASE("a scene that is replaced while the proxy rests on its surface keeps t
   }
 }
 
-TEST_CASE("in a concave edge both walls hold the hand and on a convex edge the hand slides over",
+TEST_CASE("both walls of a concave edge hold the hand but a convex edge lets it slide over",
           "[step]") {
-  // Two half-spaces with the y axis as their common edge. Their union is a groove, their
-  // intersection a roof.
+  // Two half-spaces have the y axis as their common edge. Their union has a groove, and their
+  // intersection has a ridge.
   const auto wedge = [](bool groove, double slope) {
     return makeScalarField(FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}},
                            [=](const Vec3& p) {

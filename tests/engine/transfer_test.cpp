@@ -31,7 +31,7 @@ TEST_CASE("a piecewise curve is linear between its points and constant beyond", 
   const auto f = TransferFunction::piecewise({{0, 0}, {0.3, 1}, {0.3, 2}, {1, 4}});
   CHECK(f(-5) == 0.0);
   CHECK(f(0.15) == Approx(0.5));
-  CHECK(f(0.3) == 2.0);  // at a step, the later point's value
+  CHECK(f(0.3) == 2.0);  // at a step, the curve has the later point's value
   CHECK(f(0.65) == Approx(3.0));
   CHECK(f(2) == 4.0);
 }

@@ -1,5 +1,4 @@
-// Tests primitives whose strength or direction depends on the position: the values that a tick
-// uses, and the force on the hand.
+/// Tests primitives whose strength or direction depends on the position.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -92,7 +91,7 @@ TEST_CASE(
 
 TEST_CASE("a directed force that rises steeply changes smoothly with less than 1.1 readings a tick",
           "[modes][eq8]") {
-  // The force rises by 2 N over `width`: two to eight times as steeply as the spring's.
+  // The force rises by 2 N over `width`: two to eight times as steeply as the spring's force.
   const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
   const double metres_per_unit = GENERATE(1.0, 1e-3);
   ModeSpec push;
@@ -134,7 +133,7 @@ TEST_CASE("a force towards an axis changes smoothly while the hand passes the ax
   CHECK(felt.readings < 10.0);
 }
 
-TEST_CASE("up to one voxel per tick the proxy keeps its radius around a vortex and on a front",
+TEST_CASE("at up to one voxel per tick the proxy keeps its radius around a vortex and on a front",
           "[modes]") {
   const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]; up to one voxel per tick
   const bool tube = GENERATE(false, true);
@@ -150,8 +149,8 @@ TEST_CASE("up to one voxel per tick the proxy keeps its radius around a vortex a
   });
   const auto scene = sceneOf(
       {mode}, {{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.5)}, {"outwards", outwards}});
-  // The hand goes around. Within 20 ticks it also moves outwards by half of S/k, while the proxy
-  // must stay at its radius.
+  // The hand circles the axis. In the first 20 ticks, the hand also moves outwards by half of S/k.
+  // The proxy must stay at its radius.
   constexpr double kRadius = 0.02;
   const double outside = 0.5 * strength / kStiffness;
   const double turn = speed * kDt / kRadius;
@@ -169,7 +168,7 @@ TEST_CASE("up to one voxel per tick the proxy keeps its radius around a vortex a
 
 TEST_CASE("a converged tick is within a quarter voxel of the balance for any strength curve",
           "[modes]") {
-  // The force grows with depth, so there is one balance, which bisection finds.
+  // The force grows with x, so there is exactly one balance. The test finds it by bisection.
   Random random(63);
   const long cases = test::cases(400);
   int told = 0;
@@ -204,8 +203,8 @@ TEST_CASE("a converged tick is within a quarter voxel of the balance for any str
         (kStiffness * (hand - middle) > curve(middle) ? low : high) = middle;
       }
       CAPTURE(c, i, hand, r.proxy.x(), low);
-      // No reading follows a step that is below the tolerance. Such a step is too short if it
-      // should end at a knot of the curve.
+      // A tick ends after a step that is shorter than the tolerance. If the balance is at a knot of
+      // the curve, this last step can be too short.
       off += std::abs(r.proxy.x() - low) <= 0.01 * kVoxel + 1e-12 ? 0 : 1;
       CHECK(std::abs(r.proxy.x() - low) <= 0.25 * kVoxel);
     }
@@ -215,8 +214,8 @@ TEST_CASE("a converged tick is within a quarter voxel of the balance for any str
 }
 
 TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy", "[newton]") {
-  // The strength is s = a x + s0. From a reading at r, the step must lead exactly to the balance
-  // for the strength at the balance.
+  // The strength is a linear function of the position. So one step from a reading at `read` must
+  // lead exactly to the balance, with the strength at the balance.
   const double slope = GENERATE(-300.0, 800.0);
   const Vec3 read(1e-3, 2e-3, 0);
   const Vec3 from(1.3e-3, 2.1e-3, 1e-4);
@@ -370,7 +369,7 @@ TEST_CASE("Newton's step is of second order for varying strengths and directions
     Vec3 x = probe;
     std::array<double, 8> residuals{};
     for (double& residual : residuals) x += stepFrom(x, residual);
-    if (residuals[1] > 3e-4) continue;  // not yet in the range of quadratic convergence
+    if (residuals[1] > 3e-4) continue;  // skips starts outside the range of quadratic convergence
     ++tried;
     CHECK(residuals[2] <= 4e3 * residuals[1] * residuals[1] + 1e-12);
     CHECK(residuals[4] <= 1e-12);

@@ -1,4 +1,4 @@
-# libFuzzer on the reader of Haply's messages: run by hand, with clang.
+# Builds the libFuzzer target for the parser of Haply's messages. It needs clang and is run by hand.
 option(PALPATE_FUZZ "Build the fuzzers (clang only)" OFF)
 if(PALPATE_FUZZ AND TARGET palpate_haply_messages)
   if(NOT CMAKE_CXX_COMPILER_ID MATCHES "Clang")

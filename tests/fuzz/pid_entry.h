@@ -1,5 +1,5 @@
-/// Passes arbitrary bytes to the PID driver, as a descriptor and as reports. Shared by the random
-/// test and libFuzzer.
+/// Passes arbitrary bytes to the PID driver, as a descriptor and as reports. The random test and
+/// libFuzzer share this code.
 #pragma once
 
 #include <algorithm>
@@ -39,8 +39,8 @@ class SayingPort final : public ReportPort {
   }
 
  private:
-  /// Takes the next report from the fuzzer's bytes. The first byte gives its length. Most reports
-  /// get a valid number.
+  /// Copies the next report from the fuzzer's bytes to `to`, and returns its length. The first byte
+  /// determines the length. Most reports get a valid report number.
   std::size_t take(std::span<std::byte> to) noexcept {
     std::size_t size = std::to_integer<std::size_t>(says_[0]) % 48;
     says_ = says_.subspan(1);

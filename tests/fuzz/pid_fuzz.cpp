@@ -1,4 +1,4 @@
-/// libFuzzer target for pid_entry.h: the first two bytes are the length of the descriptor.
+/// libFuzzer target for pid_entry.h. The first two bytes of the input are the descriptor's length.
 ///   cmake -S . -B build/fuzz -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DPALPATE_FUZZ=ON
 ///     -DPALPATE_ENGINE_ONLY=ON -DPALPATE_SANITIZE=address,undefined
 ///   ninja -C build/fuzz palpate_fuzz_pid && build/fuzz/tests/palpate_fuzz_pid -max_total_time=60

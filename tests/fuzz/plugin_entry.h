@@ -1,5 +1,5 @@
-/// Passes arbitrary data of a plug-in's process to the code that reads them. Shared by the random
-/// test and libFuzzer.
+/// Passes arbitrary data of a plug-in's process to the code that reads them. The random test and
+/// libFuzzer share this code.
 #pragma once
 
 #include <cmath>
@@ -43,7 +43,8 @@ class PluginFuzz {
   /// Returns the number of ticks without a fault.
   [[nodiscard]] long passed() const noexcept { return passed_; }
 
-  /// Runs a tick. Returns "" if the loop gets finite input or a fault, else the error.
+  /// Runs a tick. Returns "" if the loop gets finite input or a fault, else a description of the
+  /// error.
   [[nodiscard]] std::string tick() {
     fuzzTime() += 1'000'000;
     t_ += 1e-3;
@@ -92,8 +93,8 @@ class PluginFuzz {
   long passed_ = 0;
 };
 
-/// Parses bytes as a message of the socket. Returns "" if they are valid or refused, else the
-/// error.
+/// Parses bytes as a message of the socket, and sets `taken` if the message is valid. Returns "" if
+/// the bytes are valid or refused, else a description of the error.
 [[nodiscard]] inline std::string fuzzPluginMessage(std::span<const std::byte> bytes, bool& taken) {
   const auto message = pluginMessageOf(bytes);
   taken = message.has_value();

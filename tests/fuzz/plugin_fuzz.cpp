@@ -1,4 +1,5 @@
-/// libFuzzer target for plugin_entry.h: a message, facts, then news for each tick.
+/// libFuzzer target for plugin_entry.h. The input is a message, then facts, then news for each
+/// tick.
 ///   cmake -S . -B build/fuzz -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DPALPATE_FUZZ=ON
 ///     -DPALPATE_SANITIZE=address,undefined
 ///   ninja -C build/fuzz palpate_fuzz_plugin && build/fuzz/tests/palpate_fuzz_plugin -max_len=30000

@@ -5,8 +5,8 @@
 /// KIND: vtk, exodus, headsq (a folder of slices), brainsmall or wind (raw; this file has their
 /// layouts). VTK's readers, not the importer's, read the originals; palpate's samplers read the
 /// .vdb. Voxel centres must agree to float precision. For meshes, random points must agree to the
-/// error that the importer stated when it resampled them (metadata of the grid). Exit status 1 if
-/// they do not.
+/// error that the importer stated when it resampled them (metadata of the grid). The exit status is
+/// 1 if values disagree.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -108,8 +108,8 @@ vtkSmartPointer<vtkDataSet> readOriginal(const std::string& kind, const char* fi
     reader->Update();
     vtkImageData* image = reader->GetOutput();
     image->GetPointData()->GetScalars()->SetName("density");
-    // This reader puts the last row at 0. In the header's left-handed space the first row is at 0,
-    // the others at negative positions. The images differ by a shift.
+    // This reader puts the last row at 0. In the header's left-handed space, the first row is at 0
+    // and the others are at negative positions. The origin corrects this shift.
     image->SetOrigin(0.0, -63 * 3.2, 0.0);
     return image;
   }
@@ -159,7 +159,7 @@ std::vector<Vec3> probe(vtkDataSet* original, const std::vector<Vec3>& at, const
   return out;
 }
 
-/// Returns how many of the 8 voxels around p have data.
+/// Returns the number of voxels with data among the 8 voxels around p.
 template <class GridT>
 int dataAbout(const GridT& grid, const Vec3& p) {
   const auto low = openvdb::Coord::floor(grid.worldToIndex(openvdb::Vec3d(p.x(), p.y(), p.z())));
@@ -205,7 +205,7 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   };
   const auto stated = grid.template getMetadata<openvdb::DoubleMetadata>("resampling_rms");
 
-  // Voxel centres with data. For an image, all points, including inactive ones.
+  // Compares all points of an image, and the centres of all active voxels of a resampled mesh.
   std::vector<Vec3> centres;
   if (stated == nullptr) {
     for (vtkIdType i = 0; i < original->GetNumberOfPoints(); ++i) {
@@ -221,7 +221,7 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   }
   const Difference exact = compare(centres, probe(original, centres, name.c_str()), range, read);
 
-  // Random points within the bounds.
+  // Compares random points within the bounds.
   std::mt19937_64 random(7);
   double bounds[6];
   original->GetBounds(bounds);
@@ -249,7 +249,8 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
       grid.template getMetadata<openvdb::DoubleMetadata>("resampling_edge_rms");
 
   const double allowed = stated == nullptr ? 1e-6 : 1.1 * stated->value() + 1e-6;
-  // Few points are in that voxel, and some of them cause most of the error; hence the factor 2.
+  // Few points are in the outermost voxel, and some of them cause most of the error, so the limits
+  // have a factor of 2.
   const bool edge_ok = edge.points == 0 ||
                        (stated_edge != nullptr && edge.rms <= 2.0 * stated_edge->value() + 1e-6 &&
                         edge.rms >= 0.5 * stated_edge->value() - 1e-6);

@@ -1,4 +1,4 @@
-// Tests which images of a series make a volume, with hand-made headers.
+// Tests the selection and the stacking of DICOM images, with headers that this test makes.
 #include "palpate/scenes/apps/import/dicom_stack.h"
 
 #include <cmath>
@@ -18,8 +18,8 @@ namespace {
 
 constexpr int kImages = 5;
 
-/// Returns an axial series, unordered, one image per file: 4 x 3 pixels of 0.5 x 0.8 mm, slices 2
-/// mm apart along z.
+/// Returns an axial series with one image per file, not in the order of the slices. An image has 4
+/// x 3 pixels of 0.5 x 0.8 mm. The slices are 2 mm apart along z.
 std::vector<File> axial() {
   std::vector<File> files;
   for (int i = 0; i < kImages; ++i) {
@@ -86,8 +86,7 @@ TEST_CASE("DICOM images in any order are stacked along their normal", "[dicom]")
   CHECK(stack.map.linear.col(2) == Vec3(0.0, 0.0, 2.0));
 }
 
-TEST_CASE("a tilted CT gantry shears the imported volume, and the import reports the tilt",
-          "[dicom]") {
+TEST_CASE("a tilted CT gantry shears the imported volume by the reported angle", "[dicom]") {
   std::vector<File> files = axial();
   const double shift = 2.0 * std::tan(15.0 * M_PI / 180.0);
   for (int k = 0; k < kImages; ++k) at(files, k).position.y() += shift * k;
@@ -95,7 +94,7 @@ TEST_CASE("a tilted CT gantry shears the imported volume, and the import reports
   CHECK((stack.map.linear.col(2) - Vec3(0.0, -shift, 2.0)).norm() < 1e-12);
   REQUIRE(stack.notes.size() == 1);
   CHECK_THAT(stack.notes.front(), Contains("15.0 degrees"));
-  // A shear that is too large to be intended.
+  // A shear of more than 80 degrees is refused.
   CHECK_THAT(trouble([](std::vector<File>& f) {
                for (int k = 0; k < kImages; ++k) at(f, k).position.y() += 12.0 * k;
              }),
@@ -128,7 +127,7 @@ TEST_CASE("DICOM images that do not form a volume are refused with the reason", 
 
 namespace {
 
-/// Returns images at these heights [mm] with these numbers; NaN: no number.
+/// Returns images at these heights [mm] with these image numbers; empty: without numbers.
 std::vector<File> placed(const std::vector<double>& heights, const std::vector<double>& numbers) {
   const File model = axial().front();
   std::vector<File> files;
@@ -142,8 +141,9 @@ std::vector<File> placed(const std::vector<double>& heights, const std::vector<d
 
 }  // namespace
 
-TEST_CASE("DICOM slices at changing distances are resampled to the finer distance", "[dicom]") {
-  // 2.5 mm, then 5 mm apart, without and with numbers.
+TEST_CASE("DICOM slices at changing distances get an even spacing near the finer distance",
+          "[dicom]") {
+  // The slices are first 2.5 mm, then 5 mm apart, without and with image numbers.
   const std::vector<double> head{0, 2.5, 5, 7.5, 10, 15, 20, 25};
   for (const std::vector<double>& numbers :
        {std::vector<double>{}, std::vector<double>{8, 7, 6, 5, 4, 3, 2, 1}}) {
@@ -170,7 +170,7 @@ TEST_CASE("DICOM slices at changing distances are resampled to the finer distanc
   CHECK((stacked(tilted).map.linear.col(2) - Vec3(0, -1.25, 2.5)).norm() < 1e-12);
 }
 
-TEST_CASE("a missing DICOM slice is reported only if instance numbers and gaps in position agree",
+TEST_CASE("a gap between DICOM slices is refused unless the image numbers continue across it",
           "[dicom]") {
   const auto says = [](const std::vector<double>& heights, const std::vector<double>& numbers) {
     try {
@@ -180,16 +180,17 @@ TEST_CASE("a missing DICOM slice is reported only if instance numbers and gaps i
     }
     return std::string("none");
   };
-  // One slice is missing: within a part, and where the distance changes.
+  // A slice is missing between even slices, or where the distance changes. The last images have no
+  // numbers.
   CHECK_THAT(says({0, 2, 4, 8, 10}, {1, 2, 3, 5, 6}), Contains("between z = 4 and 8 mm: 1 of 6"));
   CHECK_THAT(says({0, 2, 4, 10, 14, 18}, {1, 2, 3, 5, 6, 7}), Contains("1 of 7"));
   CHECK_THAT(says({0, 2, 6, 8, 12, 14}, {}), Contains("2 of 8 in all"));
-  // First the numbers continue across a gap, then they jump without a gap.
+  // The numbers continue across a gap, or jump without a gap.
   CHECK(says({0, 2, 4, 8, 10}, {1, 2, 3, 4, 5}) == "none");
   CHECK(says({0, 2, 4, 6, 8}, {1, 2, 3, 7, 8}) == "none");
 }
 
-TEST_CASE("a DICOM localiser and a screen save are skipped with the name of their file",
+TEST_CASE("DICOM localisers and screen saves are skipped with a note that names a file",
           "[dicom]") {
   std::vector<File> files = axial();
   files.push_back(files.front());
@@ -208,7 +209,7 @@ TEST_CASE("a DICOM localiser and a screen save are skipped with the name of thei
   CHECK_THAT(notes.front(), Contains("2 of 7 files, such as scout: a localiser"));
   CHECK(stackOf(rest, "the series").steps.front().size() == kImages);
 
-  // These images belong to another series.
+  // Now the localiser and the screen save belong to other series.
   files[kImages].series = "1.2.4";
   files[kImages + 1].series = "1.2.5";
   notes.clear();
@@ -226,7 +227,7 @@ TEST_CASE("a DICOM localiser and a screen save are skipped with the name of thei
 }
 
 TEST_CASE("a DICOM screen save with a position among the slices is skipped", "[dicom]") {
-  // Two clients write slices as captures: only ImageType separates them from a screen save.
+  // If the slices are captures too, only ImageType distinguishes the screen save from them.
   for (const bool captures : {false, true}) {
     for (const double beyond : {1.0, 0.5}) {
       std::vector<File> files = axial();
@@ -246,7 +247,8 @@ TEST_CASE("a DICOM screen save with a position among the slices is skipped", "[d
   }
 }
 
-TEST_CASE("DICOM images at the same position are time steps if they carry times", "[dicom]") {
+TEST_CASE("DICOM images at the same position are time steps if they state different times",
+          "[dicom]") {
   const auto twice = [](std::size_t tag, double later) {
     std::vector<File> files = axial();
     const std::vector<File> again = files;

@@ -118,8 +118,8 @@ def deflated(file):
 
 
 def dicom(elements, pixels=b"", kind=CT, syntax=PLAIN):
-    """Returns a whole file. `elements` maps tags to (VR, value), or to None for a missing element. With RLE, pixels
-    that begin with an item are already encoded."""
+    """Returns a whole file. `elements` maps tags to (VR, value), or to None for a missing element. With RLE or
+    JPEG, pixels that begin with an item are already encoded."""
     meta = element(0x00020002, "UI", kind) + element(0x00020003, "UI", "1.2.3.4")
     meta += element(0x00020010, "UI", syntax)
     body = b"".join(element(tag, *elements[tag]) for tag in sorted(elements) if elements[tag])
@@ -210,7 +210,7 @@ class Volume:
 
 
 def turned(a, b, c):
-    """Returns the rows of a rotation by a about z, b about y, c about x."""
+    """Returns the rows of the matrix of a rotation by c about x, then b about y, then a about z [rad]."""
     ca, sa, cb, sb, cc, sc = (f(t) for t in (a, b, c) for f in (math.cos, math.sin))
     return [[ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
             [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
@@ -264,7 +264,7 @@ class Case(unittest.TestCase):
                                 volume.intercept)
         voxels = [(i, j, k) for k in range(volume.size[2]) for j in range(volume.size[1])
                   for i in range(volume.size[0])]
-        # LPS to RAS.
+        # Converts LPS to RAS.
         ras = [(-p[0], -p[1], p[2]) for p in (volume.at(*v) for v in voxels)]
         # Trilinear values at voxel centres have rounding errors; the nearest voxel's value is exact.
         between = self.sampled(ras, "trilinear")
@@ -298,7 +298,7 @@ class Places(Case):
         for modality in "MR", "CT":
             volume = Volume(row=axes[0], column=axes[1], modality=modality)
             self.imported(volume.write(self.dir / modality))
-            # The file gives directions with 12 digits.
+            # The file states directions with 12 digits.
             self.same(volume, places=3)
 
     def test_imports_a_coronal_series_in_reverse_order(self):
@@ -353,7 +353,7 @@ class Places(Case):
         self.same(volume)
 
     @suite.smoke
-    def test_reads_compressed_pixels_and_refuses_damaged_ones(self):
+    def test_reads_compressed_pixels_unless_they_are_damaged(self):
         for syntax in RLE, JPEG:
             volume = Volume(size=(20, 17, 4))
             stored = volume.stored
@@ -429,7 +429,7 @@ class Places(Case):
 
 class Distances(Case):
     def check(self, heights, name, largest_error, **more):
-        """Checks slices at `heights` with linear values, which linear interpolation must keep."""
+        """Imports slices at `heights` [mm] with linear values, which resampling must keep. Returns folder and step."""
         volume = Volume(size=(5, 4, len(heights)), **more)
         folder = self.dir / name
         folder.mkdir()
@@ -472,7 +472,7 @@ class Distances(Case):
             volume.at = lambda i, j, _, z=z: [0.5 * i, 0.75 * j, z]
             (folder / f"{k}").write_bytes(volume.file(k))
         error = self.report(folder)["grids"][0]["resampling"]
-        # The lattice has a slice at 23.75 mm, a tenth of the spacing beyond the peak at 22.5 mm.
+        # The lattice has a slice at 23.75 mm, which is beyond the peak at 22.5 mm by a tenth of the gap to 35 mm.
         self.assertGreater(error["largest"], 0.05)
         self.assertLess(error["rms"], error["largest"])
 
@@ -494,8 +494,8 @@ class Distances(Case):
 
 class Values(Case):
     @suite.smoke
-    def test_reads_every_type_with_slope_and_intercept(self):
-        # Slopes that are integers or fractions, values beyond 16 bits, signed and unsigned.
+    def test_reads_pixels_of_every_type_with_slope_and_intercept(self):
+        # The slopes are integers or fractions, and some values exceed 16 bits.
         for slope, intercept in (1, 0), (2, -5), (0.25, 3.5), (100, -7), (-1, 0):
             volume = Volume()
             volume.slope, volume.intercept = slope, intercept
@@ -517,11 +517,11 @@ class Values(Case):
         self.same(volume, lambda i, j, k: (0.5 + k) * volume.stored(i, j, k) - 1024, places=2)
 
     @suite.smoke
-    def test_voxels_of_the_padding_value_have_no_data(self):
+    def test_voxels_with_the_padding_value_have_no_data(self):
         hidden = {(0, 0, 0), (4, 3, 5), (2, 1, 3)}
         plain = Volume().stored
         stored = lambda i, j, k: -2000 if (i, j, k) in hidden else plain(i, j, k)
-        # The padding value as signed, and as unsigned, as scanners write it.
+        # Scanners write the padding value as a signed or as an unsigned number.
         for tag in ("SS", -2000), ("US", 63536):
             volume = Volume(t00280120=tag)
             volume.stored = stored
@@ -537,7 +537,7 @@ class Values(Case):
 
 class Choice(Case):
     @suite.smoke
-    def test_an_option_selects_one_of_several_series(self):
+    def test_option_series_selects_one_of_several_series(self):
         first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
         second = Volume(uid="1.2.4", number=9, description="Head", size=(3, 3, 3), modality="MR")
         folder = first.write(self.dir / "both")
@@ -588,7 +588,7 @@ class Choice(Case):
 
 class Trouble(Case):
     @suite.smoke
-    def test_refuses_missing_slices(self):
+    def test_refuses_a_series_with_missing_slices(self):
         volume = Volume(size=(4, 4, 30), origin=(0, 0, 0))
         self.refused(volume.write(self.dir / "one", slices=[k for k in range(30) if k != 6]),
                      says="slices are missing between z = 12.5 and 17.5 mm: 1 of 30")
@@ -638,7 +638,7 @@ class Trouble(Case):
             if number == 2:
                 self.assertIn("in screen: a screen save", notes)
 
-    def test_skips_a_screen_save_that_has_a_position_of_its_own(self):
+    def test_skips_a_screen_save_that_has_a_position(self):
         volume = Volume()
         for z in 115.0, 101.25, 150.0:  # next to the slices, between them and far away
             folder = volume.write(self.dir / f"{z}")
@@ -649,7 +649,7 @@ class Trouble(Case):
             self.same(volume)
             self.assertIn("such as screen: a screen save", notes)
 
-    def test_a_report_with_rows_and_columns_is_not_an_image(self):
+    def test_ignores_a_structured_report_that_has_rows_and_columns(self):
         volume = Volume()
         folder = volume.write(self.dir / "ct")
         report = Volume(uid="1.2.9", modality="SR")
@@ -657,7 +657,7 @@ class Trouble(Case):
         self.imported(folder)
         self.same(volume)
 
-    def test_big_endian_files_without_a_transfer_syntax_are_named(self):
+    def test_refuses_big_endian_files_without_a_transfer_syntax(self):
         folder = self.dir / "big"
         folder.mkdir()
         (folder / "a").write_bytes(b"\0\x08\0\x16UI\0\x1a1.2.840.10008.5.1.4.1.1.2\0" +
@@ -665,7 +665,7 @@ class Trouble(Case):
         self.refused(folder, says="the file has big-endian values, but states no transfer syntax: "
                                   "convert it to little endian")
 
-    def test_refuses_an_image_of_another_shape_and_names_its_file(self):
+    def test_refuses_a_series_with_an_image_of_another_shape(self):
         folder = Volume().write(self.dir / "ct")
         Volume(size=(9, 9, 1)).write(folder, "size")
         self.refused(folder, says=["1 of 7 images differ", "such as size000", "localiser"])
@@ -701,7 +701,6 @@ class Trouble(Case):
         file.write_bytes(whole[:-10])
         for source in folder, file, folder / "IM001":
             self.refused(source, says=["IM002", "10 bytes are missing"])
-        # Truncates the file at many lengths.
         cuts = cases((len(whole) - 134) // 7, "cuts")
         for length in range(133, len(whole) - 1, max(7, (len(whole) - 134) // cuts)):
             file.write_bytes(whole[:length])
@@ -725,7 +724,7 @@ class Trouble(Case):
 
 class Time(Case):
     def series(self, **tags):
-        """Writes two time steps. The later one has values larger by 5000."""
+        """Writes two time steps. The values of the later step are larger by 5000."""
         volume = Volume()
         folder = self.dir / "4d"
         folder.mkdir(exist_ok=True)
@@ -753,7 +752,7 @@ class Time(Case):
         self.refused(folder, says="differ in diffusion weighting")
 
     @suite.smoke
-    def test_refuses_missing_time_steps(self):
+    def test_refuses_a_series_of_which_one_time_step_lacks_a_slice(self):
         folder, _ = self.series(t00181060=("DS", ["20", "520"]))
         next(folder.glob("*-3-1")).unlink()
         self.refused(folder, says="2 images are at the same position")

@@ -16,11 +16,11 @@ from images_test import FLOAT, SHORT, nifti, nrrd  # noqa: E402
 BIN = Path(sys.argv[1])
 SIZE = (17, 15, 13)
 STEP = 4.0
-AT = (-30.0, -28.0, -20.0)     # Place of the first voxel in RAS [mm].
+AT = (-30.0, -28.0, -20.0)     # position of the first voxel in RAS [mm]
 INDICES = [(i, j, k) for k in range(SIZE[2]) for j in range(SIZE[1]) for i in range(SIZE[0])]
 COLUMNS = tuple(tuple(STEP * (a == b) for b in range(3)) for a in range(3))
 SFORM = tuple(tuple(STEP * (a == b) for b in range(3)) + (AT[a],) for a in range(3))
-# Voxels far from the faces.
+# Indices of voxels that are far from the faces.
 INNER = [(5, 6, 5), (8, 7, 6), (10, 8, 7), (7, 5, 8), (12, 10, 6)]
 
 
@@ -34,12 +34,12 @@ def flipped(v):
 
 
 def vectors(u):
-    """Returns the vectors of a function in RAS as ITK stores them: in LPS, components fastest."""
+    """Returns the vectors of a function u in RAS as ITK stores vectors: in LPS, components fastest."""
     return struct.pack(f"<{3 * len(INDICES)}f", *(c for p in INDICES for c in flipped(u(place(*p)))))
 
 
 def planes(u, scale=1.0):
-    """Returns the vectors as NIfTI stores them: one volume after another."""
+    """Returns the vectors of u in LPS as NIfTI stores vectors: one volume for each component."""
     all_of = [flipped(u(place(*p))) for p in INDICES]
     return struct.pack(f"<{3 * len(INDICES)}f", *(scale * v[c] for c in range(3) for v in all_of))
 
@@ -57,7 +57,7 @@ def translation(v):
 
 
 def rotation(degrees):
-    """The displacement of a rotation about z."""
+    """Returns the displacement by a rotation about z, as a function of the position."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return lambda x: (c * x[0] - s * x[1] - x[0], s * x[0] + c * x[1] - x[1], 0.0)
 
@@ -66,7 +66,7 @@ HEIGHT, WIDTH = 6.0, 14.0
 
 
 def bump(x):
-    """A smooth displacement along x, by at most HEIGHT."""
+    """Returns a smooth displacement along x of at most HEIGHT [mm]."""
     return (HEIGHT * math.exp(-sum(c * c for c in x) / (2 * WIDTH ** 2)), 0.0, 0.0)
 
 
@@ -96,7 +96,7 @@ class Displacement(images.Case):
         return out
 
     @suite.smoke
-    def test_fields_of_all_formats_become_ras(self):
+    def test_displacement_fields_of_all_formats_are_converted_to_ras(self):
         u = rotation(10)
         for intent in (1006, 1007):
             self.means(self.nii(u, intent), u)
@@ -129,13 +129,13 @@ class Displacement(images.Case):
         self.means(self.nii(bump), bump_inverse, *forward, places=2)
         self.means(self.nii(bump), bump, "--direction", "backward")
 
-    def test_the_residual_of_an_inverse_is_stated(self):
+    def test_the_residual_of_an_inverted_field_is_reported(self):
         notes = self.notes(self.nii(bump), *self.FIELD, "--direction", "forward")
         self.assertIn("the forward displacements are inverted", notes)
         rms, most = (float(word.split()[-1]) for word in notes.split("residual is ")[1].split(" mm")[:2])
         self.assertLess(rms, most)
         self.assertTrue(1e-4 < most < 0.2, notes)
-        # A constant field of half a voxel: the last plane of voxels comes from outside.
+        # The field moves the image by half a voxel, so the last plane of voxels comes from outside.
         notes = self.notes(self.nii(translation((-0.5 * STEP, 0, 0))), *self.FIELD, "--direction", "forward")
         self.assertIn("5.9 % of the voxels come from outside the field", notes)
         # Voxels on the faces are within the field, although positions are rounded.
@@ -149,26 +149,26 @@ class Displacement(images.Case):
         self.assertGreater(errors[0]["points"], 0)
         self.assertEqual(errors[0], errors[1])
 
-    def test_a_rotated_forward_field_is_not_resampled(self):
+    def test_refuses_to_resample_a_rotated_forward_field(self):
         c, s = math.cos(0.4), math.sin(0.4)
         turned = ((STEP * c, -STEP * s, 0.0, AT[0]), (STEP * s, STEP * c, 0.0, AT[1]), (0.0, 0.0, STEP, AT[2]))
         path = self.nii(bump, sform=turned)
         self.refused(path, "box have no displacement", *self.FIELD, "--voxel", "4", "--direction", "forward")
 
-    def test_strong_fields_have_an_inverse(self):
+    def test_a_forward_field_that_stretches_threefold_is_inverted(self):
         # The matter stretches threefold: a plain fixed point u = -v(x + u) would diverge.
         self.means(self.nii(lambda x: (2 * x[0], 0.0, 0.0)), lambda x: (-2 * x[0] / 3, 0.0, 0.0), "--direction",
                    "forward")
 
     @suite.smoke
-    def test_refuses_fields_that_fold(self):
+    def test_refuses_displacement_fields_that_fold_space(self):
         fold = self.nii(lambda x: (-2.0 * x[0], 0.0, 0.0))
         for direction in ("backward", "forward"):
             self.refused(fold, "folds space", *self.FIELD, "--direction", direction)
         self.refused(self.nii(lambda x: (20.0 * x[0], 0.0, 0.0)), "multiplies lengths by", *self.FIELD)
 
     @suite.smoke
-    def test_refuses_what_is_not_a_displacement_field(self):
+    def test_refuses_an_image_that_is_not_a_displacement_field(self):
         zero = translation((0.0, 0.0, 0.0))
         self.refused(self.nii(zero, 0), "the header has the intent 0 and", *self.FIELD)
         self.refused(self.nii(zero, 2006), "the header has the intent 2006", *self.FIELD)
@@ -184,14 +184,14 @@ class Displacement(images.Case):
         scalar = self.write("a.mha", meta(ElementNumberOfChannels="1"), vectors(zero)[:4 * len(INDICES)])
         self.refused(scalar, "not the 3 of a displacement", *self.FIELD)
 
-    def test_refuses_options_without_effect(self):
+    def test_refuses_options_that_do_not_apply_to_displacement_fields(self):
         path = self.nii(bump)
         self.refused(path, "only a displacement field has a direction", "--direction", "forward")
         for words in (("--iso", "1"), ("--tolerance", "1"), ("--scene", "s.json")):
             self.refused(path, f"{words[0]}: this option does not apply", *self.FIELD, *words)
         self.refused(path, "--bricks: this option does not apply", *self.FIELD, "--bricks", out=self.dir / "folder")
 
-    def test_a_scene_feels_the_image_where_the_field_puts_it(self):
+    def test_an_imported_warp_moves_the_surface_of_an_image_in_a_scene(self):
         """The image is a block of matter at x <= 0; the field of a MetaImage moves it by 5 mm along x."""
         block = [1000 if place(*p)[0] < 1.0 else 0 for p in INDICES]
         body = self.write("b.nii", nifti(SIZE, *SHORT, sform=SFORM), struct.pack(f"<{len(block)}h", *block))

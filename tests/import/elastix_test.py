@@ -73,7 +73,7 @@ def head():
 
 
 def shifts(z, y, x):
-    """Returns the known backward field at places in mm, one array for each of x, y and z."""
+    """Returns the known backward field [mm] at places [mm], one array for each of x, y and z."""
     out = [np.zeros_like(x) for _ in range(3)]
     for centre, way in (((90, 200, 110), (0, -3, 1)), ((170, 110, 120), (-3, 0, 0)), ((95, 110, 190), (1, 1, -3)),
                         ((20, 110, 120), (3, 1, 0)), ((95, 20, 110), (0, 3, 1))):
@@ -182,7 +182,7 @@ class Elastix(unittest.TestCase):
             out.append((values[0] - SKIN) / slope)
         return np.array(out)
 
-    def test_a_warp_by_elastix_carries_the_skin_to_the_fixed_image(self):
+    def test_a_warp_by_elastix_moves_the_skin_to_that_of_the_fixed_image(self):
         rms = {}
         for warp in (None, *(form + ".vdb" for form in FORMS)):
             off = self.distances(warp)

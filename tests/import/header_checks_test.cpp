@@ -13,8 +13,7 @@ namespace palpate::header_checks_test {
 using Catch::Contains;
 namespace fs = std::filesystem;
 
-TEST_CASE("a header may name a data file only in its own folder, unless option --follow is given",
-          "[header]") {
+TEST_CASE("a header may name data files outside its folder only with option --follow", "[header]") {
   std::string name = (fs::temp_directory_path() / "palpate_header_XXXXXX").string();
   REQUIRE(mkdtemp(name.data()) != nullptr);
   const fs::path folder = name;

@@ -46,7 +46,7 @@ IDENTITY = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def within(p):
-    """Returns false on the faces of the image, so that every grid has at least two values."""
+    """Returns true inside the image. The faces get another value, so that every grid has at least two values."""
     return all(0 < p[a] < SIZE[a] - 1 for a in range(3))
 
 
@@ -130,7 +130,7 @@ class Case(unittest.TestCase):
         return list(csv.DictReader(io.StringIO(done.stdout)))
 
     def says_patient(self, volume, says):
-        """Checks for the metadata "space", in OpenVDB's encoding of strings."""
+        """Checks whether the file has the metadata "space" = "RAS", in OpenVDB's encoding of strings."""
         entry = b"".join(struct.pack("<i", len(w)) + w for w in (b"space", b"string", b"RAS"))
         self.assertEqual(entry in volume.read_bytes(), says)
 
@@ -194,7 +194,7 @@ class Nrrd(Case):
         out = self.convert(path)
         self.holds(out, "density", COLUMNS, AT, scalar)
         self.says_patient(out, says=False)
-        # A space without directions.
+        # A space without directions is not that of a patient.
         path = self.write("a.nrrd", nrrd("space: LPS", "spacings: 1 2 3"), "\n", SHORTS)
         self.says_patient(self.convert(path), says=False)
 
@@ -225,7 +225,7 @@ class Nrrd(Case):
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                        lambda i, j, k: scalar(i, j, k) % 100)
 
-    def test_nrrd_axis_bounds_are_voxel_faces_unless_the_centers_are_node(self):
+    def test_axis_bounds_of_an_nrrd_file_are_faces_of_voxels_unless_its_centers_are_node(self):
         mins = ("axis mins: 10 20 30", "axis maxs: 18 25 42")
         path = self.write("a.nrrd", nrrd(*mins), "\n", SHORTS)
         self.holds(self.convert(path), "density", ((2, 0, 0), (0, 1, 0), (0, 0, 2)), (11, 20.5, 31),
@@ -287,7 +287,7 @@ class Nrrd(Case):
                 f"kinds: {word} space space space", kind="float", sizes="3 4 5 6"), "\n", VECTORS)
             self.holds(self.convert(path), "vector", columns, origin,
                        lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
-        # Components as the last axis.
+        # The components are on the last axis.
         path = self.write("a.nrrd", nrrd(
             *fields, "space directions: (2,0.5,0) (0,3,0) (0,0.25,4) none",
             "kinds: space space space vector", kind="float", sizes="4 5 6 3"), "\n", PLANES)
@@ -303,7 +303,7 @@ class Nrrd(Case):
                    lambda i, j, k: times(RAS_FROM_LPS, tuple(c % 200 for c in vector(i, j, k))))
 
     @suite.smoke
-    def test_a_measurement_frame_is_applied_to_nrrd_vectors_before_the_space(self):
+    def test_the_measurement_frame_of_an_nrrd_file_is_applied_to_its_vectors(self):
         # Columns of the frame: its x is the space's y, its y is the space's -x.
         path = self.write("a.nrrd", nrrd(
             "space: LAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
@@ -341,8 +341,8 @@ class Nrrd(Case):
             self.holds(out, "tensor_anisotropy", *at, lambda *_: 3 / 18 ** 0.5)
             self.holds(out, "tensor_diffusivity", *at, lambda *_: 2.0)
 
-    def test_a_measurement_frame_is_applied_to_the_tensors_of_an_nrrd_file(self):
-        # diag(3, 1, 1) in a frame whose x is the space's z.
+    def test_the_measurement_frame_of_an_nrrd_file_is_applied_to_its_tensors(self):
+        # The tensor is diag(3, 1, 1) in a frame whose x is the space's z.
         data = struct.pack("<720f", *([3, 0, 0, 1, 0, 1] * 120))
         path = self.write("a.nrrd", nrrd(
             "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
@@ -368,7 +368,7 @@ class Nrrd(Case):
         self.assertEqual([row["inside"] for row in rows], ["0"] + ["1"] * len(others))
 
     @suite.smoke
-    def test_an_nrrd_series_is_imported_from_its_first_time_step(self):
+    def test_the_first_time_step_of_an_nrrd_series_is_imported_by_default(self):
         more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
         path = self.write("a.nrrd", nrrd(
             "space: RAS", "space directions: (1,0,0) (0,1,0) (0,0,1) none",
@@ -380,14 +380,14 @@ class Nrrd(Case):
             "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
             "kinds: list space space space", sizes="2 4 5 6"), "\n", mixed)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
-        # A four-dimensional space.
+        # The space has four dimensions, the last of which is time.
         path = self.write("a.nrrd", nrrd(
             "space: right-anterior-superior-time",
             "space directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,2.5)",
             "kinds: space space space time", sizes="4 5 6 2"), "\n", more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_ignores_the_spacings_of_an_nrrd_file_if_it_gives_directions(self):
+    def test_ignores_the_spacings_of_an_nrrd_file_that_states_directions(self):
         path = self.write("a.nrrd", nrrd("space: RAS", DIRECTIONS, ORIGIN, "spacings: 7 7 7",
                                          'units: "mm" "mm" "mm"'), "\n", SHORTS)
         self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
@@ -448,7 +448,7 @@ class Nrrd(Case):
         self.refused(self.write("a.nrrd", nrrd(sizes="40000 40000 40000", encoding="bzip2"), "\n",
                                 bz2.compress(SHORTS)), "a.nrrd")
 
-    def test_detects_any_changed_bit_of_a_compressed_nrrd_file(self):
+    def test_a_flipped_bit_in_a_compressed_nrrd_file_never_changes_voxels(self):
         self.bits_are_guarded("a.nrrd", nrrd(encoding="gzip") + "\n", gzip.compress(SHORTS), 60)
 
     @suite.smoke
@@ -501,7 +501,7 @@ class MetaImage(Case):
     COLUMNS = ((0, 1, 0), (-2, 0, 0), (0, 0, 3))
 
     def holds(self, volume, grid, columns, origin, expected, **more):
-        """Here columns, origin and expected vectors are in ITK's space, LPS."""
+        """Checks as Case.holds does, but columns, origin and expected vectors are in ITK's space, LPS."""
         def in_ras(*index):
             value = expected(*index)
             return times(RAS_FROM_LPS, value) if isinstance(value, tuple) else value
@@ -519,7 +519,7 @@ class MetaImage(Case):
             self.says_patient(out, says=named)
             self.assertEqual("as in ITK, x points to the patient's left" in self.notes(path),
                              not named)
-        # Names that old files use, and a sheared matrix.
+        # The header has the field names of old files, and a sheared matrix.
         path = self.write("a.mha", meta("Rotation = 1 0.5 0 0 1 0 0 0 1", "Position = 1 2 3",
                                         "ElementSize = 2 2 2"), SHORTS)
         self.holds(self.convert(path), "density", ((2, 1, 0), (0, 2, 0), (0, 0, 2)), (1, 2, 3),
@@ -568,7 +568,7 @@ class MetaImage(Case):
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
                                         "AnatomicalOrientation = RAI", kind="MET_FLOAT"), VECTORS)
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
-        six = struct.pack("<720f", *([1, 0, 0, 1, 1, 1] * 120))  # the yy, yz and zz elements are 1
+        six = struct.pack("<720f", *([1, 0, 0, 1, 1, 1] * 120))  # xx, yy, yz and zz are 1
         path = self.write("a.mha", meta("ElementNumberOfChannels = 6", kind="MET_FLOAT"), six)
         self.holds(self.convert(path, "--as", "tensor"), "tensor_direction", IDENTITY, (0, 0, 0),
                    lambda *_: (0.0, -0.5 ** 0.5, -0.5 ** 0.5))  # the sign has no meaning
@@ -580,7 +580,7 @@ class MetaImage(Case):
         text = meta(BinaryData="False")
         self.refused(self.write("a.mha", text, " ".join(words)),
                      "value 7 is not a number: correct the value")
-        # Enough bytes, but too few values.
+        # The file has enough bytes, but too few values.
         self.refused(self.write("a.mha", text, " ".join(map(str, SCALARS[:100])) + " " * 100),
                      "the values end too early: copy or export the file again")
 
@@ -675,7 +675,7 @@ class MetaImage(Case):
                      "4 dimensions")
         self.refused(self.write("a.mha", meta(NDims=None), SHORTS), "no NDims")
 
-    def test_detects_any_changed_bit_of_a_compressed_metaimage(self):
+    def test_a_flipped_bit_in_a_compressed_metaimage_never_changes_voxels(self):
         for pack in (zlib.compress, gzip.compress):
             self.bits_are_guarded("a.mha", meta(CompressedData="True"), pack(SHORTS))
 
@@ -762,8 +762,8 @@ class Nifti(Case):
     @suite.smoke
     def test_reads_the_rotation_of_a_nifti_file_from_its_quaternion(self):
         half = 0.5 ** 0.5
-        # A quarter turn about z; half a turn about x, whose first number is 0; a quaternion that rounding made longer
-        # than 1.
+        # The rotations are a quarter turn about z, half a turn about x (the first component is then 0), and half a turn
+        # about y by a quaternion that is longer than 1, as after rounding.
         for quaternion, columns in (((0, 0, half), ((0, 2, 0), (-3, 0, 0), (0, 0, 4))),
                                     ((1, 0, 0), ((2, 0, 0), (0, -3, 0), (0, 0, -4))),
                                     ((0, 1 + 1e-7, 0), ((-2, 0, 0), (0, 3, 0), (0, 0, -4)))):
@@ -797,7 +797,7 @@ class Nifti(Case):
         for path in (header, image):
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_a_nifti_series_is_imported_from_its_first_time_step(self):
+    def test_the_first_time_step_of_a_nifti_series_is_imported_by_default(self):
         more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
         path = self.write("a.nii", nifti((4, 5, 6, 2), *SHORT, step=2.5), more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
@@ -805,7 +805,7 @@ class Nifti(Case):
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
     def test_a_time_step_without_contrast_becomes_a_frame_of_the_sequence(self):
-        """A sequence needs all frames: a lost step becomes empty, a constant step the background."""
+        """A sequence needs all frames. A constant step keeps its value; one without data gets the last background."""
         def frame(radius):
             return [100.0 if sum((c - 4) ** 2 for c in (i, j, k)) < radius ** 2 else 7.0
                     for k in range(9) for j in range(9) for i in range(9)]
@@ -824,7 +824,7 @@ class Nifti(Case):
         done = process.run([str(BIN / "palpate"), "check", str(self.write("s.json", json.dumps(scene)))],
                            capture_output=True, text=True, timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        # A single constant image is refused.
+        # The import of the first step alone is refused, because the step is constant.
         self.refused(path, "all voxels have the same value")
 
     def series(self, path):
@@ -854,19 +854,19 @@ class Nifti(Case):
         self.assertEqual((done.returncode, done.stderr), (0, ""))
 
     @suite.smoke
-    def test_the_fifth_dimension_of_a_nifti_file_gives_vector_components(self):
+    def test_the_fifth_dimension_of_a_nifti_file_becomes_the_components_of_vectors(self):
         for intent in (1007, 1006):
             path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
                                              sform=self.ROWS), PLANES)
             self.holds(self.convert(path), "vector", COLUMNS, AT, vector)
-        # Slices from top to bottom.
+        # The slices run from top to bottom.
         path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007, qfac=-1.0), PLANES)
         self.holds(self.convert(path), "vector", ((1, 0, 0), (0, 1, 0), (0, 0, -1)), (5, 6, 7),
                    vector)
 
     @suite.smoke
     def test_reads_nifti_files_of_symmetric_matrices_as_tensors(self):
-        # xx yx yy zx zy zz; the yy, yz and zz elements are 1.
+        # The order is xx yx yy zx zy zz. The elements xx, yy, zy and zz are 1.
         planes = [v * within(p) for v in (1, 0, 1, 0, 1, 1) for p in INDICES]
         path = self.write("a.nii", nifti((4, 5, 6, 1, 6), *FLOAT, intent=1005),
                           struct.pack("<720f", *planes))
@@ -875,13 +875,13 @@ class Nifti(Case):
         self.holds(self.dir / "out.vdb", "tensor_diffusivity", IDENTITY, (0, 0, 0), lambda *_: 1.0)
 
     def test_reads_vectors_in_four_dimensions_as_fsl_writes_them(self):
-        # Radiological: the voxels' x axis is left. Components are along the voxel axes.
+        # Radiological order: the voxels' x axis points to the left. Components are along the voxel axes.
         left = ((-2, 0, 0, 0), (0, 3, 0, 0), (0, 0, 4, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=left), PLANES)
         self.holds(self.convert(path, "--as", "vector"), "vector",
                    ((-2, 0, 0), (0, 3, 0), (0, 0, 4)), (0, 0, 0),
                    lambda i, j, k: (-1.0 - i, 20.0 + j, 300.0 + k))
-        # Neurological: the voxels' x axis is right, and FSL mirrors x.
+        # Neurological order: the voxels' x axis points to the right, and FSL mirrors x.
         right = ((2, 0, 0, 0), (0, 0, 4, 0), (0, -3, 0, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=right), PLANES)
         self.holds(self.convert(path, "--as", "vector"), "vector",
@@ -891,7 +891,7 @@ class Nifti(Case):
 
     @suite.smoke
     def test_reads_tensors_in_four_dimensions_as_fsl_writes_them(self):
-        # xx xy xz yy yz zz along the voxel axes, whose x is left; the xx, xy and yy elements are 1.
+        # The order is xx xy xz yy yz zz along the voxel axes, whose x points to the left. xx, xy, yy and zz are 1.
         planes = [v for v in (1, 1, 0, 1, 0, 1) for _ in range(120)]
         left = ((-1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 6), *FLOAT, sform=left),
@@ -919,7 +919,7 @@ class Nifti(Case):
         packed = gzip.compress(nifti(SIZE, *SHORT) + SHORTS)
         self.refused(self.write("a.nii.gz", packed[:-8] + bytes([packed[-8] ^ 1]) + packed[-7:]),
                      "damaged")
-        # Truncates within the trailer, for an image and for a series of which one step is imported.
+        # Truncates the trailer, for an image and for a series of which one step is imported.
         two = gzip.compress(nifti((4, 5, 6, 2), *SHORT) + SHORTS + SHORTS)
         for whole_packed in (packed, two):
             for cut in (1, 4, 8, 9):
@@ -935,7 +935,7 @@ class Nifti(Case):
         flat = ((1, 0, 0, 0), (1, 0, 0, 0), (0, 0, 1, 0))
         self.refused(self.write("a.nii", nifti(SIZE, *SHORT, sform=flat), SHORTS), "no volume")
 
-    def test_detects_any_changed_bit_of_a_compressed_nifti_file(self):
+    def test_a_flipped_bit_in_a_compressed_nifti_file_never_changes_voxels(self):
         self.bits_are_guarded("a.nii.gz", "", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
 
     def test_recognises_gzip_by_its_first_bytes_and_not_by_the_file_name(self):
@@ -979,7 +979,7 @@ class Nifti(Case):
 
 
 class FillValues(Case):
-    """Fill values that the header does not state."""
+    """Imports of images with fill values that the header does not state."""
 
     def image(self, values, kind="float"):
         letter = {"float": "f", "double": "d", "short": "h", "int": "i"}[kind]
@@ -1000,12 +1000,12 @@ class FillValues(Case):
             self.assertEqual((grid["lowest"], grid["highest"]), (270, 300))
             self.assertIn("counts as missing data: the data are between 270 and 300",
                           report["notes"][0])
-            # No voxel mixes data with the fill value.
+            # After resampling, no voxel mixes data with the fill value.
             grid = self.report(path, "--voxel", "0.5")["grids"][0]
             self.assertGreaterEqual(grid["lowest"], 270)
             self.assertLessEqual(grid["highest"], 300)
 
-    def test_several_fill_values_in_one_image_are_found(self):
+    def test_several_fill_values_of_one_image_are_missing_data(self):
         values = [(-9999, -99999, 1e30)[i % 3] if i % 5 == 0 else i % 31 for i in range(120)]
         report = self.report(self.image(values))
         self.assertEqual(report["grids"][0]["holes"], 24)
@@ -1025,7 +1025,7 @@ class FillValues(Case):
             report = self.report(self.image(values))
             self.assertEqual(report["grids"][0]["holes"], 0, values[:3])
 
-    def test_two_values_are_data_and_a_note_names_one_that_may_mark_missing_data(self):
+    def test_both_values_of_an_image_with_two_values_are_data(self):
         for values, named in (([20, -9999] * 60, "-9999"), ([0, 1e30] * 60, "1e+30")):
             report = self.report(self.image(values))
             self.assertEqual(report["grids"][0]["holes"], 0)
@@ -1049,7 +1049,7 @@ class FillValues(Case):
 
 
 class Holes(Case):
-    """Voxels without data inside an image."""
+    """Imports of images with voxels without data."""
 
     def image(self, fill=float("nan")):
         """Writes a ramp of 20^3 voxels, of which 5 x 5 x 20 have no data."""
@@ -1059,7 +1059,7 @@ class Holes(Case):
         return self.write("a.nii", nifti((20, 20, 20), *FLOAT), struct.pack("<8000f", *values))
 
     @suite.smoke
-    def test_no_place_with_data_is_interpolated_from_missing_data(self):
+    def test_values_are_never_interpolated_from_missing_data(self):
         random.seed(4)
         points = [[random.uniform(0, 19) for _ in range(3)] for _ in range(1000)]
         for fill in float("nan"), -9999.0:
@@ -1100,7 +1100,7 @@ class Holes(Case):
 
 
 class LostDigits(Case):
-    def test_doubles_that_floats_round_are_reported(self):
+    def test_the_rounding_of_doubles_to_floats_is_reported(self):
         for base, rounded in (1.6e9, True), (0.0, False), (1e5, False):
             values = [base + i + 10 * (i % 7) for i in range(120)]
             path = self.write("a.nii", nifti(SIZE, 64, 64), struct.pack("<120d", *values))
@@ -1159,7 +1159,7 @@ class WholeNumbers(Case):
             found = [grid["value_offset"] + int(float(row["value"])) for row in rows]
             self.assertEqual(found, values)
 
-    def test_large_whole_numbers_are_stored_with_an_offset_also_beside_missing_data(self):
+    def test_large_whole_numbers_beside_missing_data_are_stored_with_an_offset(self):
         for kind, fill, base in (("int64", -2 ** 63, 2 ** 53), ("int32", -2 ** 31, 2 ** 30),
                                  ("int64", -9999, 2 ** 52)):
             values = [fill if i % 7 == 3 else base + i % 31 for i in range(120)]
@@ -1169,7 +1169,7 @@ class WholeNumbers(Case):
                 self.assertEqual(grid["value_offset"] + int(grid["lowest"]), base)
                 self.assertEqual(grid["value_offset"] + int(grid["highest"]), base + 30)
 
-    def test_whole_numbers_are_stored_without_an_offset_if_a_float_holds_them_or_they_differ_too_much(self):
+    def test_whole_numbers_get_no_offset_if_they_fit_into_floats_or_differ_too_much(self):
         for kind, values, rounded in (
                 ("int32", [2 ** 24 - i for i in range(120)], False),
                 ("int64", [2 ** 30 * (i % 9) + i for i in range(120)], True)):
@@ -1178,7 +1178,7 @@ class WholeNumbers(Case):
                 self.assertNotIn("value_offset", report["grids"][0])
                 self.assertEqual(any("rounded" in n for n in report["notes"]), rounded)
 
-    def test_the_offset_counts_for_isovalues_of_a_scene_and_not_for_option_iso(self):
+    def test_option_iso_takes_a_value_of_the_file_even_if_the_grid_has_an_offset(self):
         size, base = 24, 2 ** 53
         data = struct.pack(f"<{size ** 3}q", *(
             base + (1000 if math.dist((i, j, k), (11.5, 11.5, 11.5)) < 8 else 100)
@@ -1207,7 +1207,7 @@ class WholeNumbers(Case):
 
 
 class OtherFormats(Case):
-    def test_a_file_of_an_unsupported_format_is_refused_with_the_format_s_name(self):
+    def test_a_file_of_an_unsupported_format_is_refused_with_the_name_of_the_format(self):
         numpy = b"\x93NUMPY\1\0v\0{'descr': '<f4', 'fortran_order': False, 'shape': (6, 5, 4), }"
         header = bytearray(1024)
         header[208:212] = b"MAP "
@@ -1225,7 +1225,7 @@ class OtherFormats(Case):
             (folder / name).write_text("{}")
             self.refused(folder, "the folder is a Zarr store")
 
-    def test_a_neuroglancer_volume_is_refused_with_its_name(self):
+    def test_a_neuroglancer_volume_is_refused_with_the_name_of_the_format(self):
         folder = self.dir / "segmentation"
         (folder / "8_8_40").mkdir(parents=True)
         scale = {"key": "8_8_40", "size": [64, 64, 64], "resolution": [8, 8, 40], "encoding": "raw",

@@ -209,7 +209,7 @@ class Images(Case):
         self.assertAlmostEqual(rows[3]["value"], (1 + 2 + 11 + 12 + 101 + 102 + 111 + 112) / 8)
 
     @suite.smoke
-    def test_background_voxels_are_inactive(self):
+    def test_voxels_with_the_background_value_are_inactive(self):
         def ball(i, j, k):
             return 900.0 if (i - 16) ** 2 + (j - 16) ** 2 + (k - 16) ** 2 < 64 else 7.0
         values = image_values(32, 32, 32, ball)
@@ -308,7 +308,7 @@ class Images(Case):
                                json.dumps({"size": [2, 2, 2], "type": "int32"}))
         self.assertTrue(any("rounded" in note for note in report["notes"]))
 
-    def test_the_imported_file_keeps_the_length_unit_of_its_source(self):
+    def test_the_written_file_records_the_length_unit_of_its_source(self):
         source = self.write("a.raw", struct.pack("<8h", *range(8)))
         self.imported(source, "--raw", json.dumps({"size": [2, 2, 2], "type": "int16",
                                                    "unit": "mm"}), "--voxel", 0.3)
@@ -338,7 +338,7 @@ class Meshes(Case):
                 truth = linear((row["x"], row["y"], row["z"]))
                 self.assertAlmostEqual(row["value"], truth, delta=2e-5)
 
-    def test_each_voxel_has_the_value_of_the_cell_that_holds_it(self):
+    def test_each_voxel_has_the_value_of_the_cell_that_contains_it(self):
         """The points have random values, so only the right cell gives the right value."""
         points, cells = box_of_tetrahedra(4)
         rng = random.Random(8)
@@ -349,7 +349,8 @@ class Meshes(Case):
         value_at = dict(zip(points, values))
         places = [tuple(rng.randrange(17) / 4 for _ in range(3)) for _ in range(300)]
         for row in self.sample("s", places):
-            # Kuhn's tetrahedra go from the low corner along the axes in descending order of the fractions.
+            # Kuhn's tetrahedron around a point goes from the low corner along the axes, in descending order of the
+            # point's fractions.
             p = (row["x"], row["y"], row["z"])
             low = [min(int(x), 3) for x in p]
             rest = sorted(((x - c, a) for a, (x, c) in enumerate(zip(p, low))), reverse=True)
@@ -380,7 +381,7 @@ class Meshes(Case):
                         for i in range(9) for j in range(9) for k in range(9))
             self.assertEqual(report["grids"][0]["active_voxels"], truth, types)
 
-    def test_cells_without_volume_add_nothing_to_the_average(self):
+    def test_cells_without_volume_are_excluded_from_averages_of_cell_data(self):
         points = [(float(x), float(y), float(z)) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
         data = "CELL_DATA 2\n" + scalars("c", [100.0, 0.0])
         report = self.imported(self.write("a.vtk", unstructured(
@@ -433,7 +434,7 @@ class Meshes(Case):
         for row in self.sample("s", [(0.5, 0.5, 0.5), (1.0, 0.3, 0.4), (1.7, 0.5, 0.2)]):
             self.assertAlmostEqual(row["value"], linear((row["x"], row["y"], row["z"])), delta=1e-5)
 
-    def test_an_import_of_a_mesh_without_a_voxel_size_chooses_one(self):
+    def test_an_import_chooses_the_voxel_size_of_a_mesh_if_the_user_states_none(self):
         report = self.imported(self.write("a.vtk", rectilinear(
             [0, 1, 2, 4, 8, 9, 10], [0, 1, 2, 3, 4, 5.5], [0, 1, 2, 3, 4.1])))
         self.assertGreater(report["grids"][0]["active_voxels"], 1000)
@@ -465,7 +466,7 @@ class Meshes(Case):
         self.assertEqual([r["inside"] for r in rows], [1, 0], report)
 
 
-    def test_plot3d_without_energy_has_no_pressure(self):
+    def test_skips_the_pressure_of_a_plot3d_solution_without_energy(self):
         n = 5
         points = [(float(i), float(j), float(k)) for k in range(n) for j in range(n)
                   for i in range(n)]
@@ -487,7 +488,7 @@ class Meshes(Case):
             self.assertLessEqual({"Density", "Momentum", "Velocity"}, names)
 
     @suite.smoke
-    def test_three_component_arrays_are_joined_into_a_vector(self):
+    def test_three_arrays_named_as_components_are_joined_into_a_vector(self):
         n = 6
         at = [(i, j, k) for k in range(n) for j in range(n) for i in range(n)]
         for names, vector in ((("X Velocity", "Y Velocity", "Z Velocity"), "Velocity"),
@@ -506,7 +507,7 @@ class Meshes(Case):
             self.assertEqual([row["vx"], row["vy"], row["vz"]], [-2, 3, 2])
             modes = json.loads(scene.read_text())["modes"]
             self.assertEqual(modes[0]["mode"], "follow")
-            # Options select one of the fields or the vector.
+            # Option --field selects one component or the vector.
             report = self.imported(source, "--field", names[1])
             self.assertEqual([grid["name"] for grid in report["grids"]], [names[1]])
             report = self.imported(source, "--field", vector)
@@ -547,7 +548,7 @@ class Series(Case):
 
 
     def test_a_series_is_written_completely_or_not_at_all(self):
-        """The third step of a 4-D NIfTI file is truncated or constant."""
+        """The third step of a 4-D NIfTI file is constant."""
         def nifti(steps, cut=0):
             header = bytearray(352)
             struct.pack_into("<i", header, 0, 348)
@@ -584,7 +585,7 @@ class Series(Case):
 
         def core(value):
             return image_values(8, 8, 8, lambda *p: value if all(2 <= c < 6 for c in p) else 0)
-        # Two steps are constant, and the values of another one do not reach 50.
+        # Two steps are constant, and the values of another step do not reach 50.
         source = self.write("a.nii", nifti([[0] * 512, core(100), [7] * 512, core(20), core(100)]))
         scene = self.dir / "s.json"
         reports = self.imported(source, "--time", "all", "--iso", 50, "--scene", scene)
@@ -608,8 +609,8 @@ class Series(Case):
                 (self.dir / name).unlink()
         self.refused(source, self.dir / "out.vdb", "--time", "all", "--iso", 500, says="no step has a surface")
 
-    def test_three_volumes_of_a_vector_are_not_a_series(self):
-        """A 4-D NIfTI file of three volumes: unit vectors, by its intent code, or time steps."""
+    def test_three_volumes_of_unit_vectors_are_a_vector_and_not_a_series(self):
+        """The three volumes of a 4-D NIfTI file are unit vectors, vectors by the intent code, or time steps."""
         def nifti(volumes, intent=0):
             header = bytearray(352)
             struct.pack_into("<i", header, 0, 348)
@@ -718,7 +719,7 @@ class Raw(Case):
 
 class LevelSets(Case):
     def ball(self, spacing, cavity=0.0, name="a.vti", inside=1000.0, outside=0.0):
-        """Writes a ball of radius 10 with an edge that is blurred over about a voxel."""
+        """Writes a ball of radius 10 with an edge that is blurred over a length of 4."""
         n = [int(30 / s) + 1 for s in spacing]
         def value(i, j, k):
             r = math.dist((i * spacing[0], j * spacing[1], k * spacing[2]), (15, 15, 15))
@@ -775,7 +776,7 @@ class LevelSets(Case):
         summary = json.loads(run("feel", self.dir / "out.vdb", "--seconds", 3, "--json").stdout)
         self.assertGreater(summary["force_max"], 0.05)
 
-    def test_refuses_an_iso_value_that_no_voxel_has(self):
+    def test_refuses_an_iso_value_outside_the_range_of_the_data(self):
         self.refused(self.ball((1, 1, 1)), self.dir / "o.vdb", "--iso", 5000, says="has the value")
         two = self.write("b.vti", vti(3, 3, 3, [("a", 1, range(27)), ("b", 1, range(27))]))
         self.refused(two, self.dir / "o.vdb", "--iso", 5, says="--field")
@@ -833,14 +834,14 @@ class Scenes(Case):
         printed = run("import", source, self.dir / "out.vdb", "--scene", "-").stdout
         self.assertEqual(json.loads(printed)["palpate"], 1)
 
-    def test_an_import_writes_its_volume_even_if_no_scene_is_found_for_it(self):
+    def test_an_import_writes_its_volume_even_if_no_scene_can_be_guessed(self):
         values = image_values(8, 8, 8, lambda i, j, k: float(k == 4))
         report = self.imported(self.write("a.vti", vti(8, 8, 8, [("s", 1, values)])), "--scene",
                                self.dir / "s.json")
         self.assertEqual((self.dir / "s.json").exists(),
                          not any("no scene" in note for note in report["notes"]))
 
-    def test_only_vectors_from_tensors_are_imported_as_axial(self):
+    def test_a_vector_array_named_direction_is_not_axial(self):
         v = [c for i in range(64) for c in (1.0 + i % 4, 0.5, 0.25 * (i % 3))]
         source = self.write("a.vti", vti(4, 4, 4, [("wind_direction", 3, v)]))
         self.imported(source, "--scene", self.dir / "s.json")
@@ -999,7 +1000,7 @@ class Damage(Case):
 
 
 class Extremes(Case):
-    """Valid sources with extreme sizes, positions and values."""
+    """Imports of valid sources with extreme sizes, positions and values."""
     NUMBERS = (0.0, 1.0, -1.0, 1e-3, 1e-5, 1e-12, 1e-30, 1e-160, 1e-310, 1e5, 1e9, 1e15, 1e25, 1e31,
                1e38, 1e39, 1e100, 1e101, 1e160, 1e300, -1e31, math.nan, math.inf)
     NAMES = ("s", "", "v.x", "a[0]", "density", "\x1b[2J", "\u202e", "n" * 5000, "caf\u00e9" * 60)
@@ -1109,7 +1110,7 @@ class Running(Case):
             time.sleep(pause)
             importer.send_signal(signal.SIGINT)
             out, err = importer.communicate(timeout=60)
-            # -SIGINT if the signal came before the program had begun
+            # The status is -SIGINT if the signal came before the program handled it.
             self.assertIn(importer.returncode, (130, -signal.SIGINT) if pause < 5 else (130,))
             self.assertEqual((out, err), ("", ""))
             self.assertEqual(sorted(os.listdir(self.dir)), before)
@@ -1122,7 +1123,7 @@ class Running(Case):
         terminal.press(b"\x03")
         status, took = terminal.ended()
         self.assertEqual(status, 130)
-        self.assertLess(took, 10.0)  # on a busy machine; usually 0.1
+        self.assertLess(took, 10.0)  # [s]: usually 0.1; the limit is for a busy machine
         self.assertTrue(terminal.drawn.endswith("\r\x1b[K"), terminal.drawn)
         self.assertEqual(sorted(os.listdir(self.dir)), before)
 

@@ -147,7 +147,7 @@ class Sizes(Case):
         self.assertLess(asked["grid"]["s"]["resampling"]["rms"], s["resampling"]["rms"])
 
     def of_at_most_twice(self, report, given):
-        """Checks that output and memory are at most twice the input plus 64 MB."""
+        """Checks that output and additional memory are at most twice the input (`given` bytes) plus 64 MiB."""
         most = 2 * given + (64 << 20)
         self.assertLessEqual(self.out.stat().st_size, most)
         if not os.environ.get("PALPATE_SANITIZE"):
@@ -169,7 +169,7 @@ class Sizes(Case):
         rng = random.Random(1)
         plane = struct.pack(f"<{n * n}h", *(rng.randrange(-1024, 2000) for _ in range(n * n)))
         source = self.dir / "ct.nrrd"
-        # Noise, so that no voxel is inactive and compression has no effect.
+        # The values are noise, so that no voxel is inactive and compression has no effect.
         with source.open("wb") as file:
             file.write(f"NRRD0004\ntype: short\ndimension: 3\nsizes: {n} {n} {n}\nencoding: raw\n"
                        "endian: little\nspace: right-anterior-superior\nspace directions: "
@@ -182,7 +182,7 @@ class Sizes(Case):
         self.of_at_most_twice(report, source.stat().st_size)
 
     @suite.smoke
-    def test_a_plot3d_boundary_layer_imports_with_at_most_16_voxels_a_point(self):
+    def test_a_plot3d_boundary_layer_is_imported_with_at_most_16_voxels_per_point(self):
         points = self.points()
         grid, solution = self.dir / "g.xyz", self.dir / "g.q"
         numbers = [p[a] for a in range(3) for p in points]
@@ -227,7 +227,7 @@ def place(longitude, latitude, z):
 
 class Netcdf(Case):
     def weather(self, name="a.nc", form=netcdf.CLASSIC, levels=LEVELS, level=None, more=None):
-        """Writes two times. u is packed, and t has a missing value."""
+        """Writes a file of two time steps. u is packed, and t has a missing value."""
         t = over(levels, heat)
         t[0] = -999.0
         field = ("time", "lev", "lat", "lon")
@@ -313,7 +313,7 @@ class Netcdf(Case):
 
     @suite.smoke
     def test_depths_of_an_ocean_become_negative_heights(self):
-        """Longitudes cross the date line, levels are numbered, depths point down."""
+        """The longitudes cross the date line, and depths are positive downwards."""
         size = (6, 5, 4)
         lons, lats, depths = [178, 179, 180, -179, -178, -177], [-2, -1, 0, 1, 2], [0, 10, 20, 30]
         values = [100.0 * k + 10 * j + i for k in range(4) for j in range(5) for i in range(6)]
@@ -376,7 +376,7 @@ class Netcdf(Case):
         self.refused(source, "truncated")
 
     def grid(self, lon=(0, 2, 4, 6), lat=(-2, 0, 2), z=(0, 1, 2), z_is=None, more=None, first="z"):
-        """Writes a field over three axes. The value of "a" is its index."""
+        """Writes the field "a" over three axes. Its values are the indices of the points."""
         axes = {first: len(z), "lat": len(lat), "lon": len(lon)}
         count = len(z) * len(lat) * len(lon)
         variables = {
@@ -396,7 +396,7 @@ class Netcdf(Case):
 
     def test_places_vertical_levels_by_their_unit(self):
         cases_of = [
-            # z, its attributes, the message, the heights of both ends
+            # Each case has z, its attributes, the message, and the heights of both ends.
             ((1, 2, 3), {"units": "level", "positive": "down"}, "levels have no height",
              (-1, 0)),
             ((0.1, 0.5, 1), {"units": "1", "positive": "down"}, "levels have no height", (-1, 0)),
@@ -425,7 +425,7 @@ class Netcdf(Case):
                       "valid_range": (netcdf.SHORT, [0, -2])}
         self.imported(self.grid(more={"b": (netcdf.SHORT, attributes, signed)}))
         found = self.info("b")
-        self.assertEqual(found["active_voxels"], 35)  # including the background
+        self.assertEqual(found["active_voxels"], 35)  # all but the voxel with the background value
         self.assertEqual(found["value_range"], [0, 0.5 * max(raw)])
 
     def test_joins_only_vector_components_of_the_same_unit(self):
@@ -452,7 +452,7 @@ class Netcdf(Case):
         self.assertEqual((b["value_offset"], b["lowest"], b["highest"]), (2 ** 30, 0, 35))
 
     def test_a_value_such_as_minus_9999_is_missing_data_even_without_an_attribute_that_states_it(self):
-        """No value is interpolated from it: the file's uneven levels are resampled."""
+        """The file's uneven levels are resampled, and no voxel is interpolated from such a value."""
         for sentinel, kind in ((-9999.0, netcdf.FLOAT), (1e20, netcdf.FLOAT), (-1e34, netcdf.DOUBLE)):
             t = over(LEVELS, lambda x, y, p: heat(x, y, p) + 0.1 * x)
             t[0] = t[5] = sentinel
@@ -463,7 +463,7 @@ class Netcdf(Case):
             self.assertGreater(s["holes"], 0)
             self.assertGreater(s["lowest"], 200)
             self.assertLess(s["highest"], 400)
-        # A value exactly at a boundary condition is a result, although no other value is near it.
+        # A boundary condition of 1000 is a result, although no other value is near 1000.
         hot = [300.0 + 0.2 * i for i in range(36 * 4)]
         hot[:40] = [1000.0] * 40
         report = self.imported(self.grid(lon=tuple(range(12)), lat=(0, 1, 2, 3),
@@ -533,7 +533,7 @@ class Netcdf(Case):
         for found, degrees in zip(report["grid"]["wind"]["voxel"], (0.02, 0.01)):
             self.assertAlmostEqual(found, degrees * DEGREE, 3)
 
-    def test_layers_of_the_soil_are_not_put_into_the_atmosphere(self):
+    def test_skips_wrf_variables_on_levels_of_the_soil(self):
         source = self.wrf(soil=True, heights=True)
         report = self.imported(source)
         self.assertEqual(set(report["grid"]), {"wind", "T", "PHB", "PH"})
@@ -594,8 +594,8 @@ class Foam(Case):
         self.assertEqual(set(self.imported(self.case(times=("0",)))["grid"]), {"U", "p"})
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
 
-    def test_derivatives_at_the_boundary_are_those_of_the_flow(self):
-        """A line vortex along x in the middle of the box. Its curl is 0 outside its core."""
+    def test_the_curl_of_an_openfoam_flow_is_correct_at_the_boundary(self):
+        """The flow is a line vortex along x in the middle of the box. Its curl is 0 outside its core."""
         core = 0.12
 
         def vortex(x, y, z, t):
@@ -613,11 +613,11 @@ class Foam(Case):
         for curl in curls[1:]:
             self.assertLess(abs(curl), 0.01 * curls[0], curls)
 
-    def test_a_field_of_degree_1_is_exact_at_the_boundary(self):
+    def test_a_linear_flow_of_an_openfoam_case_is_exact_at_the_boundary(self):
         self.imported(self.case(), "--voxel", 0.05)
         faces = [(0, 0.25, 0.2), (0.6, 0.1, 0.3), (0.3, 0, 0.1), (0.3, 0.5, 0.4), (0, 0, 0), (0.6, 0.5, 0.4)]
         self.holds("U", faces, lambda x, y, z: (1.5 + y, 0.5 * x, z), 1e-3)
-        # A scalar has no values outside the cells' centres.
+        # A scalar keeps the range of the values at the cells' centres.
         self.holds("p", [(0.3, 0.5, 0.2), (0.3, 0, 0.2)], lambda x, y, z: x + 2 * y + 0.5, 1e-3)
         self.holds("p", [(0.6, 0.5, 0.4)], lambda x, y, z: 0.55 + 2 * 0.45 + 0.5, 1e-3)
 
@@ -706,7 +706,7 @@ class Collections(Case):
         return source
 
     @suite.smoke
-    def test_each_time_of_a_collection_is_a_step(self):
+    def test_each_time_in_a_collection_becomes_a_time_step(self):
         (self.dir / "run").mkdir()
         for n in range(3):
             image(self.dir / f"run/{n}.vti", lambda i, j, k, n=n: 10 * n + i + j * k)
@@ -718,7 +718,7 @@ class Collections(Case):
             self.holds("T", [(3, 2, 1)], lambda *_, n=n: 10.0 * n + 5, 1e-5)
         self.assertIn("the first of 3 steps", self.imported(source)["note"])
 
-    def test_files_of_the_same_time_in_a_collection_are_parts_of_one_step(self):
+    def test_files_of_the_same_time_in_a_collection_become_one_time_step(self):
         image(self.dir / "a.vti", lambda i, j, k: i)
         image(self.dir / "b.vti", lambda i, j, k: 4 + i, at=4.0)
         report = self.imported(self.collection(f'timestep="1" part="{p}" file="{n}.vti"'
@@ -726,7 +726,7 @@ class Collections(Case):
         self.assertEqual(set(report["grid"]), {"T", "T_2"})
         self.holds("T_2", [(6, 1, 1)], lambda *_: 6.0, 1e-5)
 
-    def test_refuses_a_collection_and_names_files_that_are_missing_or_in_other_folders(self):
+    def test_refuses_a_collection_of_files_that_are_missing_or_in_other_folders(self):
         outside = tempfile.TemporaryDirectory()
         self.addCleanup(outside.cleanup)
         elsewhere = image(Path(outside.name) / "a.vti", lambda i, j, k: i)
@@ -750,7 +750,7 @@ class FileSeries(Case):
         return source
 
     @suite.smoke
-    def test_each_file_of_a_series_is_a_step(self):
+    def test_each_file_of_a_file_series_becomes_a_time_step(self):
         (self.dir / "run").mkdir()
         rows = []
         for n in (2, 0, 1):
@@ -767,7 +767,7 @@ class FileSeries(Case):
         source.write_text(json.dumps({"files": rows, "x": "x" * 5000, "file-series-version": "1.0"}))
         self.assertEqual(self.imported(source, "--time", 2)["time"], 1)
 
-    def test_a_series_has_meshes_and_legacy_files(self):
+    def test_a_file_series_may_list_meshes_in_legacy_files(self):
         points = [(x, y, z) for z in range(4) for y in range(4) for x in range(4)]
         rows = []
         for n in range(2):
@@ -782,7 +782,7 @@ class FileSeries(Case):
             self.assertEqual(self.imported(source, "--time", n)["time"], n)
             self.holds("T", [(2, 2, 1)], lambda *_, n=n: 10.0 * n + 4, 1e-3)
 
-    def test_refuses_a_damaged_series_and_names_files_that_are_missing(self):
+    def test_refuses_a_damaged_file_series_and_names_missing_files(self):
         image(self.dir / "a.vti", lambda i, j, k: i)
         image(self.dir / "b.vti", lambda i, j, k: i)
         self.refused(self.series([{"name": "gone.vti", "time": 0}]), "gone.vti cannot be read")
@@ -829,7 +829,7 @@ class VtkHdf(Case):
         self.assertEqual(report["grid"]["T"]["voxel"], [1, 2, 3])
         self.holds("T", [(3, 4, 3)], lambda *_: 123.0, 1e-5)
 
-    def test_names_the_type_of_a_vtkhdf_file_that_it_does_not_import(self):
+    def test_refuses_a_vtkhdf_file_of_an_unsupported_type_and_names_the_type(self):
         import h5py  # pylint: disable=import-outside-toplevel
         for name in b"PolyData", b"OverlappingAMR":
             path = self.dir / "a.vtkhdf"
@@ -839,7 +839,7 @@ class VtkHdf(Case):
                 group.attrs.create("Type", name, dtype=h5py.string_dtype("ascii", len(name)))
             self.refused(path, f"the file is {name.decode()} in VTK's HDF5 format")
 
-    def test_refuses_a_vtkhdf_version_that_vtk_cannot_read_and_names_it(self):
+    def test_refuses_a_vtkhdf_file_of_a_version_that_vtk_cannot_read(self):
         self.refused(self.image((9, 0)), "higher than this reader supports")
 
 
@@ -870,7 +870,7 @@ class Sentinels(Case):
                 # Places without data in the file count neither as errors nor as lost.
                 self.assertTrue(all(math.isfinite(e) for e in s["resampling"].values()), s)
 
-    def test_results_and_labels_are_not_taken_for_marks_of_missing_data(self):
+    def test_results_and_labels_that_resemble_fill_values_are_kept_as_data(self):
         count = 9 ** 3
         labels = [(-999.0, 7.0)[i % 2] for i in range(count)]
         peak = [20.0 + 0.01 * (i * 37 % count) for i in range(count)]
@@ -946,7 +946,7 @@ class Minc(Case):
         self.imported(self.write(kind=netcdf.FLOAT, values=[0.5 * i for i in range(60)]))
         self.agrees(order, lambda n, k, j: 0.5 * n)
 
-    def test_numbers_outside_of_the_valid_range_have_no_data(self):
+    def test_values_of_a_minc_image_outside_the_valid_range_have_no_data(self):
         values = [i * 37 % 1001 for i in range(60)]
         values[7], values[30] = -1, 1001
         self.assertEqual(self.imported(self.write(values=values))["grid"]["image"]["holes"], 2)
@@ -959,7 +959,7 @@ class Minc(Case):
         path.write_bytes(data)
         self.refused(path, "the distances along")
 
-    def test_damaged_files_never_crash_the_importer(self):
+    def test_damaged_minc_files_never_crash_the_importer(self):
         source = self.write()
         self.survives(source, source.read_bytes(), 24, "MINC")
 
@@ -991,7 +991,7 @@ class WholeNumbers(Case):
 
 class Others(Case):
     @suite.smoke
-    def test_refuses_unsupported_formats(self):
+    def test_refuses_a_file_in_the_format_slc(self):
         source = self.dir / "a.slc"
         source.write_bytes(b"11111\n10 10 10 8\n" + bytes(100))
         self.refused(source, "SLC")

@@ -1,4 +1,4 @@
-// Tests reading time steps when time is any axis of the file.
+// Tests that time steps are read from files in which any axis may be time.
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -90,7 +90,8 @@ std::string nifti(const std::vector<std::int16_t>& dims, float step) {
 
 }  // namespace
 
-TEST_CASE("an NRRD's time steps are read with the time axis last, first or between", "[series]") {
+TEST_CASE("the time steps of an NRRD file are read for every position of the time axis",
+          "[series]") {
   const Folder folder;
   std::vector<std::int16_t> last;
   std::vector<std::int16_t> first;
@@ -104,14 +105,14 @@ TEST_CASE("an NRRD's time steps are read with the time axis last, first or betwe
       for (int c = 0; c < 3; ++c) between.push_back(valueAt(s, p, c));
     }
   }
-  SECTION("last") {
+  SECTION("the time axis is last") {
     auto reader = openNrrd(folder.write(
         "a.nrrd", nrrd("2 3 4 3", "kinds: space space space time\nspacings: 1 1 1 0.25\n\n"),
         last));
     checkSteps(*reader);
     CHECK(reader->times() == std::vector<double>{0.0, 0.25, 0.5});
   }
-  SECTION("last, with one file per step") {
+  SECTION("the time axis is last and each step has its own file") {
     for (int s = 0; s < kSteps; ++s) {
       const auto begin = last.begin() + static_cast<std::ptrdiff_t>(s) * kPoints;
       static_cast<void>(folder.write(fmt::format("{}.raw", s), "", {begin, begin + kPoints}));
@@ -120,11 +121,11 @@ TEST_CASE("an NRRD's time steps are read with the time axis last, first or betwe
         "a.nhdr", nrrd("2 3 4 3", "kinds: space space space list\ndata file: %d.raw 0 2 1\n"),
         {})));
   }
-  SECTION("first") {
+  SECTION("the time axis is first") {
     checkSteps(*openNrrd(
         folder.write("a.nrrd", nrrd("3 2 3 4", "kinds: list space space space\n\n"), first)));
   }
-  SECTION("between, of vectors") {
+  SECTION("the time axis is between the components and the axes of space") {
     checkSteps(
         *openNrrd(folder.write(
             "a.nrrd", nrrd("3 3 2 3 4", "kinds: vector list space space space\n\n"), between)),
@@ -132,7 +133,8 @@ TEST_CASE("an NRRD's time steps are read with the time axis last, first or betwe
   }
 }
 
-TEST_CASE("a NIfTI file's time steps are read, of scalars and of vectors", "[series]") {
+TEST_CASE("the time steps of NIfTI files of scalars and of vectors are read in any order",
+          "[series]") {
   const Folder folder;
   std::vector<std::int16_t> scalars;
   std::vector<std::int16_t> vectors;
@@ -150,7 +152,7 @@ TEST_CASE("a NIfTI file's time steps are read, of scalars and of vectors", "[ser
   checkSteps(*openNifti(folder.write("b.nii", nifti({2, 3, 4, kSteps, 3}, 1.0F), vectors)), 3);
 }
 
-TEST_CASE("a file with a single volume has no times", "[series]") {
+TEST_CASE("a file with a single volume has no time steps", "[series]") {
   const Folder folder;
   const std::vector<std::int16_t> values(kPoints);
   CHECK(openNrrd(folder.write("a.nrrd", nrrd("2 3 4", "\n"), values))->times().empty());

@@ -53,7 +53,7 @@ vtkSmartPointer<vtkDataArray> byVtk(const Piece& image, double width) {
 
 }  // namespace
 
-TEST_CASE("the importer's Gaussian equals VTK's to 2e-4, including at edges and on short axes",
+TEST_CASE("the importer's Gaussian equals VTK's within 2e-4 also at edges and on short axes",
           "[smooth]") {
   const Vec3 spacing(1.0, 0.7, 2.5);
   for (const int components : {1, 3}) {
@@ -76,8 +76,7 @@ TEST_CASE("the importer's Gaussian equals VTK's to 2e-4, including at edges and 
   }
 }
 
-TEST_CASE("smoothing keeps a constant image and reports the rms change computed from the values",
-          "[smooth]") {
+TEST_CASE("smoothing reports the rms change of the values and 0 for a constant image", "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
   Piece flat = noise(1, Vec3::Ones());
   for (std::size_t i = 0; i < 4301; ++i) flat.arrays[0].values.as<float>()[i] = 3.0F;
@@ -92,9 +91,8 @@ TEST_CASE("smoothing keeps a constant image and reports the rms change computed 
         Approx(std::sqrt(squares / static_cast<double>(before.tuples()))).epsilon(1e-9));
 }
 
-TEST_CASE(
-    "a smoothing width in voxels is this number of voxels along each axis, whatever their size",
-    "[smooth]") {
+TEST_CASE("the effect of a smoothing width in voxels does not depend on the size of the voxels",
+          "[smooth]") {
   Piece stretched = noise(1, Vec3(1.0, 0.7, 2.5));
   Piece cubic = noise(1, Vec3::Ones());
   (void)smoothImage(stretched, stretched.arrays[0], {1.5, false}, "x");
@@ -104,7 +102,7 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("an image with holes is refused, and a very wide Gaussian flattens an image",
+TEST_CASE("smoothing with a very wide Gaussian flattens an image unless the image has holes",
           "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
   CHECK(smoothImage(image, image.arrays[0], {1e6, true}, "x").range < 1e-2);

@@ -76,7 +76,7 @@ TEST_CASE("the first nonzero component of a tensor's direction is positive", "[t
   CHECK(diffusionOf(n * n.transpose()).direction.isApprox(-n));
 }
 
-TEST_CASE("anisotropy is 0 for a spherical tensor, 1 for a linear one, and correct in between",
+TEST_CASE("the fractional anisotropy grows from 0 for a spherical tensor to 1 for a linear tensor",
           "[tensor]") {
   const Mat3 axes = randomRotation();
   CHECK(diffusionOf(tensor(axes, {1, 1, 1})).anisotropy == Approx(0.0).margin(1e-12));
@@ -85,20 +85,20 @@ TEST_CASE("anisotropy is 0 for a spherical tensor, 1 for a linear one, and corre
   CHECK(diffusionOf(tensor(axes, {1.7, 0.3, 0.3})).anisotropy == Approx(0.7990).epsilon(1e-3));
 }
 
-TEST_CASE("an isotropic or zero tensor has no direction", "[tensor]") {
+TEST_CASE("the direction of an isotropic tensor or of a zero tensor is zero", "[tensor]") {
   CHECK(diffusionOf(tensor(randomRotation(), {2, 2, 2})).direction.isZero());
   CHECK(diffusionOf(Mat3::Zero()).direction.isZero());
   CHECK(diffusionOf(-Mat3::Identity()).direction.isZero());
 }
 
-TEST_CASE("negative eigenvalues count as 0 in the anisotropy but are unchanged in the mean",
+TEST_CASE("negative eigenvalues count as 0 in the anisotropy but not in the mean diffusivity",
           "[tensor]") {
   const Diffusion felt = diffusionOf(tensor(randomRotation(), {2, 1, -0.5}));
   CHECK(felt.anisotropy == Approx(anisotropy({2, 1, 0})));
   CHECK(felt.diffusivity == Approx(2.5 / 3.0));
 }
 
-TEST_CASE("a non-finite tensor gives zero direction, zero anisotropy and zero diffusivity",
+TEST_CASE("all quantities derived from a tensor with a value that is not finite are zero",
           "[tensor]") {
   for (const double bad :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
@@ -111,9 +111,7 @@ TEST_CASE("a non-finite tensor gives zero direction, zero anisotropy and zero di
   }
 }
 
-TEST_CASE(
-    "tensor arrays of six and of nine components, of floats and of integers, give equal results",
-    "[tensor]") {
+TEST_CASE("tensors of six integers and of nine doubles give equal results", "[tensor]") {
   const Mat3 D = (Mat3() << 4, 1, 2, 1, 5, 3, 2, 3, 6).finished();
   const Diffusion expected = diffusionOf(D);
   const std::array<double, 6> xx_yy_zz_xy_yz_xz{4, 5, 6, 1, 3, 2};
@@ -133,7 +131,7 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("rotating the axes rotates the tensor with them", "[tensor]") {
+TEST_CASE("a rotation of the space rotates tensors of six and of nine components", "[tensor]") {
   for (int n = 0; n < 100; ++n) {
     const Mat3 axes = randomRotation();
     const Mat3 R = randomRotation();

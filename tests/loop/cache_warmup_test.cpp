@@ -1,5 +1,5 @@
-/// Tests cache warm-ups: they must resemble the next tick, change no state, and have no effect on
-/// the hand.
+/// Tests cache warm-ups: a warm-up must compute like the next tick, but change no state and have no
+/// effect on the hand.
 #include "palpate/engine/loop/cache_warmup.h"
 
 #include <cmath>
@@ -26,7 +26,8 @@ using palpate::test::TestDevice;
 namespace {
 
 constexpr double kDt = 1e-3;
-/// [s]; a tick takes less than a quarter of this, unless the machine pauses
+/// Time that is left for a warm-up [s]. A tick takes less than a quarter of this time, unless the
+/// machine pauses.
 constexpr double kLead = 1.0;
 
 /// Returns a scene with a ball with friction and a drag, a moving ball, and parts.
@@ -138,7 +139,7 @@ TEST_CASE("a cache warm-up predicts the next tick's proxy and contacts", "[loop]
 
 TEST_CASE("after a wrong prediction the cache warm-up starts again at the real proxy",
           "[loop][warmup]") {
-  // A wall holds the hand's proxy, although the predicted hand is through the wall.
+  // The surface holds the proxy, although the predicted position of the hand is deep behind it.
   GraphSpec spec = ballSpec(1.0);
   spec.modes[0].depth_voxels = 0.01;  // a proxy at this depth counts as inside
   const auto scene = makeScene(spec, {{"ball", ballField()}});
@@ -154,7 +155,7 @@ TEST_CASE("after a wrong prediction the cache warm-up starts again at the real p
   };
   for (int i = 0; i < 5; ++i) tick(0.035);
   for (const double z : {0.0335, 0.0305}) tick(z);
-  // The hand has stopped. The prediction still moves on by 3 mm, deep into the ball.
+  // The hand has stopped, but the prediction moves on by 3 mm, deep into the ball.
   CHECK_FALSE(tick(0.0288));
   for (int i = 0; i < 3; ++i) tick(0.0288);
   CHECK(tick(0.0288));
@@ -185,7 +186,7 @@ TEST_CASE("a cache warm-up does not call a user-defined mode", "[loop][warmup]")
   CHECK(*calls == before);
 }
 
-TEST_CASE("no cache warm-up runs without a scene or enough time or after a force cut",
+TEST_CASE("a cache warm-up is skipped without a scene or enough time or after a force cut",
           "[loop][warmup]") {
   TestDevice device;
   device.hand.position = {0, 0, 0.04};

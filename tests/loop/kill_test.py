@@ -5,8 +5,8 @@ and keeps it. Prints the table.
 A victim presses its hand a second after its start, so the victims of the next tests start ahead of their tests.
 
 If permitted, this program and its victim have a priority above all programs without real-time priority, as on an
-arm's machine. Otherwise the test measures the time from the last force to zero force, and counts the forces after
-the blow."""
+arm's machine. Otherwise the test measures the time from the last force to zero force. It also counts the forces
+after the signal or action that ends the victim."""
 import contextlib
 import mmap
 import os
@@ -43,8 +43,8 @@ try:
     ABOVE_OTHERS = True
 except PermissionError:
     ABOVE_OTHERS = False
-# State of the program afterwards. A stop or a hang does not end it; all others end it as they would without a
-# guardian.
+# State of the program after the signal or action. A stop or a hang does not end the program. All others end the
+# program as they would without a guardian.
 AFTERWARDS = {name: f"ended with {-getattr(signal, name)}" for name in SIGNALS}
 AFTERWARDS |= dict.fromkeys(["SIGSTOP", "SIGTSTP", "hang"], "lives")
 AFTERWARDS |= {"exception": f"ended with {-signal.SIGABRT}", "exit": "ended with 0",
@@ -86,12 +86,12 @@ class Witness:
         os._exit(0)
 
     def times(self):
-        """Returns how often the witness woke late."""
+        """Returns the number of times that the process woke late."""
         return struct.unpack("q", self.page[:8])[0]
 
 
 class Victim:
-    """A program that presses a hand, and the forces that its device got."""
+    """A program that presses a hand, and the forces that its device received."""
 
     def __init__(self, action):
         self.folder = tempfile.TemporaryDirectory()
@@ -120,7 +120,8 @@ class Victim:
             self.seen.append((stamp(ancillary), newtons(data)))
 
     def press(self):
-        # If the host takes the machine's cores away, the loop cuts the force. So the test waits for a quiet period.
+        # If the host pauses the machine's cores, the loop cuts the force. So the test waits for a period without
+        # pauses.
         begin = time.time()
         still = WITNESS.times()
         left = QUIET
@@ -173,7 +174,7 @@ class Ahead:
                 victim.listen(0.05)
                 if victim.seen and victim.seen[-1][1] > 1.0:
                     return victim
-                # The victim's loop was late after it pressed, so its force is cut.
+                # The victim's loop was late after the hand had pressed, so the loop has cut the force.
                 victim.close()
                 break
         return Victim(action)
@@ -193,7 +194,7 @@ def action_of(test):
 
 
 def late(row):
-    """Returns the time from the blow until the force stays zero [ms], and the state of the program."""
+    """Returns the time from the signal or action until the force stays zero [s], and the state of the program."""
     victim = STARTED.take(row if row in OWN else "nothing")
     try:
         victim.press()
@@ -260,8 +261,8 @@ class KillTable(unittest.TestCase):
         victim.close()
 
     def ends_without_force(self, victim, seconds):
-        """Checks that the last force, and all forces in the second half of the time, are zero. Returns how long there
-        was a force [s]."""
+        """Checks that the last force is zero, and all forces in the second half of the time. Returns the time until the
+        last force that was not zero [s]."""
         start = time.time()
         victim.listen(seconds)
         late = [f for t, f in victim.seen if t > start + seconds / 2]
@@ -270,7 +271,7 @@ class KillTable(unittest.TestCase):
         return max((t for t, f in victim.seen if f != 0.0), default=start) - start
 
     def unguarded(self, victim):
-        """Returns how long a force may last without a guardian [s]."""
+        """Returns the longest permitted time of a force without a guardian [s]."""
         return 0.2 if os.sched_getscheduler(victim.guardian) == os.SCHED_FIFO else 0.45
 
     def notices(self, blow, seconds):
@@ -347,7 +348,7 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_without_a_guardian_a_killed_program_leaves_its_force(self):
-        # Control experiment for the table.
+        # As a control for the table, the test kills the guardian first.
         victim = STARTED.take("nothing")
         try:
             victim.press()

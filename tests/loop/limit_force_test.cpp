@@ -51,7 +51,7 @@ TEST_CASE("the growth of the force is slew-limited, and its release is immediate
   CHECK_FALSE(released.limited());
   CHECK(released.force == Vec3(0.5, 0, 0));
 
-  // The wanted force reverses: the old force ends at once, and the new force grows from zero.
+  // If the wanted force reverses, the old force ends at once and the new force grows from zero.
   const LimitedForce turned = after({5, 0, 0}, {-5, 0, 0}, 1e-3, limits);
   CHECK((turned.force - Vec3(-2, 0, 0)).norm() < 1e-14);
 }
@@ -109,14 +109,14 @@ TEST_CASE("an engagement waits for a small force or for one second, then ramps u
     double ramp = 0.0;
     double last = 0.0;
     for (int i = 0; i < 3000; ++i) {
-      // The hand presses from the start, or begins to press after 0.2 s.
+      // The hand presses either from the start or after 0.2 s.
       const double wanted = pressed || i > 200 ? 4.0 : 0.05;
       const LimitedForce out = limitForce({0, wanted, 0}, Vec3::Zero(), kDt, limits, state);
       const double force = out.force.norm();
       CHECK(force <= wanted);
       CHECK(force >= last - (i == 201 ? 1.0 : 1e-12));
-      // The force grows by at most the ramp's growth per tick. At the touch (i = 201) it may jump
-      // to the ramp's present value.
+      // The force grows by at most the ramp's growth per tick. When the hand begins to press (i =
+      // 201), the force may jump to the ramp's present value.
       if (i != 201) CHECK(force - last <= 4.0 * kDt / kEngage + 1e-12);
       last = force;
       if (force == 0.0) silent += kDt;
@@ -161,8 +161,8 @@ TEST_CASE("the energy tank is applied last and its output is the sent force", "[
   LimiterState state;
   CHECK(limitForce({3, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force == Vec3::Zero());
   CHECK(state.sent == Vec3::Zero());
-  // 1 mm per tick against 0.5 N s/m puts in 0.5 mJ. A force of 1 N can extract this energy in one
-  // tick.
+  // A hand that moves by 1 mm per tick against 0.5 N s/m puts in 0.5 mJ. A force of 1 N can extract
+  // this energy in one tick.
   const LimitedForce out = limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state);
   CHECK(out.drained);
   CHECK(out.limited());

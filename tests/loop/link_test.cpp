@@ -24,10 +24,10 @@ using test::Random;
 
 constexpr double kDt = 1e-3;
 
-/// How a network delays, loses and repeats messages.
+/// The delays, losses and repetitions of a network's messages.
 struct Network {
   double delay = 0.0;    ///< [s]
-  double jitter = 0.0;   ///< Added to the delay, at most [s].
+  double jitter = 0.0;   ///< Largest random addition to the delay [s].
   double lost = 0.0;     ///< Share of messages that do not arrive.
   double doubled = 0.0;  ///< Share of messages that arrive twice, the second time up to 1 s later.
   double apart = 0.0;    ///< Start of an outage [s].
@@ -52,7 +52,7 @@ struct Hand {
   void move(const Vec3& force, double now, double dt) {
     const Vec3 wanted = std::sin(2.0 * M_PI * frequency * now + phase) * swing;
     const Vec3 all = force + grip * (wanted - position) - damping * velocity;
-    // Real arms and hands do not accelerate faster.
+    // Limits the acceleration to that of real arms and hands.
     Vec3 a = all / mass;
     const double most = 0.49 * kLinkNimble;
     if (a.norm() > most) a *= most / a.norm();
@@ -133,7 +133,7 @@ struct Session {
     if (random.uniform() < network.doubled) ways[to].emplace(arrives() + random.uniform(), word);
   }
 
-  /// Restarts one end. Messages on the way to it still arrive.
+  /// Restarts one end. Messages that are under way to this end still arrive.
   void restart(std::size_t i) {
     End& end = ends[i];
     end.link = Link(++end.lives, params);
@@ -145,7 +145,7 @@ struct Session {
   LinkParams params;
   Network network;
   double every = 0.005;  ///< Time between two messages [s].
-  bool tanks = true;     ///< False: each end acts as a spring without an energy account.
+  bool tanks = true;     ///< If false, each end acts as a spring without an energy account.
   std::array<Vec3, 2> heard{Vec3::Zero(), Vec3::Zero()};
   double unsent = 0.0;  ///< Share of forces that are sent only in part, as by the gate or by weak
                         ///< motors.
@@ -233,7 +233,7 @@ TEST_CASE("two linked hands never gain more energy on any network than their tan
     REQUIRE(session.most <= bound + 2.0 * slack);
     nearest = std::max(nearest, session.most / bound);
   }
-  // The bound is not too loose: on some network, more than half of it comes out.
+  // On some network, the hands gain more than half of the bound, so the bound is not too loose.
   CHECK(nearest > 0.5);
 }
 
@@ -324,7 +324,7 @@ TEST_CASE("a late tick does not change the force of a link", "[loop][link]") {
 }
 
 TEST_CASE("without energy tanks a spring over a delayed network generates energy", "[loop][link]") {
-  // Control experiment: without tanks, this network adds energy.
+  // As a control, the link has no tanks. Then this network adds energy.
   Session session(1, {});
   session.network.delay = 0.05;
   session.tanks = false;
@@ -347,7 +347,8 @@ TEST_CASE("without energy tanks a spring over a delayed network generates energy
 }
 
 TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
-  // One hand swings by 5 cm at 0.5 Hz, the other is only pulled. docs/sites.md has the table.
+  // A person swings one hand by 5 cm at 0.5 Hz. Only the link pulls the other hand. docs/sites.md
+  // has the table.
   std::printf("delay ms, lost %%: rms apart mm\n");
   for (const double delay : {0.0, 0.005, 0.02, 0.05, 0.1}) {
     for (const double lost : {0.0, 0.1, 0.5}) {
@@ -371,7 +372,7 @@ TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
       const double apart = std::sqrt(squares / count);
       std::printf("%5.0f %3.0f: %.1f\n", 1e3 * delay, 1e2 * lost, 1e3 * apart);
       INFO("delay " << delay << " lost " << lost);
-      // Limit: the path during the delay, at 0.16 m/s at most, plus the stretch of the spring.
+      // The limit is the path during the delay, at up to 0.16 m/s, plus the stretch of the spring.
       CHECK(apart < 2.5e-3 + 0.12 * delay);
     }
   }
@@ -390,8 +391,8 @@ TEST_CASE("a link ignores invalid messages, and a false energy sum has a bounded
   };
   for (int n = 0; n < 1000; ++n) said({7, 5, static_cast<std::uint64_t>(n + 1), {0.1, 0, 0}, 0.0});
   const double before = link.energy();
-  // Messages without a session (0), with invalid numbers, with an old number, or of another
-  // session.
+  // The link must ignore messages without a session (0), with non-finite values, with an old
+  // number, or from another session.
   said({0, 5, 2000, {0.1, 0, 0}, 1.0});
   said({7, 5, 2000, {nan, 0, 0}, 1.0});
   said({7, 5, 2000, {0.1, 0, 0}, nan});

@@ -1,4 +1,4 @@
-/// Tests in virtual time which forces the loop sends, for any input.
+/// Tests the forces that the loop sends, for any input, in virtual time.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -59,7 +59,7 @@ struct Rig {
     for (int i = 1; i < static_cast<int>(std::lround(seconds / kDt)); ++i) tick();
     return tick();
   }
-  /// Moves the hand to a position at half a metre per second, then keeps it there for `seconds`.
+  /// Moves the hand to `to` [m] at 0.5 m/s, then keeps it there for `seconds`.
   const Telemetry& go(const Vec3& to, double seconds) {
     const Vec3 from = device.hand.position;
     const int n = std::max(1, static_cast<int>((to - from).norm() / (0.5 * kDt)));
@@ -98,16 +98,14 @@ class Fetched final : public ScalarField {
 
 }  // namespace
 
-TEST_CASE(
-    "without a scene the force is zero, and a hand that starts inside a new scene's solid is free",
-    "[loop]") {
+TEST_CASE("a hand gets no force without a scene or inside a solid that a new scene puts around it",
+          "[loop]") {
   Rig rig;
   rig.device.hand.position = kPressed;
   CHECK(rig.run(0.2).report.force == Vec3::Zero());
   CHECK(rig.device.writes == 200);
   const FieldPtr ball = ballField();
-  // The ball appears around the hand. Inside, the hand moves without force, and it can leave
-  // without force.
+  // The ball appears around the hand. The hand moves inside and leaves without a force.
   rig.loop.publish(ballScene(ball));
   CHECK(rig.run(2.0).report.force.norm() < 1e-6);
   CHECK(rig.go(kOut, 0.1).report.force == Vec3::Zero());
@@ -168,7 +166,7 @@ TEST_CASE(
     REQUIRE(force > last - 1e-6);
     REQUIRE(force < last + pace * (1.0 + 1e-9));
     last = force;
-    // A second edit, before the first has taken full effect.
+    // A second edit comes before the first edit has taken full effect.
     if (i == 48) rig.loop.publish(stiff(1900.0));
   }
   CHECK(rig.run(0.1).report.force.norm() == Approx(5.7).margin(0.05));
@@ -278,7 +276,7 @@ TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop
   expect(
       Fault::kOverSpeed,
       [](Rig& rig) {
-        // The hand is too fast for 50 ms, but its position does not jump.
+        // The hand moves too fast for longer than 50 ms, but its position does not jump.
         for (int i = 0; i < 80; ++i) {
           rig.device.hand.position.x() += 0.0035;
           rig.tick();
@@ -349,13 +347,13 @@ TEST_CASE("a force that was cut for lateness returns by itself at most three tim
     CHECK(rig.run(Reengagement::kWithin).fault == Fault::kNone);
   }
   {
-    Rig rig;  // by default the force does not return automatically
+    Rig rig;  // by default, the force does not return by itself
     pressed(rig, 0.0);
     late(rig);
     CHECK(rig.run(10.0).fault == Fault::kLate);
   }
   {
-    Rig rig;  // the whole program was stopped
+    Rig rig;  // tests a cut after the whole program was stopped
     pressed(rig, kAfter);
     CHECK(rig.tick(0.6).fault == Fault::kLate);
     CHECK(rig.run(10.0).fault == Fault::kLate);
@@ -364,8 +362,8 @@ TEST_CASE("a force that was cut for lateness returns by itself at most three tim
     late(rig);
     CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
   }
-  // After other faults the force does not return, even if they occur while the force is off, or if
-  // their cause has ended.
+  // After other faults the force does not return by itself. This also applies to faults that occur
+  // while the force is off, and to faults whose cause has ended.
   const std::vector<std::function<void(Rig&)>> others{[](Rig& rig) { rig.loop.cut(); },
                                                       [](Rig& rig) {
                                                         rig.device.hand.fault = Fault::kTemperature;
@@ -430,8 +428,8 @@ TEST_CASE("clear() cancels only the cuts and stops that were ordered before it",
     return loop.latest().fault;
   };
   CHECK(tick() == Fault::kNone);
-  // If the guardian had to set the force to zero, the loop was late, even if its clock does not
-  // show it.
+  // If the guardian had to set the force to zero, the loop was late, even if the loop's own clock
+  // shows no delay.
   ++cuts;
   CHECK(tick() == Fault::kLate);
   loop.clear();
@@ -445,7 +443,7 @@ TEST_CASE("clear() cancels only the cuts and stops that were ordered before it",
   CHECK(tick() == Fault::kStopped);
   loop.clear();
   CHECK(tick() == Fault::kNone);
-  // If a device fails after another fault, the guardian must still set its force to zero.
+  // If a device fails after another fault, the guardian must still set the device's force to zero.
   loop.cut();
   (void)tick();
   device.hand.fault = Fault::kWrite;
@@ -506,13 +504,13 @@ TEST_CASE(
     CHECK(at(takes, 1000.0).delay == 2e-3);
     CHECK(at(takes, 1000.0).doubt == 0.5e-3);
   }
-  // With pacing of up to 1.25 ms, the delay is 0.25 to 3.75 ms. With pacing of up to 5 ms, it is 0
-  // to 7.5 ms.
+  // At 800 forces per second, a force can wait up to 1.25 ms, and the delay is 0.25 to 3.75 ms. At
+  // 200 per second, a force can wait up to 5 ms, and the delay is 0 to 7.5 ms.
   CHECK(at(800.0, 1000.0).delay == Approx(2e-3));
   CHECK(at(800.0, 1000.0).doubt == Approx(1.75e-3));
   CHECK(at(200.0, 1000.0).delay == Approx(3.75e-3));
   CHECK(at(200.0, 1000.0).doubt == Approx(3.75e-3));
-  // At this rate, more forces can be on their way than the tank can store.
+  // At 20 forces per second, more delayed forces can be pending than the tank can store.
   CHECK_THROWS_AS(at(20.0, 2000.0), DeviceError);
   for (const double bad : {-1.0, std::nan(""), static_cast<double>(INFINITY)}) {
     CHECK_THROWS_AS(at(bad, 1000.0), DeviceError);
@@ -533,7 +531,7 @@ TEST_CASE("motors count as fully heated when the loop starts", "[loop][safety]")
     time.now += kDt;
     heat += -std::expm1(-kDt / 2.0) * (device.sent.squaredNorm() - heat);
     REQUIRE(heat <= 1.0 + 1e-9);
-    // The hand presses as soon as the loop has engaged, lets go, and presses again.
+    // The hand presses as soon as the loop has engaged, leaves the ball, and presses again.
     const bool pressed = (i > 550 && i < 1500) || i > 4000;
     double& z = device.hand.position.z();
     z += std::clamp((pressed ? test::kBallRadius - 0.008 : kOut.z()) - z, -5e-4, 5e-4);
@@ -582,7 +580,7 @@ TEST_CASE("ticks that are late by less than the limit are counted and keep their
   CHECK(rig.device.sent.norm() == Approx(1.5).margin(0.01));
 }
 
-TEST_CASE("an open dead-man switch cuts the force, and a closed one lets it return after a second",
+TEST_CASE("an open dead-man switch cuts the force and a closed switch restores it after a second",
           "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
@@ -665,8 +663,8 @@ TEST_CASE("a tick that hangs ends with zero force and a late fault", "[loop][saf
 
 TEST_CASE("a position jump or the homing of an arm puts no energy into the tank",
           "[loop][safety]") {
-  // The position jumps for one of three reasons: the arm is homed, its position jumps, or it
-  // returns elsewhere.
+  // The position changes at once for one of three reasons: the arm is homed, its position jumps, or
+  // the arm returns at another position.
   for (const int how : {0, 1, 2}) {
     CAPTURE(how);
     Rig rig;
@@ -706,8 +704,8 @@ TEST_CASE("a position jump or the homing of an arm puts no energy into the tank"
 
 TEST_CASE("a switch that closes between two position readings releases no energy",
           "[loop][safety]") {
-  // An arm with 125 positions per second moves at 2 m/s. A part of the path since its last position
-  // lies before the switch closed.
+  // An arm that reports 125 positions per second moves at 2 m/s. The hand moved a part of the path
+  // between two positions before the switch closed.
   constexpr double kViscous = 0.5;
   constexpr int kEvery = 8;
   TestDevice device;
@@ -753,8 +751,8 @@ TEST_CASE("a switch that closes between two position readings releases no energy
 
 namespace {
 
-/// A force of 3 N everywhere, an arm with viscous friction, and an active tank. Counts the energy
-/// that the hand puts in.
+/// A scene with a force of 3 N everywhere, and an arm with viscous friction and an active tank.
+/// Counts the energy that the hand puts in.
 struct Windy {
   static constexpr double kViscous = 0.5;
   TestDevice device;
@@ -849,7 +847,7 @@ TEST_CASE("while an arm is not ready its speed is watched but position jumps are
 
 TEST_CASE("a repeated position that is older in each tick does not count as a new position",
           "[loop][safety]") {
-  // An arm with 125 positions per second. Its switch closes between two positions of a motion.
+  // The arm reports 125 positions per second. Its switch closes between two positions of a motion.
   Windy arm;
   constexpr int kEvery = 8;
   int tick = 0;
@@ -946,7 +944,7 @@ TEST_CASE("the energy tank counts only the share of the force that the motors ga
   CHECK(pressed(0.0) == Approx(0.0).margin(0.1 * all));
 }
 
-TEST_CASE("if a scene is published again its proxy starts at the hand", "[loop]") {
+TEST_CASE("a scene that is published again starts with the proxy at the hand", "[loop]") {
   Rig rig;
   const auto scene = ballScene(ballField());
   rig.device.hand.position = kOut;
@@ -979,8 +977,8 @@ TEST_CASE("a device that replays a path without a hand gets force without an eng
 
 TEST_CASE("under random events the force is finite, bounded, slew-limited, and no tick allocates",
           "[loop][safety][fault]") {
-  // Random events: scenes are published, withdrawn and edited; the hand moves, jumps and is lost;
-  // ticks are late; faults are cleared. PALPATE_CASES is the number of ticks.
+  // The test publishes, withdraws and edits scenes, moves the hand, makes ticks late, and clears
+  // faults, all at random. PALPATE_CASES is the number of ticks.
   const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();

@@ -1,17 +1,17 @@
-/* The protocol of engine/loop/mailbox.h, for Spin: two threads, three slots, one word.
+/* The protocol of engine/loop/mailbox.h, for Spin: two threads, three slots, one shared word.
  *
- * A value is two words that are written and read one after the other, so that a thread which is in
- * a slot while the other writes it would see halves. Checked of every interleaving of VALUES
- * publications and any number of refreshes:
- *   torn     both words of what is read are of one publication,
- *   older    what is read is never older than what was read before,
- *   lost     after the last publication a refresh finds it,
- *   shared   no slot is with both threads.
- * And that neither ever waits: no statement of either blocks (no invalid end state is reached, and
- * each loop of the reader is bounded by the check's own, not by the writer's).
+ * A value has two words, which a thread writes or reads one after the other. If both threads used
+ * one slot at the same time, the reader could read two different halves. Spin checks every
+ * interleaving of VALUES publications and any number of refreshes:
+ *   torn     both words that the reader reads are of one publication,
+ *   older    no value is older than the value that was read before,
+ *   lost     a refresh after the last publication gives the last value,
+ *   shared   no slot belongs to both threads at the same time.
+ * Spin also checks that no thread waits for the other: no statement of a thread blocks, and the
+ * number of refreshes does not depend on the writer.
  *
- * -DBREAK=1 to 3 are mistakes that the check must find: the reader takes what is not fresh; the
- * word is read and written in two steps; the fresh mark is not set.
+ * -DBREAK=1 to 3 are faults that Spin must find. 1: the reader takes a value that is not fresh.
+ * 2: the writer reads and writes the shared word in two steps. 3: the writer does not set FRESH.
  */
 #ifndef VALUES
 #define VALUES 5
@@ -52,7 +52,7 @@ proctype writer() {
   od
 }
 
-/* Looks, takes what is fresh, reads both words. */
+/* Refreshes: takes the slot between the threads if it is fresh, then reads both words. */
 inline look() {
 #if BREAK == 1
   fresh = FRESH;
@@ -82,13 +82,13 @@ proctype reader() {
   :: looks < VALUES + 2 -> looks++; look(); assert(!fresh || a >= before)
   :: break
   od;
-  /* When the writer has ended, what it published last is there. */
+  /* After the writer has ended, a refresh must give the last published value. */
   (published == VALUES);
   look();
   assert(seen == VALUES)
 }
 
-/* The three slots are in three places at all times. */
+/* Checks at all times that draft, between and current are three different slots. */
 active proctype apart() {
   do
   :: atomic {

@@ -1,5 +1,5 @@
-/// Tests the mailbox between two threads. A model checker proves its protocol (mailbox.pml). These
-/// tests check the real mailbox, also under ThreadSanitizer.
+/// Tests the mailbox between two threads. A model checker proves the mailbox's protocol
+/// (mailbox.pml). These tests check the real mailbox, also under ThreadSanitizer.
 #include "palpate/engine/loop/mailbox.h"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace palpate::mailbox_test {
 
 namespace {
 
-/// A value whose copying takes time, so that a torn copy shows.
+/// A value of 40 equal words. A copy with unequal words is torn.
 struct Words {
   std::array<std::uint64_t, 40> words{};
   void fill(std::uint64_t n) { words.fill(n); }
@@ -125,7 +125,7 @@ TEST_CASE(
     box.draft().fill(static_cast<std::uint64_t>(n));
     box.publish();
   }
-  reader.join();  // ends only after it got the last value
+  reader.join();  // the reader ends only after it has read the last value
   CHECK(bad == 0);
   CHECK(last == static_cast<std::uint64_t>(count));
 }
@@ -152,7 +152,7 @@ TEST_CASE("a thread that is stopped at any point does not block the mailbox's ot
   struct sigaction before {};
   REQUIRE(sigaction(SIGUSR1, &action, &before) == 0);
   test::Random random(5);
-  // Few rounds, because each waits for the scheduler.
+  // The number of rounds is small, because each round waits for the scheduler.
   const long count = test::share(300);
   for (const bool hold_writer : {true, false}) {
     Mailbox<Words> box;

@@ -54,8 +54,7 @@ TEST_CASE("play time advances with the ticks and follows pause, speed, seek and 
   CHECK(after(clock, head, 1000) == Approx(4.5));
 }
 
-TEST_CASE("a new end of play before the current play time moves the play time there with rate 0",
-          "[sequence]") {
+TEST_CASE("play stops at the new end if the end moves before the play time", "[sequence]") {
   PlayClock clock({1.0, false, 0.0, 3.0, false});
   PlayHead head;
   CHECK(after(clock, head, 2001) == Approx(2.0));

@@ -1,4 +1,4 @@
-/// Tests the limits on a hand's motion, and how the loop reacts beyond them.
+/// Tests the limits on a hand's motion, and the loop's reaction if the hand exceeds a limit.
 #include "palpate/engine/safety/safety.h"
 
 #include <cmath>
@@ -36,7 +36,7 @@ TEST_CASE("every fault has its own description and remedy", "[safety]") {
   CHECK(std::string(wordFor(Fault::kStopped)) == "stopped");
 }
 
-TEST_CASE("a position that repeats is not stale, an old position is", "[safety]") {
+TEST_CASE("a repeated position is not stale but an old position is", "[safety]") {
   // In a loop of 10 kHz, an arm of 1 kHz reports each position ten times.
   HandWatch watch;
   Random random(2);
@@ -55,7 +55,7 @@ TEST_CASE("a position that repeats is not stale, an old position is", "[safety]"
 TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   for (const double rate : {500.0, 1000.0, 20000.0}) {
     for (const double speed : {0.5, 2.9, 4.9}) {
-      // The hand is fast for a short time: above the device's speed limit, but not a jump.
+      // For a short time, the hand is faster than the device's speed limit, but does not jump.
       HandWatch watch;
       Fault worst = Fault::kNone;
       for (int i = 0; i < 20; ++i) {
@@ -138,7 +138,7 @@ TEST_CASE("any position from a device gives a fault or a finite velocity", "[saf
   }
 }
 
-TEST_CASE("a force that a change of the data removes at once fades to zero within 100 ms",
+TEST_CASE("a force fades to zero within 100 ms if a data change removes its cause at once",
           "[safety]") {
   DataFade fade;
   const Vec3 pull(0.0, 3.0, 0.0);
@@ -151,7 +151,7 @@ TEST_CASE("a force that a change of the data removes at once fades to zero withi
   CHECK(fade.pass(none, kStand, none, kTick) == none);
   CHECK(fade.pass(0.5 * pull, kStep, none, kTick) == 0.5 * pull);
   CHECK(fade.pass(none, kStep, none, kTick) == none);
-  // A surface vanishes: the force falls to zero in the same time at any tick rate.
+  // If a surface vanishes, the force falls to zero in the same time at any tick rate.
   for (const double tick : {1e-3, 2.5e-4}) {
     (void)fade.pass(pull, kStand, none, tick);
     double last = 3.0;
@@ -188,14 +188,15 @@ TEST_CASE("a force that a change of the data removes at once fades to zero withi
   CHECK(fade.pass(pull, kStep, none, kTick) == pull);
 }
 
-TEST_CASE("a surface that is gone does at most the work that the stretched spring could do",
+TEST_CASE("the fading force of a vanished surface does at most the work of the stretched spring",
           "[safety]") {
   constexpr double kTick = 1e-3;        // [s]
   constexpr double kStiffness = 500.0;  // [N/m]
   const Vec3 none = Vec3::Zero();
   const Vec3 pull(0.0, 5.0, 0.0);
   const double spring = pull.squaredNorm() / (2.0 * kStiffness);  // 25 mJ
-  // The hand moves with the force: at constant speed, or as a mass that the force accelerates.
+  // The hand moves with the force, either at constant speed or as a mass that the force
+  // accelerates.
   for (const double mass : {0.0, 0.02, 0.2, 2.0}) {
     for (double speed : {0.0, 0.1, 0.5, 2.0}) {
       if (mass == 0.0 && speed == 0.0) continue;
@@ -213,7 +214,7 @@ TEST_CASE("a surface that is gone does at most the work that the stretched sprin
         work += out.dot(way);
         step = std::max(step, way.y());
       }
-      // The sampled force lags by one tick.
+      // The sampled force lags by one tick, which adds up to half a step's work.
       CHECK(work <= spring + 0.5 * pull.y() * step);
     }
   }

@@ -1,4 +1,4 @@
-/// Tests the loop with a real clock and threads, but measures no times (see bench). The hand moves
+/// Tests the loop with a real clock and threads. Only the benchmarks measure times. The hand moves
 /// with the ticks, so a busy machine may pause any thread.
 #include <array>
 #include <atomic>
@@ -79,7 +79,7 @@ void ticks(const SharedDevice& device, long count) {
 }
 constexpr long kEngagement = 1000;  ///< Ticks until an engagement has ended.
 
-/// Moves the hand to height `to` [m] at hand speed. The ball's surface is at 0.03.
+/// Moves the hand to height `to` [m] in 60 steps. The ball's surface is at 0.03 m.
 void move(SharedDevice& device, double to) {
   const double from = device.z;
   for (int i = 1; i <= 60; ++i) {
@@ -153,8 +153,8 @@ TEST_CASE("two hands act in one scene, each with its own proxy", "[loop][host]")
 
 TEST_CASE("scenes that are replaced rapidly are freed on the thread that made them",
           "[loop][host]") {
-  // For ThreadSanitizer: two threads must not access a scene, a tick or the device at the same
-  // time.
+  // ThreadSanitizer checks in this test that two threads do not access a scene, a tick or the
+  // device at the same time.
   struct Watched final : public ScalarField {
     std::atomic<int>* alive;
     std::thread::id maker = std::this_thread::get_id();
@@ -187,7 +187,7 @@ TEST_CASE("scenes that are replaced rapidly are freed on the thread that made th
       if (random.integer(3) == 0) std::this_thread::sleep_for(1ms);
     }
     await([&] { return hand.latest().tick > 100; });
-    // One scene each in the reader, the mailbox and the writer.
+    // The reader, the mailbox and the writer each own one scene.
     CHECK(most <= 3);
   }
   CHECK(alive == 0);
@@ -243,10 +243,10 @@ TEST_CASE("waking a haptic thread early does not make its ticks early", "[loop][
   }
   CHECK(waits.ticks > kEngagement);
   CHECK(waits.early == 0);
-  // Without real-time priority the thread does not spin, so that others can use its core.
+  // Without real-time priority the thread does not spin, so that other threads can use its core.
   CHECK(HapticThread(device, quiet()).early() == 0.0);
-  // With real-time priority the thread spins at 1 kHz. At 10 kHz it does not, because spinning
-  // would take a large part of the period.
+  // With real-time priority, the thread spins at 1 kHz. At 10 kHz, the thread does not spin,
+  // because spinning would take a large part of the period.
   for (const double rate : {1000.0, 10000.0}) {
     LoopParams usual;
     usual.rate = rate;

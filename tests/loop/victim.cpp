@@ -27,7 +27,7 @@ namespace {
 using namespace palpate;
 
 std::atomic<bool> hang{false};
-std::atomic<bool> slow{false};  // the next write takes 40 ms, the one after it blocks forever
+std::atomic<bool> slow{false};  // if true, one write takes 40 ms and the write after it blocks
 
 int connectTo(const std::string& path) {
   const int descriptor = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
@@ -83,7 +83,7 @@ int run(const std::string& path, const std::string& action) {
   LoopParams params;
   if (action == "fast") params.rate = 10000.0;
   if (action == "blocked") {
-    // A second device whose queue is full: the guardian's write to it blocks.
+    // Adds a second device with a full queue, so the guardian's write to that device blocks.
     std::array<int, 2> ends{};
     if (socketpair(AF_UNIX, SOCK_DGRAM, 0, ends.data()) != 0) return 3;
     while (send(ends[0], none.data(), sizeof(none), MSG_DONTWAIT) > 0) {

@@ -1,5 +1,5 @@
-/// Tests contact on concave and rough surfaces: the share of ticks that do not converge, and errors
-/// that must not occur.
+/// Tests contact on concave and rough surfaces: the share of ticks that do not converge, and the
+/// errors of the others.
 #include <cmath>
 #include <string>
 
@@ -21,7 +21,7 @@ ContactRuns runs(std::uint64_t seed, ModeKind kind = ModeKind::kIsosurface) {
   return out;
 }
 
-/// Checks properties that must hold for any surface.
+/// Checks the properties that contact must have on any surface.
 void checkTheorem(const std::string& row, const ContactResult& r) {
   CAPTURE(row, r.runs, r.held, r.cappedShare(), r.readingsPerTick(), r.deepest, r.off, r.off_most,
           r.offRms(), r.unfinished, r.hardest);
@@ -29,7 +29,7 @@ void checkTheorem(const std::string& row, const ContactResult& r) {
   // If a tick converged, its proxy is on the surface within the tolerance.
   CHECK(r.off == 0);
   CHECK(r.off_most <= 0.01);
-  // No rest of the hand ends with a proxy that stands still in ticks that are out of readings.
+  // While the hand rests, the proxy must not stop in ticks that have used up their readings.
   CHECK(r.unfinished == 0);
   // A load below the surface's strength does not cross the surface.
   CHECK(r.leaked == 0);
@@ -100,12 +100,12 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("no surface holds more than its strength", "[motion][release]") {
+TEST_CASE("a rough surface holds at most 1.05 times its strength", "[motion][release]") {
   for (const double grain : {1.0, 2.0, 4.0}) {
     const ContactResult r = pressNoise(grain, runs(36));
     CAPTURE(grain, r.runs, r.hardest, r.over, r.held, r.off_most, r.cappedShare());
     // In ticks that do not converge, the hand is ahead of the proxy along the surface, so the load
-    // can exceed the strength. It is nearly always below 1.002 times the strength.
+    // can exceed the strength. The load is nearly always below 1.002 times the strength.
     CHECK(r.hardest <= 1.05);
     CHECK(r.hardest > 0.9);
     CHECK(r.cappedShare() <= 0.02);

@@ -1,10 +1,10 @@
-/// Golden recordings: fixes the forces of all kinds of hands in all kinds of scenes.
+/// Golden recordings: compares the forces of hands in scenes of all kinds with stored results.
 /// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if the forces of a scene differ
 /// - palpate_golden_ticks FILE --write: writes FILE
 /// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
 /// With the compiler that wrote FILE, inputs, outputs and work of all ticks must be bit-identical.
-/// With another compiler, only the inputs must be. Then proxies may differ by the sum of both error
-/// bounds, and forces by the effect of this difference.
+/// With another compiler, only the inputs must be bit-identical. Then proxies may differ by the sum
+/// of both error bounds, and forces by the effect of this difference.
 ///
 /// A commit that only moves code must not change a hash. A commit that changes behaviour states
 /// which hashes change, and why. Do not use library functions here whose rounding depends on the
@@ -61,7 +61,7 @@ ModeSpec mode(ModeKind kind, const std::string& of, double strength, double fric
 }
 
 /// A smooth path through random positions in a box about `middle`. The hand takes `ticks_a_leg`
-/// ticks between two of them.
+/// ticks from one position to the next.
 class Wander {
  public:
   Wander(const Vec3& middle, const Vec3& half, int ticks_a_leg, std::uint64_t seed)
@@ -126,7 +126,7 @@ Take take(std::string name, std::function<Vec3(int)> hand, Scenes... scenes) {
   return out;
 }
 
-// Fields from formulas of positions [m].
+// The fields below are formulas of positions [m].
 
 FieldPtr dentedBall() {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 1.0};
@@ -198,7 +198,7 @@ MotionPtr tumbling(const Vec3& middle, double size) {
   return std::make_shared<const Motion>(keys, true);
 }
 
-// Fields from grids, with positions in voxels.
+// The fields below are grids, with positions in voxels.
 
 const Mat3& anyFrame() {
   static const Mat3 turn = Eigen::Quaterniond(0.8, 0.3, -0.4, 0.2).normalized().toRotationMatrix();
@@ -458,7 +458,7 @@ std::vector<RecordedTick> feel(const Take& take) {
   return rows;
 }
 
-/// The results of a take, as the file stores them.
+/// The results of a take, in the form that the file stores.
 struct Pinned {
   std::string hashes;  ///< Hashes of inputs, outputs and work, and the number of ticks with a
                        ///< force.
@@ -466,7 +466,7 @@ struct Pinned {
   std::vector<std::array<double, 7>> places;
 };
 constexpr std::size_t kEach = 100;
-// Differences up to these come from the decimal numbers in the file.
+// The file's decimal numbers cause differences of up to these values.
 constexpr double kRounded = 1e-9;       // [m]
 constexpr double kRoundedForce = 1e-4;  // [N]
 
@@ -496,9 +496,9 @@ Pinned pinned(const std::vector<RecordedTick>& rows) {
   return out;
 }
 
-/// Differences between two takes in the stored ticks.
+/// The differences between two runs of a take, in the stored ticks.
 struct Apart {
-  std::size_t first = 0;  ///< First of these ticks that differs; 0: none.
+  std::size_t first = 0;  ///< First stored tick that differs; 0: none.
   double proxy = 0.0;     ///< Largest distance of the proxies [m].
   double beyond = 0.0;    ///< Largest excess of a distance over the sum of both error bounds [m].
   double force = 0.0;     ///< Largest difference of the forces [N].
@@ -525,7 +525,7 @@ Apart apart(const Pinned& a, const Pinned& b) {
   return out;
 }
 
-/// Returns the compiler and the machine, which determine the last bits.
+/// Returns the compiler and the machine, which determine the last bits of results.
 std::string builder() {
 #if defined(__FMA__)
   const char* const machine = "x86-64 with fused multiply-adds";

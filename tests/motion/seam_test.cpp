@@ -24,9 +24,10 @@ constexpr double kPi = std::numbers::pi;
 constexpr int kSide = 49;
 const Vec3 kMiddle = Vec3::Constant(24.0);  // middle of the grids [voxels]
 
-/// Half of a slab with a flat top through `origin`. Columns 0 and 2 of `turn` are its x and z axes.
+/// Half of a slab with a flat top through `origin`. Columns 0 and 2 of `turn` are the slab's x and
+/// z axes.
 struct Block {
-  double side = 1.0;     ///< The half is where side * x < overlap / 2.
+  double side = 1.0;     ///< 1 or -1: the half of the slab with side * x < overlap / 2.
   double overlap = 0.0;  ///< Overlap of both halves [voxels].
   Mat3 turn = Mat3::Identity();
   Vec3 origin = kMiddle;
@@ -56,8 +57,8 @@ std::unique_ptr<const Scene> solids(const std::vector<FieldPtr>& of, double fric
     mode.of = "solid " + std::to_string(i);
     mode.solid = Solid::kBelow;
     mode.strength = 20.0;
-    // A surface mode holds at any value at which it has strength, so the strength is 0 above the
-    // top.
+    // A surface mode holds the proxy at any value at which the mode has strength. So the strength
+    // is zero above the top.
     if (kind == ModeKind::kSurface) {
       mode.strength = TransferFunction::piecewise({{0.0, 20.0}, {0.1, 0.0}});
     }
@@ -143,11 +144,11 @@ TEST_CASE("a hand slides over a turned seam where the volumes overlap", "[motion
   }
 }
 
-TEST_CASE("at a seam of spline volumes the overshoot holds the hand back by at most its depth",
+TEST_CASE("the overshoot at a seam of spline volumes holds the hand back by at most its depth",
           "[motion][seam]") {
-  // Between voxels, a spline overshoots at the edge of the data. So each block has a bump of up to
-  // 0.11 voxel on its top. The bump meets the other block's top at 45 degrees and holds back the
-  // hand, at any overlap. The bump is in the interpolated surface, so other normals would not help.
+  // At the edge of the data, a spline overshoots between voxels. So each block has a bump of up to
+  // 0.11 voxel on its top. The bump's slope of 45 degrees holds the hand back, at any overlap. The
+  // bump is a part of the interpolated surface, so other normals would not remove the effect.
   constexpr double kDepth = 2.0;
   for (const char* interpolation : {"quadratic", "cubic"}) {
     for (const double overlap : {2.0, 6.0}) {
@@ -173,10 +174,10 @@ TEST_CASE("at a seam of spline volumes the overshoot holds the hand back by at m
   }
 }
 
-TEST_CASE("at a seam of surface modes the hand is held back by less than its depth",
+TEST_CASE("a seam of surface modes holds the hand back by less than the hand's depth",
           "[motion][seam]") {
-  // A surface mode holds the value at which its contact began. So two surface modes share no top,
-  // and do not complete each other's data.
+  // A surface mode holds the proxy at the value at which its contact began. So two surface modes
+  // can hold at different heights, and neither completes the other's data.
   for (const double overlap : {3.0, 6.0}) {
     const auto scene = solids({Block{1.0, overlap}.field(), Block{-1.0, overlap}.field()}, 0.0, {},
                               ModeKind::kSurface);
@@ -217,7 +218,7 @@ TEST_CASE("a seam of two volumes that move together gives the same forces as a s
 TEST_CASE("a solid 3.2 voxels from the proxy leaves the proxy's path unchanged, bit for bit",
           "[motion][seam]") {
   const Block ground{1.0, 100.0};
-  // A wall 3.2 voxels above the proxy's path must have no effect.
+  // The wall is 3.2 voxels above the proxy's path.
   const FieldPtr above =
       scalarGrid(kSide, [](const Vec3& p) { return std::clamp(27.2 - p.z(), -3.0, 3.0); });
   const Slide alone = slide(*solids({ground.field()}), 3.0, Mat3::Identity(), kMiddle);
@@ -261,8 +262,8 @@ TEST_CASE("friction in a groove of one volume equals that of its two walls", "[m
 }
 
 TEST_CASE("a thin sheet and a narrow slit have the same friction as one wall", "[motion][seam]") {
-  // Near the edge, the smoothed gradient is shorter, because the smoothing includes the opposite
-  // face.
+  // In a thin sheet, the smoothed gradient is shorter than 1, because the smoothing includes the
+  // opposite face.
   const double friction = 0.3;
   const double depth = 2.0;
   const Vec3 origin = kMiddle + Vec3(0.3, 0.2, 0.4);

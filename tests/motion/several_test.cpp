@@ -57,8 +57,8 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kMotionStiffness, 0.0}, step);
 }
 
-/// Returns a rotation about the axis through the spheres' centre. It is linear, so trilinear
-/// interpolation is exact.
+/// Returns a flow that rotates about the axis through the spheres' centre. The flow is linear, so
+/// trilinear interpolation is exact.
 FieldPtr whirl() {
   return vectorGrid(Vec3::Constant(106.0),
                     [](const Vec3& p) { return Vec3(0.02 * axisOf().cross(p - kCentre)); });
@@ -66,10 +66,8 @@ FieldPtr whirl() {
 
 }  // namespace
 
-TEST_CASE(
-    "the proxy stays on a stream and on a surface in the same tick, with and without friction and "
-    "drag",
-    "[motion]") {
+TEST_CASE("the proxy stays on a stream and on a surface in the same tick with or without friction",
+          "[motion]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const std::map<std::string, FieldPtr> fields{{"ball", ball}, {"flow", whirl()}};
   Probed probed(std::get<0>(ball));
@@ -94,8 +92,8 @@ TEST_CASE(
         return Vec3(kCentre + radius * (std::cos(latitude) * out + std::sin(latitude) * n) +
                     aside * up);
       };
-      // The hand starts on the ball. If it came from outside, the line would hold it above the
-      // ball.
+      // The hand starts on the ball. If the hand came from outside, the line would hold the proxy
+      // above the ball.
       for (int i = 0; i <= 200; ++i) {
         (void)provenStep(*scene, reader, {kVoxel * at(0, kRadius - 0.0128 * i, 0)}, state,
                          kMotionTick);
@@ -122,26 +120,27 @@ TEST_CASE(
         aside = std::max(aside, std::hypot(n.dot(d) - height, (d - n.dot(d) * n).norm() - ring));
       }
       CAPTURE(friction, drag, off, off_late, aside, reads / ticks, late);
-      // Line and plane share the load along the normal, and their shares determine the friction. In
-      // some ticks, one reading says that the proxy sticks, the next that it slips.
+      // Line and plane share the load along the normal, and the plane's share determines the
+      // friction. In some ticks, readings alternate between sticking and slipping.
       CHECK(late <= (friction > 0.0 ? ticks / 4 : 1 + ticks / 500));
       CHECK(off <= 0.002);
-      // Late ticks report that they did not converge. Their error depends on rounding: 0.0093 to
-      // 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without wall friction.
+      // Late ticks report that they did not converge. Rounding affects their errors: 0.0093 to
+      // 0.0121 voxel in 64 runs with strengths that differ by 1e-9 N, with or without friction.
       CHECK(off_late <= 0.015);
-      // The circle is on the exact sphere, the interpolated sphere up to 6.3e-3 voxel away. If this
-      // pushes the proxy off its line, the line yields and cannot resist a sideways pull. With
-      // friction, the hand is ahead on a chord and pulls sideways: 0.6 voxel in 2,176.
+      // The stream's circle is on the exact sphere, up to 6.3e-3 voxel from the interpolated
+      // sphere. If the interpolated sphere pushes the proxy off the stream's line, the line yields.
+      // A line that yields cannot resist a sideways pull. With friction, the hand is ahead of the
+      // proxy and pulls it sideways: by 0.6 voxel on a path of 2,176 voxels.
       CHECK(aside <= (friction > 0.0 ? 1.0 : 0.05));
-      // With friction the measured value is 26.6: after each reading, the nearest position on the
-      // curve is searched again.
+      // With friction the measured value is 26.6, because each reading is followed by a new search
+      // for the nearest position on the curve.
       CHECK(reads / ticks <= (friction > 0.0 ? 27.0 : 25.0));
     }
   }
 }
 
 TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
-  // A ball and an oblique plane through it. The hand moves along their intersection.
+  // An oblique plane cuts a ball. The hand moves along their intersection.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const Vec3 n = axisOf();
   const FieldPtr floor = scalarGrid(
@@ -249,7 +248,7 @@ TEST_CASE("a moving ball from a grid keeps the proxy on its surface: sliding, sp
   const Vec3 still = kVoxel * Vec3(10, -20, 30);
   const double speed = 0.2;
   const auto key = [](double time, const Vec3& centre, const Eigen::Quaterniond& turn) {
-    // A motion turns about W's origin, so it moves the ball's centre, too.
+    // A motion turns about W's origin, so its rotation also moves the ball's centre.
     return Keyframe{
         time, {turn.w(), turn.x(), turn.y(), turn.z()}, centre - turn * (kVoxel * kCentre)};
   };
@@ -334,7 +333,7 @@ struct Groove {
 
 TEST_CASE("a groove that moves with the hand holds the proxy as it does at rest", "[motion]") {
   // A move along one wall's plane would lead behind the other wall, so the proxy cannot move
-  // relative to the groove. It must move with the groove instead of staying at rest in W.
+  // relative to the groove. So the proxy must move with the groove and not stay at rest in W.
   const long runs = test::share(3);
   for (const double degrees : {30.0, 60.0, 90.0}) {
     for (const double speed : {0.0, 0.35, 1.5, 3.5}) {  // voxels per tick
@@ -436,8 +435,8 @@ TEST_CASE(
     const Vec3 hand = motion.outside + i / 200.0 * (motion.hand(0.0) - motion.outside);
     (void)provenStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
   }
-  // The hand moves by 4 voxels per tick. With one reading, the proxy can follow by two: one before
-  // the reading, one after.
+  // The hand moves by four voxels per tick. With one reading per tick, the proxy can move by two
+  // voxels: one before the reading and one after the reading.
   Vec3 before = state.proxy();
   long late = 0;
   for (int i = 1; i <= 5; ++i) {

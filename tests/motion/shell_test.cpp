@@ -20,7 +20,7 @@ using namespace palpate::bench;
 
 namespace {
 
-/// Returns a random frame.
+/// Returns a random rotation.
 Mat3 anyFrame(int seed) {
   test::Random random(static_cast<std::uint64_t>(seed));
   const double angle = random.uniform(0.0, 6.28);
@@ -44,7 +44,7 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
   const long count = test::cases(1000);
   long strokes = 0;
   long crossed = 0;
-  // At level 0.25, a fog of one voxel is 1.5 voxels thick.
+  // At level 0.25, a fog shell of one voxel is 1.5 voxels thick.
   for (const Shell& shell :
        {makeShell("level set", 1.5), makeShell("level set", 2.0), makeShell("level set", 3.0),
         makeShell("fog", 2.0), makeShell("fog", 1.0, 0.25)}) {
@@ -68,14 +68,14 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
 
 TEST_CASE("solids of one voxel are crossed at most as often as the stated limits",
           "[motion][release]") {
-  // The surface of voxels that are only full or empty has steps, and oblique strokes press on their
-  // sides. So 320 of 1,000 strokes cross at load 0.9 and 72 degrees. With differences over a voxel
-  // on each side (slope_reach 1), 93 cross.
+  // The surface of a binary fog has steps, and oblique strokes press on the sides of the steps. So
+  // 320 of 1,000 strokes cross at load 0.9 and 72 degrees. With gradients over one voxel on each
+  // side (slope_reach 1), 93 strokes cross.
   const long count = test::cases(1000);
   const auto of = [&](long in_1000) { return std::max(in_1000 * count / 1000, 2L); };
   struct Case {
     Shell shell;
-    long crossed;  // limit for 1,000 strokes at load 0.9; at load 0.6 it is five
+    long crossed;  // limit for 1,000 strokes at load 0.9; the limit at load 0.6 is five
     long yielded;
   };
   for (const auto& [shell, crossed, yielded] : {Case{makeShell("level set", 1.0), 25, 30},
@@ -153,9 +153,9 @@ TEST_CASE("a hand beyond the walls of a hollow box does not pull the proxy out o
   }
 }
 
-TEST_CASE("no rough and thin solid holds a pressing hand with more than its strength",
+TEST_CASE("a rough thin solid holds a pressing hand with at most its strength",
           "[motion][release]") {
-  // The proxy must not stop for ever, and the surface must not hold more than its strength.
+  // A load above the strength must always move the proxy through the solid.
   constexpr double kStrength = 1.0;  // [N]
   constexpr int kSide = 24;
   const long count = test::cases(6);
@@ -167,7 +167,7 @@ TEST_CASE("no rough and thin solid holds a pressing hand with more than its stre
         ++setting;
         std::vector<std::uint64_t> seeds(static_cast<std::size_t>(count));
         std::iota(seeds.begin(), seeds.end(), 1000 * setting);
-        // The hardest known seeds.
+        // These seeds have the largest known loads.
         if (setting == 2) seeds.push_back(2337);
         if (setting == 3) seeds.insert(seeds.end(), {3116, 3148});
         for (const std::uint64_t seed : seeds) {

@@ -23,9 +23,9 @@ using palpate::test::Random;
 
 TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 voxel",
           "[motion][release]") {
-  // The requirement: the departures of all ticks sum up to at most 0.02 voxel (goal 0.01), with at
-  // most 20 samples per tick. A Taylor-Green stream takes 25.9: it closes a loop in 12 ticks, and
-  // each bend is searched for the nearest point.
+  // The requirement is a sum of departures of at most 0.02 voxel (goal 0.01), with at most 20
+  // samples per tick. A Taylor-Green stream takes 25.9 samples, because the stream closes a loop in
+  // 12 ticks and each bend needs a search for the nearest point.
   const auto count = static_cast<std::size_t>(palpate::test::share(3));
   for (const int wavelength : {16, 32}) {
     for (const bool abc : {true, false}) {
@@ -36,8 +36,8 @@ TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 vo
         CHECK(r.departures <= 0.01);
         CHECK(r.samples <= (abc ? 20.0 : 26.0));
         CHECK(r.capped == 0.0);
-        // A Taylor-Green stream closes a loop in 12 ticks, so at the start the hand is beyond its
-        // centre.
+        // On a Taylor-Green stream, the hand is beyond the centre of curvature at the start, which
+        // counts as a hairpin.
         if (abc) CHECK(r.hairpins == 0.0);
       }
     }
@@ -62,7 +62,7 @@ TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[moti
         }
       }
       CAPTURE(tolerance, speed, off, departures);
-      // Between two ticks a fast hand leaves the curve, which costs precision.
+      // Between two ticks a fast hand leaves the curve, which reduces the precision.
       CHECK(off <= (speed < 2.0 ? 0.1 * tolerance + 1e-3 : 5e-3));
       CHECK(departures <= 0.01);
     }
@@ -72,8 +72,8 @@ TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[moti
 TEST_CASE(
     "a stream beside another mode waits if the readings are used up, and the status reports it",
     "[motion]") {
-  // A tick has one reading. With another mode, a reading of a stream is valid for one voxel, and
-  // the hand moves by 1.28. A stream alone is traced along the whole path.
+  // Each tick has one reading, and the hand moves by 1.28 voxels per tick. Beside another mode, a
+  // reading of a stream is valid for one voxel. A stream alone is traced along the whole path.
   StepParams step;
   step.max_substeps = 1;
   for (const Stream& stream : streamsOfFlow(abcFlow(16), 16, 128.0, 3, 1.0)) {
@@ -118,7 +118,7 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
     long followed = 0;
     double off = 0.0;
     double departures = 0.0;  // sum over all streams, per 1,280 voxels
-    double worst = 0.0;       // largest of one stream, scaled to 1,280 voxels
+    double worst = 0.0;       // largest departure of one stream, scaled to 1,280 voxels
     double samples = 0.0;
     double length = 0.0;
     for (const Stream& stream : streamsOfFile(std::string(folder) + "/" + name + ".vdb",
@@ -132,7 +132,7 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
       samples += r.samples * stream.length();
       length += stream.length();
       CHECK(r.capped == 0.0);
-      CHECK(r.hairpins <= 0.05);  // from a kink of the kitchen's flow
+      CHECK(r.hairpins <= 0.05);  // at a kink of the kitchen's flow
     }
     departures /= length;
     samples /= length;
@@ -164,8 +164,7 @@ TEST_CASE("the proxy follows a streamline of a spline flow within the budget of 
 }
 
 TEST_CASE(
-    "the status reports a hairpin of a stream, and the force then changes by at most the mode's "
-    "strength plus the hand's motion",
+    "a hairpin of a stream changes the force by at most the mode's strength and the hand's pull",
     "[motion][release]") {
   // If the hand is beyond the centre of curvature, the stream has no unique nearest point. With a
   // strength of 1 N the stream sometimes releases a hand 2.2 voxels to the side. With 3 N it always
@@ -232,7 +231,7 @@ Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>
   return out;
 }
 
-/// Returns a flow in circles about an axis through `centre`. It is linear, so trilinear
+/// Returns a flow in circles about an axis through `centre`. The flow is linear, so trilinear
 /// interpolation is exact.
 FieldPtr circlesAbout(const Vec3& centre, const Vec3& axis) {
   return vectorGrid(Vec3::Constant(41.0),
@@ -241,7 +240,7 @@ FieldPtr circlesAbout(const Vec3& centre, const Vec3& axis) {
 
 }  // namespace
 
-TEST_CASE("a hand beside a bent stream feels no force along it, inside and outside the bend",
+TEST_CASE("a hand beside a bent stream feels no force along the stream on either side of the bend",
           "[motion]") {
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
@@ -329,8 +328,8 @@ TEST_CASE(
     "the force of a bent stream stays constant while a hand rests outside the bend, at any "
     "distance",
     "[motion]") {
-  // Circles of curvature kappa, with the hand at distance d. A step along the tangent overshoots
-  // the nearest point by kappa d times its length.
+  // The streams are circles of curvature kappa, with the hand at distance d outside. A step along
+  // the tangent overshoots the nearest point by kappa d times the step's length.
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
   const FieldPtr field = circlesAbout(centre, axis);
@@ -363,7 +362,8 @@ TEST_CASE(
 
 TEST_CASE("a stream through random axes pulls a hand with at most 1.3 times its strength",
           "[motion]") {
-  // Random directions whose signs have no meaning, as in the background of a diffusion image.
+  // The directions are random, and their signs have no meaning. The background of a diffusion image
+  // has such axes.
   Random random(11);
   std::vector<Vec3> noise(41 * 41 * 41);
   for (Vec3& v : noise) v = random.direction();
@@ -475,7 +475,8 @@ TEST_CASE("two streams act the same in any order, and two streams of one field a
       CHECK(apart(strong_first, weak_first) <= 1e-9);
       CHECK(strong_first.capped == 0);
       CHECK(strong_first.rise <= 1e-12);
-      // A hand one voxel to the side pulls with 0.39 N: 0.5 N holds it, 0.2 N does not.
+      // A hand one voxel to the side pulls with 0.39 N. A strength of 0.5 N can hold the proxy
+      // against this pull, a strength of 0.2 N cannot.
       for (const double strength : {0.5, 0.2}) {
         const double part = 0.3 * strength;
         const Walked one = walk(*streamsScene({{stream.field, strength}}), hands);

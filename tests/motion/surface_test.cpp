@@ -66,7 +66,7 @@ TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]
 
 TEST_CASE("a surface mode holds the proxy at the value at which its contact began",
           "[motion][release]") {
-  // The reference is the value in the first tick with a force. The test stores it itself.
+  // The reference is the value in the first tick with a force, which the test records.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
         sphereMotion("level set", 40, 7.0), sphereMotion("fog 6", 40, 7.0),
@@ -149,7 +149,8 @@ TEST_CASE("the proxy stays on a cube while it crosses edges and enters corners",
 }
 
 TEST_CASE("once the proxy has passed a convex edge the earlier wall does not hold it", "[motion]") {
-  // Near an edge, normals change over two voxels. Planes with such normals must not hold beyond it.
+  // Near an edge, normals change over two voxels. Planes with such normals must not hold the proxy
+  // beyond the edge.
   for (const double degrees : {60.0, 90.0, 120.0}) {
     test::Random random(5);
     double off = 0.0;

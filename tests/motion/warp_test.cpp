@@ -153,7 +153,8 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
     ++out.held;
     const Deformation about = motion.deformationAt(r.proxy, state.time());
     const auto off = [&](const Vec3& rest) {
-      // Exact only if the body is not stretched: heights in its voxels are then heights in W.
+      // This height is exact only if the warp does not stretch the body, so that heights in its
+      // voxels equal heights in W.
       return std::abs(probed.off(rest / kVoxel, 0.0));
     };
     out.off = std::max(out.off, off(about.slope * r.proxy + about.origin));
@@ -419,7 +420,7 @@ TEST_CASE("paths that are searched for surfaces of a deforming volume have no ga
   }
   CAPTURE(gap, bent, joined);
   CHECK(joined > 2000);
-  CHECK(bent > 1e-5);   // error, a voxel away, of a rigid pose fitted at one point [m]
+  CHECK(bent > 1e-5);   // [m]; error of a pose fitted at one point, at one voxel from the point
   CHECK(gap <= 1e-12);  // [m]
 }
 
@@ -495,7 +496,7 @@ TEST_CASE("a warp with uneven times stays between its frames, and still during a
       const Vec3 x = kVoxel * (kCentre + random.inCube(60.0));
       for (std::size_t f = 0; f + 1 < times.size(); ++f) {
         const Vec3 from = warp->at(x, times[f]).shift;
-        // At the end of the last frame a repeated warp shows its first frame, which is equal.
+        // At the time of the last frame, a repeated warp is at its first frame, which is equal.
         const Vec3 to = warp->at(x, times[f + 1]).shift;
         for (const double share : {0.1, 0.3, 0.5, 0.7, 0.9}) {
           const double time = times[f] + share * (times[f + 1] - times[f]);

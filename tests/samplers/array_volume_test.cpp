@@ -62,7 +62,7 @@ std::string refusal(const VoxelArray& array) {
 
 }  // namespace
 
-TEST_CASE("the values of an array lie at the places that its axes define", "[volume]") {
+TEST_CASE("the values of an array are at the positions that its axes define", "[volume]") {
   const auto values = ramp<double>();
   VoxelArray array = viewOf(values);
   array.name = "ramp";
@@ -84,7 +84,8 @@ TEST_CASE("the values of an array lie at the places that its axes define", "[vol
 TEST_CASE("an array is read in any memory order, backwards and with gaps", "[volume]") {
   const auto values = ramp<float>();
   const auto straight = makeVolume(viewOf(values));
-  // In memory, i is fastest and k is reversed, with gaps between values, from an odd address.
+  // In memory, i varies fastest and k is reversed. The values have gaps between them and begin at
+  // an odd address.
   constexpr std::ptrdiff_t kGap = 7;
   std::vector<std::byte> bytes(values.size() * kGap + 1);
   VoxelArray array = viewOf(values);
@@ -108,7 +109,8 @@ TEST_CASE("an array is read in any memory order, backwards and with gaps", "[vol
 }
 
 TEST_CASE("array voxels that equal the background are inactive", "[volume]") {
-  // A cube of 6 voxels of value 5 in air of -1000. The outer faces of the array are air.
+  // A cube with an edge of six voxels has the value 5. All other voxels, up to the outer faces,
+  // have the background value -1000.
   constexpr std::int64_t kEdge = 20;
   std::vector<float> values(kEdge * kEdge * kEdge, -1000.0F);
   for (std::int64_t i = 6; i < 12; ++i) {

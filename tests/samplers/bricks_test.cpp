@@ -91,8 +91,8 @@ typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueTyp
   return grid;
 }
 
-/// Returns a level set of balls with a half-width of 3 voxels, from a formula. `balls` has centres
-/// and radii.
+/// Returns a level set of balls from a formula, with a band of 3 voxels on each side. `balls` has
+/// centres and radii.
 BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const VoxelAt& lower,
                    const VoxelAt& upper) {
   BrickInput input;
@@ -131,7 +131,7 @@ BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const V
   return input;
 }
 
-/// Returns a fog in which every brick must be stored.
+/// Returns a fog whose bricks must all be stored as objects.
 BrickInput fogOf(int bricks, const std::string& identity = "fog") {
   BrickInput input;
   input.name = identity;
@@ -159,7 +159,7 @@ const GridT& gridIn(const Volume& volume) {
   return *std::get<typename GridT::ConstPtr>(volume.grid().parts.front().data);
 }
 
-/// Counts the voxels whose values or states differ, in both grids' bounding box and around it.
+/// Counts the voxels whose values or states differ, in and around the bounding box of both grids.
 template <class GridT>
 int differences(const GridT& a, const GridT& b) {
   CoordBBox box = a.evalActiveVoxelBoundingBox();
@@ -224,7 +224,7 @@ std::vector<BrickId> storedIn(const BrickManifest& manifest) {
   return ids;
 }
 
-/// Returns a manifest with changed facts and a valid checksum.
+/// Returns a manifest with changed facts or a changed table, and with a valid checksum.
 Bytes forged(const Bytes& manifest, const std::function<void(Json&)>& change,
              const std::function<void(Bytes&)>& change_table = nullptr) {
   std::uint32_t size = 0;
@@ -285,7 +285,7 @@ TEST_CASE("16-bit floating-point numbers are read and rounded as by OpenVDB", "[
 TEST_CASE("a volume is read back from its bricks unchanged to the last bit", "[bricks]") {
   const TemporaryFolder folder;
   const bool halved = GENERATE(false, true);
-  SECTION("scalars") {
+  SECTION("scalars are read back unchanged") {
     const auto grid = scattered<openvdb::FloatGrid>(halved ? 1 : 2, -0.25F);
     grid->setGridClass(halved ? openvdb::GRID_UNKNOWN : openvdb::GRID_FOG_VOLUME);
     if (halved) {
@@ -318,7 +318,7 @@ TEST_CASE("a volume is read back from its bricks unchanged to the last bit", "[b
     CHECK(read.metaValue<std::string>("value_unit") == "HU");
     CHECK(read.metaValue<openvdb::Vec3i>("image_size") == openvdb::Vec3i(3, 4, 5));
   }
-  SECTION("vectors") {
+  SECTION("vectors are read back unchanged") {
     const openvdb::Vec3f background(0.5F, -1.0F, 0.0F);
     const auto grid = scattered<openvdb::Vec3SGrid>(3, background);
     if (halved) {
@@ -334,7 +334,7 @@ TEST_CASE("a volume is read back from its bricks unchanged to the last bit", "[b
     CHECK(back->info().vector);
     CHECK(back->info().highest == Approx(volume->info().highest));
   }
-  SECTION("a level set") {
+  SECTION("a level set is read back unchanged") {
     const auto grid = makeBall(4.0, 0.1);
     if (halved) {
       for (auto v = grid->beginValueAll(); v; ++v) v.setValue(floatOfHalf(halfOfFloat(*v)));
@@ -403,8 +403,8 @@ TEST_CASE("each level of a brick volume is the mean of the finer level, with vox
       auto mean = static_cast<float>(sum / 8.0);
       if (halved) mean = floatOfHalf(halfOfFloat(mean));
       if (of_coarse.getValue(*c) != mean) ++wrong_values;
-      // Near the surface, where both signs occur within three voxels, checks all values; elsewhere
-      // only some.
+      // Near the surface, both signs occur within three voxels, and this test checks all values.
+      // Elsewhere it checks only some values.
       if (level_set && !any && of_coarse.isValueOn(*c)) {
         const CoordBBox about((*c).offsetBy(-3), (*c).offsetBy(3));
         bool negative = false;
@@ -445,8 +445,8 @@ TEST_CASE(
           Coord::floor(grid.worldToIndex(Vec3d(centre.x(), centre.y(), centre.z()))) -
               Coord(static_cast<int>(radius / voxel) + 4),
           2 * static_cast<int>(radius / voxel) + 9);
-      // Each position has the correct sign, except within a voxel of the surface. So the surface is
-      // closed and in the right position.
+      // Each voxel must have the correct sign, except within a voxel of the surface. So the surface
+      // is closed and in the right position.
       int astray = 0;
       for (auto c = about.begin(); c; ++c) {
         const Vec3d p = grid.indexToWorld(*c);
@@ -455,7 +455,8 @@ TEST_CASE(
         if ((beyond > 1.0 && negative) || (beyond < -1.0 && !negative)) ++astray;
       }
       CHECK(astray == 0);
-      // Cells with both signs, and all cells within two cells of them, have data at all corners.
+      // All cells with both signs, and all cells within two cells of those, must have data at all
+      // corners.
       int crossed = 0;
       int lacking = 0;
       for (auto c = about.begin(); c; ++c) {
@@ -493,8 +494,8 @@ TEST_CASE("a brick whose voxels are all equal has a manifest entry but no stored
   }
   const auto volume = makeVolume(*grid);
   const BrickManifest manifest = writeBricks(folder / "b", brickInput(volume)).manifest;
-  // Each of the 4 x 2 x 2 bricks of ones differs from a neighbour. Of the other 6 x 6 x 6 bricks,
-  // the inner ones equal all their neighbours.
+  // The voxels of 4 x 2 x 2 bricks are one, and each of these bricks has a neighbour that differs.
+  // Among the other 6 x 6 x 6 bricks, the inner bricks equal all their neighbours.
   std::size_t active = 0;
   std::size_t inactive = 0;
   std::size_t stored = 0;
@@ -511,8 +512,8 @@ TEST_CASE("a brick whose voxels are all equal has a manifest entry but no stored
     if (one.path().filename() != ".zarray") ++files;
   }
   CHECK(files == stored);
-  // A brick without an object still fills a slot. Positions outside the listed bricks have no
-  // brick.
+  // Reading a brick without an object fills the slot with its value. Positions outside the listed
+  // bricks have no brick.
   PosixBricks source(folder / "b");
   Bytes slot(manifest.format().bytes());
   const auto inner = manifest.holding(0, {1200, 200, 200});
@@ -601,7 +602,7 @@ TEST_CASE("a folder of bricks is a Zarr group, and each object is a chunk of its
       }
       bytes *= chunks[a];
     }
-    // Every object is a chunk of the array, with the right size.
+    // Every object must be a chunk of the array, with the right size.
     for (const auto& one : fs::directory_iterator(folder / "b" / std::to_string(l))) {
       const std::string name = one.path().filename().string();
       if (name == ".zarray") continue;
@@ -627,7 +628,8 @@ TEST_CASE("the bytes of bricks do not depend on threads or on a run that ended e
     (void)writeBricks(folder / "one", input);
     CHECK(allIn(folder / "one") == whole);
   }
-  // Each run is stopped at its n-th progress report. Runs continue until the export is complete.
+  // The test stops each run at its n-th progress report, and repeats runs until the export is
+  // complete.
   std::uint64_t kept = 0;
   int runs = 0;
   for (int patience = 1; patience < 1000; patience += 9) {
@@ -652,7 +654,7 @@ TEST_CASE("the bytes of bricks do not depend on threads or on a run that ended e
   CHECK(runs > 3);
   CHECK(kept > 10);
   CHECK(allIn(folder / "again") == whole);
-  // A complete folder is left unchanged.
+  // A run on a complete folder must leave the folder unchanged.
   const BrickReport report = writeBricks(folder / "again", input);
   CHECK(report.written == 0);
   CHECK(report.manifest.identity() != 0);
@@ -670,8 +672,8 @@ TEST_CASE("bricks of an interrupted run are checked before the next run keeps th
   const auto place = [&](std::size_t n) {
     return folder / "b" / brickObject(ids[n], manifest.format());
   };
-  // Objects that are missing, truncated, corrupted by one bit, from another volume, or half
-  // written.
+  // The bricks below are missing, truncated, corrupted by one bit, from another volume, or only
+  // half written.
   fs::remove(place(0));
   fs::resize_file(place(1), 100);
   Bytes bytes = bytesIn(place(2));
@@ -715,7 +717,7 @@ TEST_CASE("writing bricks leaves a folder with other contents unchanged", "[bric
   fs::create_directory(folder / "empty");
   CHECK(trying(folder / "empty", fogOf(1)) == "no error");
 
-  // A second writer runs during the first.
+  // A second writer starts while the first writer runs.
   const BrickInput input = fogOf(1);
   options = {};
   std::string second;
@@ -835,7 +837,7 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
     put(place, flipped);
     read(BrickStatus::kDamaged, "its checksum is wrong");
   }
-  // All bricks have the same size, so their size does not reveal a wrong brick.
+  // All bricks have the same size, so the source must recognise a wrong brick by its contents.
   put(place, bytesIn(folder / "b" / brickObject({0, {1, 0, 0}}, manifest.format())));
   read(BrickStatus::kOthers, "it is the brick of another level or position");
   put(place, bytesIn(folder / "other" / name));
@@ -963,7 +965,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
   CHECK_THAT(errorOf([&] { (void)writeBricks(folder / "wordy", wordy); }),
              Contains("more than 60 kB: shorten them"));
 
-  // Wrong facts with a valid checksum.
+  // Each of these facts is wrong, although the manifest's checksum is valid.
   const std::vector<std::pair<const char*, Json>> wrong{
       {"bricks", 2},
       {"bricks", "1"},
@@ -1006,7 +1008,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
     CHECK_THAT(refusal(forged(whole, [&](Json& json) { json.erase(name); })),
                Contains("m: it is damaged"));
   }
-  // The table has a wrong number of rows, or impossible rows.
+  // The table is refused if it has a wrong number of rows, or impossible rows.
   const auto table = [&](std::size_t at, auto number) {
     return refusal(forged(
         whole, [](Json&) {},
@@ -1036,7 +1038,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
   CHECK_THAT(refusal(forged(whole, [&](Json& json) { json["metadata"] = within; })),
              Contains("m: it is damaged"));
 
-  // A manifest in a folder gives the same errors.
+  // Reading a manifest from a folder must give the same errors.
   const auto folderSays = [&] { return errorOf([&] { (void)PosixBricks(folder / "b"); }); };
   fs::remove(file);
   CHECK_THAT(folderSays(), Contains("it is unfinished: it has no manifest: repeat the command"));
@@ -1054,7 +1056,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
 }
 
 TEST_CASE(
-    "the most urgent brick arrives first, and a brick that is no longer needed does not arrive",
+    "the most urgent brick arrives first and a brick that is no longer wanted does not arrive",
     "[bricks]") {
   const TemporaryFolder folder;
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(3)).manifest;
@@ -1089,7 +1091,8 @@ TEST_CASE(
     CHECK(CountScope::counts().allocations == 0);
   }
 
-  // Several threads take bricks, and each brick is taken once. A new want() wakes waiting threads.
+  // Several threads receive bricks, and each brick must arrive once. A new want() must wake waiting
+  // threads.
   std::mutex mutex;
   std::multiset<BrickId> arrived;
   std::vector<std::thread> takers;
@@ -1113,7 +1116,7 @@ TEST_CASE(
     all = arrived.size() >= wishes.size();
   }
   for (std::thread& taker : takers) {
-    // Ends each thread: `never` is an id without a brick.
+    // The id `never` has no brick. A thread that receives this id ends.
     source.want({{never, 0.0}});
     static_cast<void>(taker);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -1152,7 +1155,7 @@ TEST_CASE("writing bricks needs memory of at most a quarter of the volume's size
     file >> pages >> pages;
     return pages * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
   };
-  // AddressSanitizer needs memory of its own and is slow.
+  // AddressSanitizer is slow and uses memory of its own, so its limits differ.
 #if defined(__SANITIZE_ADDRESS__)
   constexpr int kBricks = 3;
   constexpr double kMost = 1e9;

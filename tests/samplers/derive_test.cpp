@@ -52,7 +52,7 @@ Transform::Ptr skewed(double voxel = 0.1) {
   return Transform::createLinearTransform(matrix);
 }
 
-/// Returns random vectors with gaps, an active tile of 8^3 voxels, and an active tile of 128^3
+/// Returns random voxels with gaps, an active tile of 8^3 voxels, and an active tile of 128^3
 /// voxels.
 template <class GridT>
 typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
@@ -124,7 +124,7 @@ TEST_CASE("voxels of a derived grid equal the values that are derived on the fly
     for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
       for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) compare(voxel.getCoord());
     }
-    // Compares inside the tiles: faces, edges, corners and interior.
+    // Compares voxels at the faces, edges, corners and in the interior of the tiles.
     for (const int x : {16, 17, 20, 23}) {
       for (const int y : {16, 19, 23}) {
         for (const int z : {16, 22, 23}) compare({x, y, z});
@@ -215,7 +215,7 @@ TEST_CASE("a derivation of a vector from three grids has data where all three ha
 }
 
 TEST_CASE("at the end of the data a vector's derivatives use only the data", "[samplers][derive]") {
-  // A flow with curl 2 and divergence 2, and values far from zero.
+  // The flow has curl 2 and divergence 2, and its values are far from zero.
   const auto flow = [](const Vec3d& p) { return Vec3f(20.0 - p.y(), 5.0 + p.x(), 2.0 * p.z()); };
   const auto transform = Transform::createLinearTransform(0.5);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(9, transform, flow, "flow");
@@ -254,7 +254,8 @@ TEST_CASE("at the end of the data a vector's derivatives use only the data", "[s
 
 TEST_CASE("a voxel with zero velocity counts as data, except outside of a mesh",
           "[samplers][derive]") {
-  // A vortex about the axis of the block. The velocity on the axis equals the background, zero.
+  // The flow is a vortex about the axis of the block. On the axis, its velocity is zero, as is the
+  // background.
   const auto transform = Transform::createLinearTransform(1.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       9, transform, [](const Vec3d& p) { return Vec3f(4.0 - p.y(), p.x() - 4.0, 0.0); }, "flow");
@@ -285,7 +286,7 @@ TEST_CASE("at the edge of a mesh a spline's derivatives are those of the data",
   grid->insertMeta("imported_from", openvdb::StringMetadata("mesh"));
   const Mat3 J = (Mat3() << 1.0, -2.0, 0.5, 3.0, 0.25, -1.0, 2.0, 1.5, -4.0).finished();
   const auto flow = [&](const Vec3& p) { return Vec3(Vec3(50.0, -60.0, 70.0) + J * p); };
-  // A box with a notch: some edges of the data are inside the active bounding box.
+  // The data fill a box with a notch, so some edges of the data are inside the active bounding box.
   const auto isIn = [](const Coord& c) { return c.x() < 10 || c.y() < 10; };
   for (auto voxel = openvdb::CoordBBox(Coord(0), Coord(20)).begin(); voxel; ++voxel) {
     if (!isIn(*voxel)) continue;
@@ -307,7 +308,7 @@ TEST_CASE("at the edge of a mesh a spline's derivatives are those of the data",
   }
 }
 
-TEST_CASE("a field derived from an image with missing voxels has no data beside them",
+TEST_CASE("a field that is derived from an image has no data beside the image's missing voxels",
           "[samplers]") {
   openvdb::initialize();
   const auto grid = openvdb::Vec3SGrid::create(Vec3f(0.0F));

@@ -1,5 +1,5 @@
-/// Tests the map of free space in a grid: its distances, those that fields report, and the readings
-/// that a tick saves.
+/// Tests the map of free space in a grid: the distances of the map, the distances that fields
+/// report, and the readings that a tick saves.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -60,8 +60,8 @@ FieldPtr fieldOf(const openvdb::GridPtrVec& grids, const Placement& placement = 
   return makeVdbField(loadVolume(folder / "a.vdb", name), placement, sampling);
 }
 
-/// A field that needs attend(), so that a tick on a free path reads it. Without `map`, it has no
-/// map of free space: every tick in its bounds reads it.
+/// A field that needs attend(), so that a tick on a free path also reads the field. If `map` is
+/// false, the field has no map of free space, so every tick in the field's bounds reads it.
 class Attentive : public ScalarField {
  public:
   Attentive(ScalarPtr field, bool map)
@@ -135,8 +135,8 @@ TEST_CASE("the map of free space gives the distance to the nearest block with da
       }
       const double said = map.around(p);
       REQUIRE(said <= std::max(0.0, nearest));
-      // Inside the box of all data, the error is at most twice the diagonal effect of a block: p
-      // and the data can be anywhere in their blocks.
+      // The point and the data can be anywhere in their blocks. So the map's distance is less than
+      // the true distance by at most two edges of a block.
       const double outside = std::max({low[0], low[1], low[2], -high[0], -high[1], -high[2]});
       REQUIRE(said >= (outside > 0.0 ? outside - 15.0 : nearest - 16.0));
     }
@@ -215,7 +215,7 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
         }
       }
     }
-    // The field must often report free space, and sometimes a large one.
+    // The field must often report free space, and sometimes a free distance above 20 voxels.
     CHECK(said > 100);
     CHECK(most > 20.0 * c.voxel);
   }
@@ -223,7 +223,7 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
 
 TEST_CASE("the map of free space saves sub-steps and samples and does not change forces",
           "[scale]") {
-  // Two balls of radius 2 cm, 30 cm apart, with empty space between.
+  // Two balls of radius 2 cm are 30 cm apart, with empty space between them.
   openvdb::initialize();
   openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);
   openvdb::FloatGrid::Ptr other = makeBall(20.0, 1.0);
@@ -277,7 +277,7 @@ TEST_CASE("the map of free space saves sub-steps and samples and does not change
   }
 }
 
-/// A scene whose ticks read nothing where they can, and the same with ticks that always read.
+/// A scene in which many ticks need no reading.
 struct FreeScene {
   const char* name;
   GraphSpec graph;
@@ -343,7 +343,8 @@ TEST_CASE("a tick on a free path reads nothing and has the results of a tick tha
     bool was_unread = false;
     double time = 0.0;
     for (int i = 0; i < 20000; ++i) {
-      // Up to 0.4 m/s, out of the bounds and back to the ball; a quarter of the time at rest.
+      // The hand moves at up to 0.4 m/s, out of the bounds and back to the ball. It rests for a
+      // quarter of the time.
       if (i / 500 % 4 != 3) time += 3e-3;
       const Vec3 at = wander(time, scene.reach);
       if (i == 9000) {
@@ -411,15 +412,15 @@ TEST_CASE("a tick of a hand that rests or trembles on a surface without friction
     REQUIRE((r.proxy - 0.02 * trembling.normalized()).norm() < 1e-5);
   }
   CHECK(readings < 500);
-  // A field that streams or plays its data is read in every tick, as bricks may have arrived.
+  // Every tick reads a field that streams or plays its data, because new data may have arrived.
   Hand streams(makeScene(skin, {{"ball", std::make_shared<const Attentive>(ball, true)}}));
   for (int i = 0; i < 60; ++i) (void)streams.step((0.024 - 1e-4 * i) * out);
   for (int i = 0; i < 10; ++i) CHECK(streams.step(at).substeps > 0);
-  // Far beyond the tolerance every tick reads.
+  // If the hand moves far beyond the tolerance, the tick reads.
   CHECK(hand.step(0.018 * (out + Vec3(0.01, 0, 0)).normalized()).substeps > 0);
 }
 
-TEST_CASE("a hand that drifts slowly along one surface is stopped by the next one",
+TEST_CASE("a second surface stops a hand that drifts slowly along a first surface",
           "[scale][motion][safety]") {
   openvdb::initialize();
   Placement left;
@@ -438,7 +439,7 @@ TEST_CASE("a hand that drifts slowly along one surface is stopped by the next on
   for (int i = 0; i < 60; ++i) (void)hand.step(Vec3(0.005, 0.0, 0.024 - 1e-4 * i));
   int unread = 0;
   int both = 0;
-  // From the first ball's top over the crease between the balls, 1 um per tick.
+  // The hand moves from the first ball's top over the crease between the balls, by 1 um per tick.
   for (int i = 0; i < 20000; ++i) {
     const StepReport r = hand.step(Vec3(0.005 + 1e-6 * i, 0.0, 0.01) + 2e-6 * random.inCube(1.0));
     CAPTURE(i);
@@ -451,7 +452,7 @@ TEST_CASE("a hand that drifts slowly along one surface is stopped by the next on
   CHECK(both > 1000);
 }
 
-TEST_CASE("a tick in the data reads if a mode acts without a contact", "[scale]") {
+TEST_CASE("a tick in the data takes readings if a mode acts without a contact", "[scale]") {
   openvdb::initialize();
   const auto ball = std::get<ScalarPtr>(fieldOf({makeBall(20.0, 1.0)}));
   const auto readings = [&](const GraphSpec& spec) {
@@ -568,8 +569,8 @@ TEST_CASE("a surface on a path that a tick could not read completely still holds
     }
     REQUIRE((r.proxy - 20.0 * kFine * out).norm() < 0.05 * kFine);
   }
-  // A surface beyond the range of a tick's readings has no effect: the hand crosses it from outside
-  // and gets no force inside.
+  // A surface beyond the range of a tick's readings has no effect. The hand crosses such a surface
+  // from outside and gets no force inside.
   Hand hand(makeScene(skinOf("ball"), {{"ball", field}}));
   (void)hand.step(kFine * Vec3(2000, 1500, 0));
   for (int i = 0; i < 5; ++i) {
@@ -584,7 +585,7 @@ TEST_CASE("a surface on a path that a tick could not read completely still holds
 
 TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far from their data",
           "[scale]") {
-  // Forty grids at the same position. Each has data only in the edges of a cube.
+  // All grids are at the same position. Each grid has data only at the edges of a cube.
   openvdb::initialize();
   auto frame = openvdb::FloatGrid::create(0.0F);
   for (int axis = 0; axis < 3; ++axis) {
@@ -604,7 +605,8 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
   GraphSpec spec = skinOf("frame");
   spec.modes[0].solid = Solid::kAbove;
   spec.modes[0].value = 0.5;
-  // With more boxes than the limit, only the few near parts must act.
+  // With 100 boxes, which exceeds the limit of near parts, only the few parts with near data must
+  // act.
   const int count = GENERATE(40, 100);
   CAPTURE(count);
   Random random(17);
@@ -620,7 +622,7 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
   }
   Hand a(makeScene({}, {}, {}, {}, std::move(seeing)));
   Hand b(makeScene({}, {}, {}, {}, std::move(groping)));
-  // All boxes overlap in the middle.
+  // In the middle, all boxes overlap but no data are near.
   const StepReport middle = a.step(Vec3::Zero());
   CHECK(middle.parts == 0);
   CHECK(middle.samples == 0);
@@ -629,7 +631,7 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
   CHECK(b.step(Vec3::Zero()).samples >= 40);
   a.state.release();
   b.state.release();
-  // Both scenes give the same forces while the hand enters and leaves the edges.
+  // Both scenes must give the same forces while the hand enters and leaves the edges.
   double most = 0.0;
   int crowded = 0;
   int fewer = 0;
@@ -639,7 +641,8 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
     const StepReport without = b.step(hand);
     if (with.left_out > 0) crowded += 1;
     fewer += 2 * with.samples < without.samples ? 1 : 0;
-    // Above the limit of parts, a part that was left out may have let hand `b` in.
+    // Above the limit of parts, scene `b` may have left out a part, so the hand may have entered
+    // its solid.
     if (count > 40) continue;
     CAPTURE(i);
     REQUIRE(with.status == without.status);

@@ -1,6 +1,6 @@
 /// Loads truncated and corrupted copies of .vdb files and samples their volumes. Each case must end
-/// with finite, bounded values or with one line of error, within 10 s and four times the memory of
-/// the file's grids.
+/// with finite, bounded values or with one line of error. A case may take at most 10 s, and about
+/// four times the memory of the file's grids.
 ///
 /// palpate_hostile_files [--data] [--cases N] [FILE.vdb...]
 ///   Truncates each file at ten positions, and flips one bit in each of N copies (default 1000;
@@ -60,7 +60,7 @@ constexpr std::size_t kTurns = kSanitized ? 64 : 8;
 constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 constexpr std::uint64_t kSlack = std::uint64_t{256} << 20U;
 
-// A child process: loads and samples one file.
+// The code below runs in a child process, which loads and samples one file.
 
 /// The result that a child process reports for its file.
 struct Outcome {
@@ -280,9 +280,9 @@ Outcome feel(const fs::path& file, std::size_t turn) {
   return outcome;
 }
 
-// The parent process: starts and judges child processes.
+// The code below runs in the parent process, which starts and judges child processes.
 
-/// The end of a child process, as its parent sees it.
+/// The result and the resources of a child process that has ended.
 struct Ended {
   Outcome outcome;
   double seconds = 0.0;
@@ -292,7 +292,7 @@ struct Ended {
 struct Child {
   pid_t pid = 0;
   int pipe = -1;
-  std::FILE* complaints = nullptr;  ///< Its output on stderr.
+  std::FILE* complaints = nullptr;  ///< The child's output on stderr.
   std::chrono::steady_clock::time_point start;
 };
 
@@ -369,7 +369,7 @@ Ended runAlone(Body body) {
   return conclude(child, status, usage);
 }
 
-// The files, and ways to damage them.
+// The code below chooses files and ways to damage them.
 
 struct Damage {
   std::uint64_t byte = 0;
@@ -392,8 +392,8 @@ T at(const std::string& bytes, std::uint64_t place) {
   return value;
 }
 
-/// Finds the parts of a file: nodes and values of its first grids, and headers of compressed
-/// leaves. If this fails, the test still runs, with fewer chosen positions.
+/// Finds the positions of nodes, values and compressed leaves in a file. If this search fails, the
+/// test runs with fewer chosen positions.
 void dissect(Victim& victim) {
   const std::string& bytes = victim.bytes;
   for (std::uint64_t i = 57; i + 32 < std::min<std::uint64_t>(bytes.size(), 4096); ++i) {
@@ -460,7 +460,7 @@ void writeDamaged(const Victim& victim, const Damage& damage, const fs::path& to
   out.write(&flipped, 1);
 }
 
-// The volumes that the program makes: one for each kind of storage.
+// The code below makes volumes, one for each kind of storage.
 
 void writeOwn(const fs::path& folder) {
   openvdb::initialize();
@@ -507,7 +507,7 @@ void writeOwn(const fs::path& folder) {
       9, linear, [](const Vec3d&) { return 3; }, "labels");
   write("vectors.vdb", {velocity, flow, labels}, COMPRESS_ZIP);
 
-  // Vectors as flow solvers store them: on faces, in one grid per component, and in index space.
+  // Flow solvers store vectors on faces, in one grid per component, or in index space.
   auto staggered = velocity->deepCopy();
   staggered->setName("staggered");
   staggered->setGridClass(openvdb::GRID_STAGGERED);
@@ -521,12 +521,12 @@ void writeOwn(const fs::path& folder) {
   }
   write("kept.vdb", kept, usual);
 
-  // Grids that share a tree, and a stream without a table of contents.
+  // These files have grids that share a tree, and a stream without a table of contents.
   auto twin = openvdb::FloatGrid::create(ball->treePtr());
   twin->setName("twin");
   write("twins.vdb", {ball, twin, ball}, usual);
-  // One grid's own name, "density[0]", is also the indexed name of another grid. The two share a
-  // tree, in either order.
+  // One grid's own name, "density[0]", is also the indexed name of another grid. The two grids
+  // share a tree, in either order.
   auto literal = ball->deepCopy();
   literal->setName("density[0]");
   auto alike = openvdb::FloatGrid::create(literal->treePtr());
@@ -565,7 +565,8 @@ class Run {
                 return Outcome{};
               }).memory) {}
 
-  /// Reads the file and samples its whole volume in a child process. Returns false if that fails.
+  /// Reads the undamaged file, and samples its volume in a child process. Returns false if the
+  /// child fails.
   bool open(const fs::path& path, Victim& victim) const {
     victim.path = path;
     std::ifstream in(path, std::ios::binary);
@@ -721,7 +722,8 @@ int run(const std::vector<std::string>& arguments) {
   long passed = 0;
   long failed = 0;
   std::map<std::string, long> reasons;
-  // Large files take longer and fail no more often than small ones, so they get fewer copies.
+  // Large files take longer than small files but fail equally often, so large files get fewer
+  // copies.
   const auto weight = [](const fs::path& file) {
     return 1.0 / std::sqrt(1.0 + static_cast<double>(fs::file_size(file)));
   };

@@ -143,7 +143,7 @@ TEST_CASE("an HTTP answer of the stated length is received", "[bricks][http]") {
     return request->body.size();
   };
   CHECK(fetch("HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n") == 1000);
-  // The content length of a preliminary answer must be ignored.
+  // The client must ignore the content length of a preliminary answer.
   CHECK(fetch("HTTP/1.1 103 Early Hints\r\nContent-Length: 7\r\n\r\n"
               "HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n") == 1000);
 }

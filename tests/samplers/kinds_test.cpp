@@ -1,5 +1,5 @@
-// Tests grids as files store them: staggered, by component, in index space, axial, with holes, with
-// invalid values.
+/// Tests the kinds of grids that files store: staggered, by component, in index space, axial, and
+/// with invalid values.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -84,8 +84,8 @@ void requireLinear(const std::shared_ptr<const Volume>& volume) {
       }
       CAPTURE(wordFor(order), p.transpose());
       REQUIRE(s.inside);
-      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // ringing from the grid's edge, eleven voxels
-                                                     // away
+      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // the spline rings from the grid's edge,
+                                                     // eleven voxels away
       REQUIRE((s.jacobian - kSlope).norm() < 1e-3);
     }
   }
@@ -116,7 +116,7 @@ TEST_CASE("a staggered grid is read with each component at the centre of its fac
   requireLinear(volume);
 }
 
-TEST_CASE("three scalar grids form one vector, each sampled at its own place",
+TEST_CASE("three scalar grids form one vector and each grid is sampled at its own position",
           "[samplers][kinds]") {
   openvdb::GridPtrVec grids;
   for (int c = 0; c < 3; ++c) {
@@ -222,7 +222,8 @@ TEST_CASE("axial vectors are interpolated with their signs aligned", "[samplers]
     const VectorSample s = field->sample({x, 12.3, 11.7}, cache);
     const Counts counts = CountScope::counts();
     REQUIRE(counts.allocations + counts.locks + counts.exceptions == 0);
-    // The Jacobian must have the value's sign: |d v| = |d angle|, 0.05 and 0.03 per voxel.
+    // The Jacobian must have the same sign as the value. The direction turns by 0.05 rad per voxel
+    // along x.
     REQUIRE(s.jacobian.col(0).norm() == Approx(0.05 / std::sqrt(1.04)).epsilon(0.01));
     REQUIRE(s.jacobian.col(0).dot(s.value) == Approx(0.0).margin(1e-4));
   }
@@ -264,7 +265,7 @@ TEST_CASE("non-finite voxels are refused or filled on request", "[samplers][kind
   field->reset(cache);
   CHECK(field->sample({7, 7, 7}, cache).value == -0.25);  // finite values stay
 
-  // Smoothing must keep the largest floats finite.
+  // Smoothing of the largest floats must give finite values.
   auto steep = makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
                                             [](const Vec3d&) { return 2e38F; });
   CHECK(reload({steep}, "", {NonFinite::kRefuse, {1.0}, nullptr})->info().highest <= 2e38F);
@@ -309,7 +310,7 @@ TEST_CASE("a long load of volumes reports its progress and can be cancelled", "[
   };
   CHECK_THROWS_WITH(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, {}, stop}),
                     Contains("it was stopped"));
-  // A file that is deleted during the load is still read to its end.
+  // The loader must read a file to its end even if the file is deleted during the load.
   const auto gone = [&](double) { std::filesystem::remove(folder / "a.vdb"); };
   CHECK(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, {}, gone})->info().mean ==
         volume->info().mean);

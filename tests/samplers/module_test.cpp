@@ -16,7 +16,7 @@ namespace {
 
 constexpr Module kOther{"palpate_other.so", "libother-dev"};
 
-/// Sets PALPATE_MODULES during the object's lifetime.
+/// Sets the environment variable PALPATE_MODULES during the object's lifetime.
 class ModulesIn {
  public:
   explicit ModulesIn(const std::filesystem::path& folder) {

@@ -88,7 +88,7 @@ openvdb::FloatGrid::Ptr makeBanded(float outside, float inside) {
 
 }  // namespace
 
-TEST_CASE("a level set with a band of one voxel holds the hand all around", "[samplers]") {
+TEST_CASE("a level set with a band of one voxel holds the hand in all directions", "[samplers]") {
   const auto [outside, inside] =
       GENERATE(table<float, float>({{3, 3}, {1.5, 1.5}, {3, 1}, {1, 3}, {1, 1}}));
   CAPTURE(outside, inside);
@@ -130,13 +130,14 @@ TEST_CASE("the cells in which a surface leaves its data are counted, and the fir
     if (voxel.getCoord().x() > 3) voxel.setValueOff();
   }
   const OpenCells found = find(*cut, 0.0, Solid::kBelow);
-  // The cut is a ring of about 2 pi r cells, and up to half as many more where it is oblique to the
-  // grid.
+  // The cut surface ends in a ring of about 2 pi r cells. Where the ring is oblique to the grid, it
+  // has up to half as many cells more.
   const double around = 2.0 * std::numbers::pi * std::sqrt(kRadius * kRadius - 9.0);
   CAPTURE(found.count, around);
   CHECK(static_cast<double>(found.count) > 0.8 * around);
   CHECK(static_cast<double>(found.count) < 1.6 * around);
-  // The inactive values are correct, so the surface extends into one more cell.
+  // The inactive voxels beside the cut have correct values, so the surface extends into one more
+  // cell.
   CHECK(found.first_F.x() == 4.0);
   CHECK(std::abs(Vec3(4.0, found.first_F.y(), found.first_F.z()).norm() - kRadius) < 2.0);
   // first_F is in the file's space.
@@ -168,15 +169,13 @@ TEST_CASE("a level set that was cut off causes no force along the cut", "[sample
   }
 }
 
-TEST_CASE(
-    "a cut ball is open wherever the cut has data inside the ball, with a narrow and a wide band",
-    "[samplers]") {
+TEST_CASE("each cell on the cut of a ball is open if it has data inside the ball", "[samplers]") {
   const double band = GENERATE(3.0, 10.0);
   CAPTURE(band);
   constexpr int kCut = 3;
   const auto cut = makeBanded(static_cast<float>(band), static_cast<float>(band));
   cut->fill({Coord(kCut + 1, -40, -40), Coord(40)}, cut->background(), false);
-  // Where data are missing, the surface may be off by this much (band_cell.h) [m].
+  // Where data are missing, the surface may be off by this distance (band_cell.h) [m].
   const double slack = 0.05 * band;
   // A cell on the cut is open if the sphere encloses a corner that has data.
   std::uint64_t expected = 0;
@@ -195,7 +194,7 @@ TEST_CASE(
   const auto volume = makeVolume(*cut);
   CHECK(findOpenCells(*volume, {}, 0.0, Solid::kBelow)->count == expected);
   CHECK(expected > 100);
-  // Where the field has a surface beside the cut, it is that of the sphere.
+  // Where the field has a surface beside the cut, this surface must be that of the sphere.
   const auto field = std::get<0>(makeVdbField(volume, {}));
   FieldCache cache;
   field->reset(cache);
@@ -220,7 +219,7 @@ TEST_CASE(
   CHECK(felt > 400);
 }
 
-TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][release]") {
+TEST_CASE("each open cell in leaves and tiles is counted once", "[samplers][release]") {
   openvdb::initialize();
   Random random(3);
   auto grid = openvdb::FloatGrid::create(0.001F);  // too narrow a band to contain a surface
@@ -232,20 +231,20 @@ TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][
                             static_cast<float>(random.uniform(-1, 1)));
     }
   };
-  SECTION("full and partial leaves") {
+  SECTION("open cells are in full and partial leaves") {
     noise(8000, 14.0);
   }
-  SECTION("few voxels in many leaves") {
+  SECTION("open cells are in leaves with few voxels") {
     noise(500, 60.0);
   }
-  SECTION("tiles next to leaves and to other tiles") {
+  SECTION("open cells are in tiles next to leaves and other tiles") {
     noise(3000, 12.0);
     for (const Coord& at : {Coord(16, 0, 0), Coord(24, 0, 0), Coord(16, 8, 8), Coord(-24, -8, 0)}) {
       grid->tree().addTile(1, at, random.uniform() < 0.5 ? 1.0F : -1.0F, true);
     }
     grid->tree().addTile(1, Coord(-32, -8, 0), -0.5F, false);
   }
-  SECTION("a tile of an upper node") {
+  SECTION("open cells are at a tile of an upper node") {
     grid->tree().addTile(2, Coord(0, 0, 0), -0.5F, true);
     grid->tree().addTile(1, Coord(128, 8, 8), -0.75F, true);
     grid->tree().setValue(Coord(64, 64, 128), 1.0F);

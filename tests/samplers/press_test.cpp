@@ -20,7 +20,7 @@ namespace {
 constexpr double kStiffness = 500.0;
 
 struct Pressed {
-  /// RMS error of the force's direction against the radius [degrees].
+  /// RMS angle between the force and the radius [degrees].
   double direction_rms = 0.0;
   double magnitude_max = 0.0;  ///< Largest relative error of the force against k times depth.
   double leaves_rms = 0.0;     ///< RMS relative error of the release depth against s/k.
@@ -66,7 +66,7 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
         std::max(result.magnitude_max, std::abs(r.force.norm() / (kStiffness * depth) - 1.0));
 
     // As in figure 6 of Lundin et al., the proxy stays on the surface until the hand is s/k below
-    // it.
+    // the surface.
     ProxyState gentle({100.0, 1e9});
     const double reach = weak / kStiffness;
     double held = 0.0;

@@ -1,5 +1,5 @@
-// Tests bricks that several ranks write; here the ranks are threads. The bytes must equal those of
-// one rank. If a rank fails, all ranks must end.
+/// Tests bricks that several ranks write. In these tests the ranks are threads. The bytes must
+/// equal those of a single rank. If a rank fails, all ranks must end.
 #include "palpate/samplers/process_group.h"
 
 #include <algorithm>
@@ -44,8 +44,8 @@ std::map<std::string, std::string> allIn(const fs::path& folder) {
   return all;
 }
 
-/// Returns a hollow ball about the origin, as a level set from a formula. It covers several layers
-/// of bricks.
+/// Returns a hollow ball about the origin, as a level set from a formula. The ball covers several
+/// layers of bricks.
 BrickInput ball() {
   BrickInput input;
   input.name = "ball";
@@ -71,7 +71,7 @@ BrickInput ball() {
   return input;
 }
 
-/// Returns scattered voxels with coordinates of both signs, most of them at one end.
+/// Returns scattered voxels with coordinates of both signs. Most voxels are at one end.
 openvdb::FloatGrid::Ptr scattered() {
   openvdb::initialize();
   Random random(5);
@@ -212,7 +212,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
     return std::pair(why, kept);
   };
 
-  // Early or late in the export, either only the last rank fails, or all ranks fail at once.
+  // Either only the last rank fails or all ranks fail at once, early or late in the export.
   for (const bool all : {false, true}) {
     for (const double when : {0.1, 0.95}) {
       const std::string why =

@@ -37,7 +37,7 @@ Placement placed() {
   return place;
 }
 
-/// Writes `count` frames, one file each, which `make` returns. Returns their requests.
+/// Writes `count` frames, which `make` returns, to one file each. Returns requests to load them.
 template <class Make>
 std::vector<VolumeRequest> framesIn(const TemporaryFolder& folder, int count, const Make& make) {
   std::vector<VolumeRequest> frames;
@@ -87,7 +87,7 @@ struct Player {
     field->leave(*cache);
     return out;
   }
-  /// Returns the sample after 60 ticks at this play time, when any fade has ended.
+  /// Returns the sample after 60 ticks at play time `play` [s], when any fade has ended.
   ScalarSample settled(double play, const Vec3& p) const {
     ScalarSample out;
     REQUIRE(arrives(*sequence, play));
@@ -100,7 +100,7 @@ struct Player {
   std::unique_ptr<FieldCache> cache = std::make_unique<FieldCache>();
 };
 
-/// Builds a scene with an isosurface at value 0, solid below.
+/// Builds a scene with an isosurface at value 0 that is solid below this value.
 std::unique_ptr<const Scene> sceneOf(const FieldPtr& field, double strength = 50.0,
                                      double friction = 0.0) {
   GraphSpec spec = ballSpec(strength);
@@ -140,7 +140,7 @@ TEST_CASE("a sequence of scalar grids interpolates between two frames", "[sequen
   CHECK(of.settled(99.0, p).value == of.settled(0.3, p).value);
   // Outside of a tick, the field has the first frame's values.
   CHECK(of.field->value(p, *of.cache) == Approx(V(0.0)).margin(1e-3));
-  // With repeat, the first frame comes after the last.
+  // In a repeated sequence, the first frame follows the last frame.
   const Player round(sequenceOf(frames, 10.0, true));
   CHECK(round.settled(0.35, p).value == Approx(0.5 * (V(3.0) + V(0.0))).margin(1e-3));
   CHECK(round.settled(0.4, p).value == Approx(V(0.0)).margin(1e-3));
@@ -308,8 +308,8 @@ TEST_CASE("a hand on a ball feels no force step when the play time jumps", "[seq
     last = r.wanted;
   }
   CHECK(last.norm() > 0.4);
-  // 1.75 voxels of 1 mm in 50 ms are 0.0175 N per tick. Without a fade they would be 0.9 N in one
-  // tick.
+  // The surface moves by 1.75 mm in 50 ms, which changes the force by 0.0175 N per tick. Without a
+  // fade, the force would change by 0.9 N in one tick.
   CHECK(largest < 0.03);
 }
 
@@ -349,7 +349,7 @@ TEST_CASE("a surface that disappears during play changes the force at most at 20
   CHECK(largest < 2000.0 * kTick * (1.0 + 1e-9));
 }
 
-TEST_CASE("a hand that touches and leaves a ball feels the same force with play as without",
+TEST_CASE("a hand that touches and leaves a ball feels the same force with or without play",
           "[sequence]") {
   const TemporaryFolder folder;
   // All frames have the same ball, so play has no effect on the field.
@@ -413,7 +413,8 @@ TEST_CASE(
     "replaced",
     "[sequence][realtime]") {
   const TemporaryFolder folder;
-  // All voxels of a frame have one value, so a torn or wrong frame shows.
+  // All voxels of a frame have the frame's number as value, so a sample shows a torn or wrong
+  // frame.
   const auto frames = framesIn(folder, 24, [](int i) {
     return makeGrid<openvdb::FloatGrid>(
         12, openvdb::math::Transform::createLinearTransform(1.0),
@@ -466,8 +467,7 @@ TEST_CASE(
   CHECK(of->state().fetched > 24);
 }
 
-TEST_CASE("a frame that a reader holds stays in memory, however small the budget is",
-          "[sequence]") {
+TEST_CASE("a frame that a reader uses stays in memory with the smallest budget", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 16, ramp);
   const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
@@ -478,7 +478,7 @@ TEST_CASE("a frame that a reader holds stays in memory, however small the budget
   REQUIRE(held);
   const std::uint64_t stay = held.stay();
   const std::uint64_t fetched = of->state().fetched;
-  // Play stays elsewhere for longer than unused frames are kept.
+  // Play stays at other times for longer than the sequence keeps unused frames.
   std::this_thread::sleep_for(std::chrono::milliseconds(60));
   for (const double play : {0.75, 1.05, 1.35}) {
     of->tell(of->at(play), 1.0);
@@ -524,12 +524,13 @@ TEST_CASE("play waits while frames load, and skips a frame whose file is missing
   const auto V = [](double i) { return 100.0 * i + 6.3 + 2.0 * 5.2 - (3.0 + i) * 4.7; };
   const fs::path file = frames[9].file;
   fs::rename(file, folder / "aside");
-  // Play jumps to a time whose frames are not in memory. The old frames stay in use.
+  // Play jumps to a time whose frames are not in memory. The field must keep the old frames'
+  // values.
   const double before = player.at(0.1, p).value;
   const ScalarSample at = player.at(0.95, p);
   CHECK(at.coarse);
   CHECK(at.value == before);
-  // Play is between frames 8 and 10, because frame 9 is missing.
+  // The field must interpolate between frames 8 and 10, because frame 9 is missing.
   REQUIRE(arrives(*of, 0.95));
   CHECK(player.settled(0.95, p).value == Approx(V(9.5)).margin(1e-3));
   const PlayMoment gap = of->at(0.95);
@@ -541,7 +542,7 @@ TEST_CASE("play waits while frames load, and skips a frame whose file is missing
   REQUIRE(troubles.size() == 1);
   CHECK_THAT(troubles[0], Contains("frame_9.vdb") && Contains("without the frame"));
   CHECK(of->takeTroubles().empty());
-  // The missing frame returns, and the sequence reads it.
+  // The missing frame returns, and the sequence must load it.
   fs::rename(folder / "aside", file);
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
   while (of->state().failed > 0 && std::chrono::steady_clock::now() < until) {
@@ -587,7 +588,7 @@ TEST_CASE("two hands whose play times differ by milliseconds share the same fram
     (void)two.at(play - 0.005, p, 1.0);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // Each frame was fetched once when the sequence was loaded, and about once more.
+  // The load of the sequence fetches each frame once. Play must fetch each frame about once more.
   CHECK(of->state().fetched > 40);
   CHECK(of->state().fetched < 70);
 }
@@ -633,7 +634,7 @@ TEST_CASE("a reader that waits reads the same values in every run, despite gaps 
     }
     return read;
   };
-  (void)run(1);  // finds out which frames are missing
+  (void)run(1);  // the sequence finds the missing frames
   const std::vector<double> alone = run(2);
   CHECK(run(2) == alone);
   std::vector<double> beside;
@@ -675,8 +676,7 @@ TEST_CASE("a frame without active voxels plays as background", "[samplers][seque
   const TemporaryFolder folder;
   auto frames = framesIn(folder, 4, [](int i) {
     if (i == 0) {
-      auto none = openvdb::FloatGrid::create();  // without a class, as exporters write an empty
-                                                 // grid
+      auto none = openvdb::FloatGrid::create();  // exporters write an empty grid without a class
       none->setName("ball");
       return none;
     }

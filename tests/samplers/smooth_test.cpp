@@ -1,4 +1,4 @@
-// Tests the smoothing of a grid by a Gaussian at load.
+/// Tests the smoothing of a grid by a Gaussian at load.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -58,8 +58,8 @@ Vec3d gaussianMean(const GridT& grid, const Coord& c, const Vec3& sigma) {
   return sum / whole;
 }
 
-/// Returns active, inactive and absent voxels at random, beside a tile of 128^3 voxels and one of
-/// 4096^3.
+/// Returns a grid with random active, inactive and absent voxels. The grid also has a tile of 128^3
+/// voxels and a tile of 4096^3 voxels.
 template <class GridT>
 typename GridT::Ptr noiseWithTiles() {
   using Value = typename GridT::ValueType;
@@ -139,7 +139,7 @@ TEMPLATE_TEST_CASE("smoothing equals a Gaussian sum over all voxels and the back
   CHECK(volume->info().smoothing.sigma == 1.3);
   CHECK(volume->info().background == Approx(Vec3d(grid->background()).length() *
                                             (volume->info().vector ? 1.0 : 1.0 / std::sqrt(3.0))));
-  // In large tiles, only the faces get leaves.
+  // In large tiles, only the faces may get leaves.
   const auto& tree = gridOf<TestType>(*volume).tree();
   CHECK(tree.probeConstLeaf(Coord(130, 64, 64)) != nullptr);
   CHECK(tree.probeConstLeaf(Coord(192, 64, 64)) == nullptr);
@@ -148,8 +148,7 @@ TEMPLATE_TEST_CASE("smoothing equals a Gaussian sum over all voxels and the back
 }
 
 TEST_CASE(
-    "a smoothing width in the file's unit is the same length along each axis, whatever the voxels' "
-    "size",
+    "a smoothing width in the file's unit is the same length along axes of unequal voxel sizes",
     "[samplers][smooth]") {
   const auto grid = noiseWithTiles<openvdb::FloatGrid>();
   auto transform = Transform::createLinearTransform(1.0);
@@ -162,8 +161,9 @@ TEST_CASE(
   CHECK(volume->info().smoothing.sigma == Approx(0.5 / edges.y()));
 }
 
-TEST_CASE("smoothing reports its changes, and the wave that keeps half its height",
-          "[samplers][smooth]") {
+TEST_CASE(
+    "smoothing reports its RMS and largest change and the wavelength that keeps half its height",
+    "[samplers][smooth]") {
   const double sigma = GENERATE(0.8, 2.0);
   Random random(8);
   const auto unit = Transform::createLinearTransform(1.0);
@@ -258,10 +258,7 @@ TEST_CASE("a smoothed ball of distances shrinks only by its curvature and stays 
   CHECK(grid.activeVoxelCount() < ball->activeVoxelCount() * 12 / 10);
 }
 
-TEST_CASE(
-    "smoothing removes a body that is smaller than the Gaussian, and is refused if no other body "
-    "is left",
-    "[samplers][smooth]") {
+TEST_CASE("smoothing that would remove the whole surface is refused", "[samplers][smooth]") {
   const auto small =
       openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(0.5F, openvdb::Vec3f(0), 0.1F, 3.0F);
   small->setName("small");

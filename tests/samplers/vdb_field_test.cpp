@@ -57,8 +57,8 @@ openvdb::FloatGrid::Ptr roughGrid() {
   return grid;
 }
 
-/// Returns random voxels with gaps beside a box of one value, moved by `by`. The move decides which
-/// parts of the box are tiles, and where leaves end.
+/// Returns random voxels with gaps beside a box of one value, moved by `by` [voxels]. The move
+/// decides which parts of the box are tiles, and where leaves end.
 template <class GridT>
 typename GridT::Ptr movedGrid(const Coord& by) {
   using Value = typename GridT::ValueType;
@@ -75,7 +75,7 @@ typename GridT::Ptr movedGrid(const Coord& by) {
   return grid;
 }
 
-/// Returns all numbers that a field gives at p.
+/// Returns all numbers of a field's sample at p [m].
 std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   std::vector<double> out;
   if (probe.field.index() == 0) {
@@ -91,7 +91,7 @@ std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   return out;
 }
 
-/// Returns the trilinear interpolation at index p of any quantity `at` of voxels.
+/// Returns the trilinear interpolation, at index p, of the quantity that `at` returns for a voxel.
 template <class F>
 double blend(const Vec3d& p, F at) {
   const Coord c = Coord::floor(p);
@@ -109,7 +109,7 @@ double blend(const Vec3d& p, F at) {
 
 }  // namespace
 
-TEST_CASE("a place beside a missing voxel of an image has no data", "[samplers]") {
+TEST_CASE("a position beside a missing voxel of an image has no data", "[samplers]") {
   openvdb::initialize();
   const auto value = [](const Vec3& p) { return p.x() + 2.0 * p.y() + 3.0 * p.z(); };
   const auto grid = openvdb::FloatGrid::create(60.0F);
@@ -129,7 +129,7 @@ TEST_CASE("a place beside a missing voxel of an image has no data", "[samplers]"
     CHECK(!is_inside(4.5, 2.3, 2.3));
     CHECK(!is_inside(4.99, 4.99, 2.3));
     CHECK(!is_inside(4.0, 2.0, 2.0));
-    // On the last voxels before the hole, no missing voxel has a weight.
+    // At the last voxels before the hole, the weight of all missing voxels is zero.
     CHECK(is_inside(5.0, 2.3, 2.3));
     CHECK(is_inside(5.0, 5.0, 2.0));
     CHECK(is_inside(5.01, 2.3, 2.3));
@@ -206,7 +206,7 @@ std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
     }
     const double seams[] = {1, 8, 128, 4096};
     if (i % 2 == 0) {
-      // On a face, or off it by the last digit or half a voxel.
+      // The index is on a face, or off the face by 1e-9 or 0.5 voxel.
       const double size = seams[random.integer(4)];
       const int a = random.integer(3);
       const double seam = size * std::round(at[a] / size);
@@ -243,7 +243,7 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
   double worst_slope = 0.0;
   const std::vector<Vec3d> indices = hardIndices(grid, 20000, random);
   for (const Vec3d& index : indices) {
-    // The position that is read, and its index after the same rounding.
+    // The field is read at position p. `at` is the index of p after the same rounding.
     const Vec3d p = grid.transform().indexToWorld(index);
     const Vec3d at = grid.transform().worldToIndex(p);
     for (int n = 0; n < kComponents; ++n) {
@@ -364,7 +364,7 @@ TEMPLATE_TEST_CASE(
     CAPTURE(interpolation, by);
     Probe there(fieldOf(movedGrid<TestType>(by), {}, {interpolation}));
     for (int i = 0; i < 1000; ++i) {
-      // Multiples of 1/64, so that sums with whole numbers are exact.
+      // The coordinates are multiples of 1/64, so that sums with whole numbers are exact.
       const Vec3 p = (64.0 * (Vec3::Constant(11.0) + random.inCube(15.0))).array().round() / 64.0;
       REQUIRE(readingOf(there, p + eigen(by.asVec3d())) == readingOf(here, p));
     }
@@ -400,7 +400,7 @@ TEST_CASE("value and gradient of a trilinear field are continuous across cell fa
 TEST_CASE("the gradient of a linear function is exact under any affine map and placement",
           "[samplers]") {
   const Vec3 slope(1.5, -2.0, 0.75);
-  // file_from_index: anisotropic, rotated and sheared, or mirrored.
+  // The map from index to file is anisotropic, rotated and sheared, or mirrored.
   Mat3 linear;
   const int kind = GENERATE(0, 1, 2);
   if (kind == 0) linear = Vec3(0.7, 0.7, 1.4).asDiagonal();
@@ -426,7 +426,7 @@ TEST_CASE("the gradient of a linear function is exact under any affine map and p
     const Vec3 p_F = eigen(transform->indexToWorld(index));
     const ScalarSample s = probe.scalar(placement(p_F));
     REQUIRE(s.value == Approx(slope.dot(p_F) + 0.5).margin(1e-11));
-    // The gradient is per unit of the file, so the placement only rotates it.
+    // The gradient is per unit of the file, so the placement only rotates the gradient.
     REQUIRE((s.gradient - turn * slope).norm() < 1e-10);
     REQUIRE((probe.cellGradient(placement(p_F)) - turn * slope).norm() < 1e-10);
     REQUIRE(s.inside);
@@ -574,7 +574,7 @@ TEST_CASE("B-splines reproduce polynomials of their degree and the derivatives, 
           "[samplers][spline]") {
   const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
   const bool cubic = interpolation == Interpolation::kCubic;
-  // A map with rotation, shear, reflection and unequal scales.
+  // The map has rotation, shear, reflection and unequal scales.
   openvdb::math::Mat4d map(0.30, 0.05, 0.0, 0.0, -0.02, 0.25, 0.04, 0.0, 0.01, 0.0, -0.4, 0.0, 1.0,
                            -2.0, 3.0, 1.0);
   const auto transform = Transform::createLinearTransform(map);
@@ -596,7 +596,8 @@ TEST_CASE("B-splines reproduce polynomials of their degree and the derivatives, 
   Probe probe(fieldOf(grid, placement, {interpolation}));
   Random random(42);
   for (int i = 0; i < 2000; ++i) {
-    // In the middle of the block: near its ends, the spline's prefilter changes the result.
+    // The points are in the middle of the block, because the spline's prefilter changes the result
+    // near the block's ends.
     const Vec3 in = random.inCube(6.0);
     const Vec3 p_F = eigen(transform->indexToWorld(Vec3d(28 + in.x(), 28 + in.y(), 28 + in.z())));
     const ScalarSample s = probe.scalar(placement(p_F));
@@ -618,7 +619,8 @@ TEST_CASE(
       GENERATE(Order{Interpolation::kTrilinear, 4.0, 4.0},
                Order{Interpolation::kQuadratic, 8.0, 4.0}, Order{Interpolation::kCubic, 16.0, 8.0});
   CAPTURE(wordFor(order.interpolation));
-  // sin x sin y sin z with 8 and 16 voxels per wavelength, away from the block's ends.
+  // The field is sin x sin y sin z, with 8 or 16 voxels per wavelength. The points are away from
+  // the block's ends.
   std::array<double, 2> value_error{};
   std::array<double, 2> slope_error{};
   for (std::size_t n = 0; n < 2; ++n) {

@@ -54,8 +54,7 @@ std::string refusal(const std::filesystem::path& file, const std::string& grid =
   return "no error";
 }
 
-/// Unless `room` is true, makes the folder for temporary files unusable during the object's
-/// lifetime.
+/// If `room` is false, makes the folder for temporary files unusable during the object's lifetime.
 class NoRoom {
  public:
   explicit NoRoom(bool room) {
@@ -205,8 +204,8 @@ TEST_CASE("the time to describe grids grows linearly with their number", "[volum
 }
 
 TEST_CASE("a VDB file that is cut off while it is read never crashes the loader", "[volume]") {
-  // Another process truncates the file: one that must wait for the lease, or one that already has
-  // the file open. Both with and without room for a copy.
+  // Another process truncates the file. This process must wait for the lease, or already has the
+  // file open. Each case runs with and without disk space for a copy.
   const TemporaryFolder folder;
   Random values(3);
   openvdb::initialize();
@@ -271,7 +270,7 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
   double longest = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> longest;
   const auto let_writer_wait = [&] {
-    // A real writer would try again; this test needs one attempt.
+    // A real writer would try again. One attempt is enough to make the system end the lease.
     CHECK(open(file.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC) < 0);
     CHECK(errno == EWOULDBLOCK);
   };
@@ -295,8 +294,8 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
     CHECK_FALSE(std::filesystem::equivalent(steady.place(), file));
     CHECK(steady.keptAt(LeasedFile::Clock::now() + std::chrono::hours(1)));
   }
-  SECTION("a load ends between its parts") {
-    // Takes half of the longest wait, so it runs only if all cases run.
+  SECTION("a load ends between two parts of a file if another program waits to write") {
+    // This section takes half of the longest wait, so it runs only if all cases run.
     if (share(10) < 10) return;
     LoadOptions options;
     int parts = 0;
@@ -321,8 +320,8 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
 
 TEST_CASE("a load uses the values that it has checked while another process writes the file",
           "[volume]") {
-  // Another process has the file open, and overwrites it with another vector after the first
-  // component was read.
+  // Another process has the file open. After the loader has read the first component, this process
+  // overwrites the file with another vector.
   const TemporaryFolder folder;
   const std::vector<std::string> names{"vel.x", "vel.y", "vel.z"};
   writeRough(folder / "a.vdb", names, 24, 1);
@@ -437,7 +436,7 @@ TEST_CASE("a grid in memory gives the same volume as a grid from a file", "[volu
     CHECK(a.highest == b.highest);
     CHECK(a.mean == b.mean);
   }
-  // The volume copies the values, so the grid must not change.
+  // The volume copies the values, so the load must leave the grid unchanged.
   const auto before = block(20, "rock");
   LoadOptions fill;
   fill.non_finite = NonFinite::kFill;
@@ -534,7 +533,7 @@ TEST_CASE("the error for a wrong grid name lists the nearest name, or all names"
   CHECK_THAT(refusal(folder / "a.vdb"), Contains("more than one grid"));
 }
 
-TEST_CASE("grids with equal names get an index", "[volume]") {
+TEST_CASE("grids with equal names are listed with an index", "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block(8), block(9)});
   CHECK(gridNames(folder / "a.vdb") == std::vector<std::string>{"density[0]", "density[1]"});
@@ -568,8 +567,8 @@ TEST_CASE("a grid that shares a tree with another grid reads the right tree, eve
     CHECK(lowest("density[0]") == 1.0);
     CHECK(lowest("density[1]") == 2.0);
     CHECK(lowest("twin") == 2.0);
-    // A grid's own name is "density[0]", which is also the indexed name of another grid. Either of
-    // the two owns the tree that both use.
+    // A grid's own name is "density[0]", which is also the indexed name of another grid. Both grids
+    // use one tree, which either of them owns.
     const auto literal = rough(3.0, "density[0]");
     const auto twin = shared(literal, "density");
     for (const bool lends : {true, false}) {
@@ -640,7 +639,7 @@ TEST_CASE("volumes of one file can be loaded in parallel and repeatedly", "[volu
   }
 }
 
-TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]") {
+TEST_CASE("a cancelled parallel loop completes the inner loops that have begun", "[volume]") {
   using std::chrono::milliseconds;
   constexpr std::size_t kMany = 10000;
   std::atomic<bool> working{false};
@@ -666,7 +665,8 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
                                                    [&](std::size_t) { ++done; });
                                }),
                     Contains("cancelled"));
-  // With one processor, the second task does not start.
+  // With two processors, the inner loop must run to its end. With one processor, the second task
+  // does not start.
   CHECK(done == (begun == 2 ? kMany : 0));
 
   // Tasks that have not started do not run.
@@ -683,7 +683,7 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
 TEST_CASE("grids of whole numbers, bools and masks are described by their values", "[samplers]") {
   openvdb::initialize();
   const TemporaryFolder folder;
-  // OpenVDB creates the grids, because their types are compiled only in OpenVDB.
+  // OpenVDB's registry creates the grids, because only OpenVDB's library contains their types.
   const auto made = [](auto* type, const char* name) {
     using GridT = std::remove_pointer_t<decltype(type)>;
     auto grid = openvdb::gridPtrCast<GridT>(openvdb::GridBase::createGrid(GridT::gridType()));

@@ -71,7 +71,7 @@ Vec3 inSmallSteps(const VectorField& field, FieldCache& cache, Vec3 p, double le
 
 }  // namespace
 
-TEST_CASE("the first fall of the value below a level is found exactly on any path through noise",
+TEST_CASE("the first point below a level is found exactly on any path through noise",
           "[samplers][motion]") {
   constexpr int kWays = test::kSanitized ? 500 : 4000;
   for (const bool turned : {false, true}) {
@@ -91,7 +91,7 @@ TEST_CASE("the first fall of the value below a level is found exactly on any pat
         return sign * (scalar.sample(placement(a + share * (b - a)), *memory).value - level);
       };
       const Crossing crossing = scalar.firstFall(placement(a), placement(b), level, sign, *memory);
-      // Searches in small steps, which can miss a narrow dip between two steps.
+      // This reference searches in small steps, so it can miss a narrow dip between two steps.
       constexpr int kSteps = 2000;
       bool above = height(0.0) > 0.0;
       double share = 2.0;
@@ -123,7 +123,7 @@ TEST_CASE("the first fall of the value below a level is found exactly on any pat
 
 TEST_CASE("a path that starts on a surface crosses it only if the path leads inwards",
           "[samplers][motion]") {
-  // The field z - 4 in a cube of 9 voxels.
+  // The field is z - 4, in a cube with an edge of nine voxels.
   const auto grid =
       makeGrid<openvdb::FloatGrid>(9, Transform::createLinearTransform(1.0),
                                    [](const Vec3d& p) { return static_cast<float>(p.z() - 4.0); });
@@ -253,7 +253,7 @@ TEST_CASE("a short trace of a stream reads two values, or five if the curvature 
       CHECK((trace.position - exact).norm() < std::abs(length * turned * turned) / 5.0);
       const Vec3 ahead(-std::sin(turned), std::cos(turned), 0.0);
       CHECK((trace.direction - ahead).norm() < turned * turned);
-      // If the bend differs from that of the last tick, the third derivative is larger.
+      // The trace takes more samples if the bend differs from that of the last tick.
       order.bend = Vec3(0, 0, 1.0);
       const Trace longer = circles.trace(start, order, *memory);
       CHECK(longer.samples == 5);
@@ -277,12 +277,14 @@ TEST_CASE(
   const VectorField& circles = *std::get<1>(field);
   const auto memory = std::make_unique<FieldCache>();
   circles.reset(*memory);
-  // W is sheared, so the point nearest in W is not the point nearest in the frame of rest.
+  // W is sheared against the frame of rest, so the nearest point in W is not the nearest point in
+  // the frame of rest.
   Mat3 shear = Mat3::Identity();
   shear(0, 1) = 0.7;
   for (const double radius : {1.5, 3.0, 8.0}) {
     for (const double sense : {1.0, -1.0}) {
-      // The hand's distance outwards from the circle, in radii. At -1.5 it is beyond the centre.
+      // `away` is the hand's distance outwards from the circle, in radii. At -1.5 the hand is
+      // beyond the centre.
       for (const double away : {-1.5, -0.5, 0.1, 0.5, 1.1, 4.0}) {
         const Vec3 start = centre + Vec3(radius, 0, 0.2);
         TraceOrder order;

@@ -1,5 +1,5 @@
-/// Tests a window of bricks: it equals the whole volume where its bricks are in memory, and is
-/// coarse elsewhere.
+/// Tests a window of bricks. The window must equal the whole volume where its bricks are in memory.
+/// Elsewhere, its samples are coarse.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -33,8 +33,8 @@ namespace {
 
 constexpr double kVoxel = 1e-3;  // [m]
 
-/// Returns a dense volume of n^3 voxels of 1 mm, so rough that the means of a coarse level differ
-/// from its values. With `holes`, a box of voxels is missing.
+/// Returns a dense volume of n^3 voxels of 1 mm. The volume is so rough that coarse levels differ
+/// from it. If `holes` is true, a box of voxels is missing.
 std::shared_ptr<const Volume> bumpy(int n, bool holes = false) {
   const auto grid = makeGrid<openvdb::FloatGrid>(
       n, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
@@ -108,7 +108,8 @@ TEST_CASE("a window equals the whole volume to the last bit where its bricks are
   Random random(3);
   long fine = 0;
   for (int i = 0; i < 20000; ++i) {
-    // The bounds include the distance that a tick reads. Beyond them, the grid has no data.
+    // The bounds include the distance at which a tick reads. Beyond the bounds, the grid has no
+    // data.
     const Box& box = both.window->frame().bounds;
     const Vec3 p = (kVoxel * (Vec3::Constant(75.0) + random.inCube(90.0)))
                        .cwiseMax(box.lower)
@@ -177,8 +178,7 @@ TEST_CASE("a flow in bricks is read and traced as the whole flow is, to the last
   CHECK(samples > 10000);
 }
 
-TEST_CASE("missing bricks are read coarsely without a step, and become fine gradually",
-          "[bricks]") {
+TEST_CASE("missing bricks are read coarsely without a step and become fine gradually", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -188,7 +188,7 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   window->aim(0, {centre / kVoxel, centre / kVoxel, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().bytes <= 1.1 * static_cast<double>(budgetOf(8 + 27)));
-  // The reading moves away from the hand in steps of 0.02 voxel. The value must not jump.
+  // The point of reading moves away from the hand in steps of 0.02 voxel. The value must not jump.
   double jump = 0.0;
   long coarse = 0;
   long same = 0;
@@ -253,7 +253,7 @@ TEST_CASE(
   const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
   const Both both(volume, window);
   std::atomic<bool> stop{false};
-  // A hand that jumps causes bricks to be evicted all the time.
+  // A hand that jumps makes the window evict bricks all the time.
   std::thread leaper([&] {
     Random random(9);
     while (!stop) {
@@ -311,7 +311,7 @@ TEST_CASE("bricks that a reader uses stay unchanged until the reader leaves", "[
     return std::count_if(seen.begin(), seen.end(),
                          [](const Seen& of) { return *of.cell.rows[0] == of.value; });
   };
-  // At the opposite end, the hand needs all slots.
+  // The hand jumps to the opposite end, where it needs all slots.
   const Vec3 there = Vec3::Constant(260.0);
   window->aim(0, {there, there, Vec3::Zero()});
   CHECK_FALSE(window->settle(0.5));
@@ -377,16 +377,17 @@ TEST_CASE("a hand that returns finds its bricks still in the window", "[bricks]"
     REQUIRE(window->settle(20.0));
     return window->state().fetched;
   };
-  // The hand moves back and forth over fewer bricks than there are slots. The start needs bricks to
-  // be evicted.
+  // The first moves fill all slots and evict bricks. Then the hand moves back and forth over fewer
+  // bricks than there are slots.
   for (const double x : {14.0, 12.0, 10.0, 8.0, 5.0, 3.0, 1.0}) (void)go(x);
   const std::uint64_t fetched = window->state().fetched;
   REQUIRE(fetched > window->state().slots);
   for (const double x : {3.0, 5.0, 3.0, 1.0}) CHECK(go(x) == fetched);
 }
 
-TEST_CASE("a window loads bricks for proxy and hand, and drops those of a hand silent for a second",
-          "[bricks][release]") {
+TEST_CASE(
+    "a window loads bricks for proxy and hand and drops those of a hand that has left for 1 s",
+    "[bricks][release]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -403,7 +404,7 @@ TEST_CASE("a window loads bricks for proxy and hand, and drops those of a hand s
   for (int tick = 0; tick < 1000; ++tick) window->aim(0, {proxy, probe, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().fetched == fetched);
-  // After the first hand has been silent for 1 s, the second hand has all slots.
+  // If the first hand has not called aim() for 1 s, the second hand gets all slots.
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));
   window->aim(1, {Vec3(270.0, 30.0, 30.0), Vec3(270.0, 30.0, 30.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
@@ -413,13 +414,13 @@ TEST_CASE("a window loads bricks for proxy and hand, and drops those of a hand s
 }
 
 TEST_CASE("where only the coarsest bricks are present every sample uses them", "[bricks]") {
-  // All levels of a ramp agree, so every wrong sample shows.
+  // All levels of a ramp have the same values, so every difference shows a wrong sample.
   const TemporaryFolder folder;
   const BrickInput ramp =
       formulaBricks("ramp", {639, 255, 127}, [](const VoxelAt& at) { return at[1]; });
   const BrickReport report = writeBricks(folder / "bricks", ramp);
   REQUIRE(report.manifest.levels().size() == 3);
-  // Faces of levels 0 and 1 coincide here, and beyond them both levels are missing.
+  // Beyond a common face of levels 0 and 1, the bricks of both levels are missing.
   std::vector<BrickId> missing{{1, {1, 0, 0}}, {1, {1, 1, 0}}};
   for (int n = 0; n < 8; ++n) missing.push_back({0, {2, n / 2, n % 2}});
   for (const BrickId& id : missing) {
@@ -431,8 +432,8 @@ TEST_CASE("where only the coarsest bricks are present every sample uses them", "
   field->reset(*cache);
   window->aim(0, {Vec3(150.0, 60.0, 60.0), Vec3(150.0, 60.0, 60.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
-  // The reading moves back and forth in steps of 0.1 voxel, with other readings in between. Each
-  // position must always have the same value.
+  // The point of reading moves back and forth in steps of 0.1 voxel, with readings at other points
+  // in between. Each point must always have the same value.
   std::vector<double> there;
   double off = 0.0;
   double other = 0.0;
@@ -528,7 +529,8 @@ TEST_CASE("the box around a brick excludes points near missing bricks and contai
 
 namespace {
 
-/// A source of bricks from a folder that reports a delay or is slow. Records the wanted bricks.
+/// A source of bricks from a folder that reports a delay, or takes a time `each` for each brick.
+/// Records the wanted bricks.
 class SlowBricks final : public BrickSource {
  public:
   explicit SlowBricks(const std::filesystem::path& folder, double delay,
@@ -589,7 +591,8 @@ TEST_CASE("a hand that waits for its bricks longer than a second keeps its place
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
-  // Fetching 27 bricks takes 1.6 s, but a hand counts as silent after 1 s.
+  // Fetching 27 bricks takes 1.6 s. The window drops a hand that has not called aim() for 1 s,
+  // unless the hand waits.
   const auto window = std::make_shared<BrickWindow>(
       std::make_unique<SlowBricks>(folder / "bricks", 0.0, std::chrono::milliseconds(60)),
       WindowParams{budgetOf(60), 0.25, false});

@@ -75,7 +75,8 @@ SceneSpec named(const std::vector<std::string>& names) {
     ModeSpec mode;
     mode.of = "ball";
     mode.name = name;
-    // In this test, a name that begins with a slash means an unnamed mode of that volume.
+    // In this test, a name that begins with a slash stands for an unnamed mode of a volume of that
+    // name.
     if (!name.empty() && name[0] == '/') {
       mode.of = name;
       mode.name.clear();
@@ -183,19 +184,19 @@ TEST_CASE("a mode keeps its id if its scene file is edited", "[dial]") {
   const ModeIds ids = idsOf(first);
   CHECK(ids.of == std::vector<std::uint32_t>{0, 1, 2});
 
-  SECTION("names count before positions, and an unnamed mode is known by its volume") {
+  SECTION("a mode keeps the id of its name and an unnamed mode that of its volume") {
     const ModeIds now = idsOf(named({"new", "bone", "/b", "/a", "skin"}), first, ids);
     CHECK((now.of[1] == 2 && now.of[3] == 1 && now.of[4] == 0));
     CHECK((now.of[0] >= 3 && now.of[2] >= 3 && now.of[0] != now.of[2]));
     CHECK(now.next == 5);
   }
-  SECTION("long names with the same beginning stay different") {
+  SECTION("two long names with the same beginning get different ids") {
     const std::string same(60, 'n');
     const SceneSpec two = named({same + "1", same + "2"});
     CHECK(idsOf(named({same + "2", same + "1"}), two, idsOf(two)).of ==
           std::vector<std::uint32_t>{1, 0});
   }
-  SECTION("modes with one name keep their ids only while their number is the same") {
+  SECTION("modes with the same name keep their ids while their number is unchanged") {
     const SceneSpec three = named({"skin", "skin", "/a", "/a"});
     const ModeIds known = idsOf(three);
     CHECK(idsOf(named({"/a", "skin", "/a", "skin"}), three, known).of ==
@@ -259,7 +260,7 @@ TEST_CASE("the simulated hand follows its mouse with a time constant of 20 ms", 
   const auto to = [&](double x, double y = 0.0, double z = 0.0) { mouse.write({{x, y, z}}); };
   CHECK(hand.at(0.0) == start);
   CHECK(hand.at(20.0) == start);
-  SECTION("the first move counts as one tick, however late it comes") {
+  SECTION("a late first move of the mouse counts as one tick") {
     to(0.11);
     const double share = 1.0 - std::exp(-1e-3 / 0.02);
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
@@ -301,20 +302,21 @@ TEST_CASE("the simulated arm follows its mouse with the expected lag and within 
   arm.encoder = 0.0;
   const GripParams grip;
   SimulatedDevice device(arm, grip, cli::behindMouse(mouse, Vec3::Zero()), 1000.0);
-  SECTION("behind a steady mouse the arm lags by 20 ms and by its own friction") {
+  SECTION(
+      "the arm follows a steadily moving mouse with the lag of the filter and of its friction") {
     constexpr double kSpeed = 0.1;  // [m/s]
     for (int i = 0; i <= 2000; ++i) {
       mouse.write({{kSpeed * 1e-3 * i, 0.0, 0.0}});
       device.write(Vec3::Zero());
     }
     CHECK(device.velocity().x() == Approx(kSpeed).epsilon(1e-3));
-    // The target is constant within a tick. So the arm is in the middle of the tick where a
-    // continuously moving target would lead it.
+    // The target is constant within a tick. So in the middle of a tick, the arm is where a target
+    // that moves continuously would lead it.
     const double behind = 1e-3 / std::expm1(1e-3 / 0.02) + arm.viscous / grip.stiffness;
     const double should = kSpeed * (2.0005 - behind);
     CHECK(device.position().x() == Approx(should).margin(2e-6));
   }
-  SECTION("after a jump of its mouse the arm stays below the speed limit and arrives") {
+  SECTION("after a jump of the mouse the arm reaches it below the speed limit") {
     mouse.write({{0.5, 0.0, 0.0}});
     double fastest = 0.0;
     for (int i = 0; i <= 1000; ++i) {

@@ -3,8 +3,8 @@
 its page, with the installed programs.
 
 book_test.py BUILD. A block of JSON is the scene that the next commands name, and blocks of Python are the script that
-they name. A block of text is output that the commands print. Blocks of console need an arm, and do not run. Then the
-book is built, where mkdocs is, and the API reference, where doxygen is.
+they name. A block of text is output that the commands print. Blocks of console need an arm, and do not run. Builds
+the book if mkdocs is installed, and the API reference if doxygen is installed.
 """
 import json
 import os
@@ -25,7 +25,7 @@ BLOCK = re.compile(r"^```(sh|json|python)\n(.*?)^```$", re.S | re.M)
 SHOWN = re.compile(r"^```text\n(.*?)^```$", re.S | re.M)
 
 
-OWN_BUILD = 'export PYTHONPATH=$(dirname "$(command -v palpate)")\n'  # on a page: for users who have built palpate
+OWN_BUILD = 'export PYTHONPATH=$(dirname "$(command -v palpate)")\n'  # for users who have built palpate
 
 
 def script(page):
@@ -122,7 +122,7 @@ class Pages(unittest.TestCase):
                         continue
                     command += " --seconds 1 --picture view.png"  # needs no display
                 if "--device hid" in command and json.loads(run("palpate devices --json").stdout)["arms"]:
-                    continue  # never move the arm of whoever runs this test
+                    continue  # the test must not move a connected arm
                 done = run(command)
                 if "--device hid" in command:  # no arm is connected
                     self.assertEqual((done.returncode, done.stdout.count("\n")), (2, 1), done.stdout)

@@ -160,8 +160,9 @@ TEST_CASE("a scene setting that bricks do not support is rejected with its path"
              Contains("/volumes/ball") && Contains("unfinished"));
 }
 
-TEST_CASE("a missing folder of bricks cuts the force, which can return after the folder is back",
-          "[scene][bricks][safety]") {
+TEST_CASE(
+    "a missing folder of bricks cuts the force until the folder is back and the fault is cleared",
+    "[scene][bricks][safety]") {
   const TemporaryFolder folder;
   writeBall(folder.path());
   SceneSpec spec = specOf(ballJson("ball.bricks"), folder.path());
@@ -187,7 +188,7 @@ TEST_CASE("a missing folder of bricks cuts the force, which can return after the
   CHECK(go(Vec3(0, 0, 0.055), 200).report.force.z() > 1.0);
   fs::copy(folder / "ball.bricks", folder / "away", fs::copy_options::recursive);
   fs::remove_all(folder / "ball.bricks");
-  // Bricks in memory stay usable. The first missing brick causes the fault.
+  // Bricks in memory stay usable. The first brick that is not in memory causes the fault.
   Telemetry now = loop.latest();
   double step = 0.0;
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
@@ -234,7 +235,7 @@ TEST_CASE("a missing folder of bricks cuts the force, which can return after the
 
 // With sanitizers this test takes minutes. Other tests run the same code on small volumes.
 #ifdef NDEBUG
-TEST_CASE("a volume of sixteen times its window gives the same forces as the whole volume",
+TEST_CASE("a volume 16 times as large as its window gives the same forces as the volume in memory",
           "[.][data][bricks]") {
   const char* data = std::getenv("PALPATE_DATA");
   REQUIRE(data != nullptr);

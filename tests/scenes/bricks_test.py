@@ -40,7 +40,7 @@ def snippet(number):
 
 
 class ZarrArray:
-    """What the Zarr v2 specification requires of a reader. Shares no code with palpate."""
+    """Reads an array as the Zarr v2 specification requires. Shares no code with palpate."""
     ZSTD = ctypes.CDLL(ctypes.util.find_library("zstd") or "libzstd.so.1")
     ZSTD.ZSTD_decompress.restype = ctypes.c_size_t
     ZSTD.ZSTD_decompress.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_char_p,
@@ -89,7 +89,7 @@ class Case(unittest.TestCase):
 
 
 class Others(Case):
-    """Readers that know only Zarr and docs/bricks.md."""
+    """Tests that read bricks only by the Zarr specification and docs/bricks.md."""
 
     def test_values_in_bricks_have_the_documented_positions(self):
         # "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0.
@@ -293,7 +293,7 @@ class Verbs(Case):
         self.refused("brick", ball, self.dir / "n", "--compression", "x", says="--compression")
         self.refused("brick", self.dir / "none.vdb", self.dir / "n", says="no such file")
         self.refused("brick", self.dir / "labels.vdb", self.dir / "n", says="convert it")
-        # Damage as by other programs.
+        # Damages the manifest as other programs could.
         manifest = out / "palpate.bricks"
         whole = manifest.read_bytes()
         manifest.write_bytes(whole[:-5])
@@ -308,7 +308,7 @@ class Verbs(Case):
 
 
 class Felt(Case):
-    """A hand on a head's skin, through a window of 27 bricks and some coarser ones."""
+    """Tests of a hand on the skin of a rod, with a window of 60 MB."""
 
     def skin(self):
         i, j, k = np.mgrid[0:300, 0:160, 0:160]
@@ -342,7 +342,7 @@ class Felt(Case):
         tube.astype("<f4").transpose(2, 1, 0).tofile(self.dir / "tube.raw")
         layout = json.dumps({"size": list(tube.shape), "type": "float32", "spacing": [1, 1, 0.75], "unit": "mm"})
         source = [self.dir / "tube.raw", "--raw", layout]
-        # --voxel 1.5 makes a new grid, which is copied; the other grids are not.
+        # Only --voxel 1.5 makes a new grid, which the import then copies.
         for name, *words in (("plain",), ("smooth", "--smooth", 1.5), ("coarse", "--voxel", 1.5)):
             with self.subTest(words=words):
                 run("import", *source, self.dir / f"tube_{name}", "--bricks", *words)
@@ -361,7 +361,7 @@ class Felt(Case):
         self.assertEqual(summary["bricks"]["rod"]["failed"], 0)
         felt = [[row.split(",") for row in (self.dir / name).read_text().splitlines()]
                 for name in ("whole.csv", "bricks.csv")]
-        # Ticks on a free path read bricks, but not a volume in memory.
+        # On a free path, a tick reads bricks, but no volume in memory. So the columns of work differ.
         work = ("tick_ns", "substeps")
         columns = [i for i, name in enumerate(felt[0][0]) if name not in work]
         whole, streamed = ([[row[i] for i in columns] for row in rows] for rows in felt)

@@ -87,7 +87,7 @@ TEST_CASE("a host program in C gets the force of a scene and keeps the scene if 
   CHECK(test::CountScope::counts().allocations == 0);
 }
 
-TEST_CASE("a host program in C that ticks in virtual time gets only faults of its own clock",
+TEST_CASE("a host program in C that ticks in virtual time gets a late fault only from its own time",
           "[c]") {
   const Host other;
   const palpate_arm arm = palpate_weakest_arm();

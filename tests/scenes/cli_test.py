@@ -89,8 +89,8 @@ def verbs():
 
 
 class Help(Case):
-    """All ways to request help give the same text."""
-    def test_help_of_a_command_equals_the_command_s_own_help(self):
+    """Tests that all ways to request help print the same text."""
+    def test_palpate_help_and_the_option_help_of_a_command_print_the_same_text(self):
         self.assertEqual(run("help").stdout, run("--help").stdout)
         self.assertGreater(len(verbs()), 15)
         for verb in verbs():
@@ -193,7 +193,7 @@ class Make(Case):
 
 
 class Parts(Case):
-    """Scenes with many instances."""
+    """Tests of scenes with many instances."""
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
@@ -333,7 +333,7 @@ class Solve(Case):
         return [json.loads(line) for line in run("solve", stdin=text + "\n",
                                                  status=status).stdout.splitlines()]
 
-    def test_the_command_solve_balances_a_plane_that_holds_and_one_that_yields_in_closed_form(self):
+    def test_the_command_solve_uses_the_closed_form_for_a_single_plane(self):
         [held, yielded] = self.solve(
             {"stiffness": 500, "probe": [0, 0, -0.001], "primitives": [self.PLANE]},
             {"stiffness": 500, "probe": [0, 0, -0.01], "primitives": [self.PLANE]})
@@ -491,7 +491,7 @@ class Check(Case):
 
 
 class Room(Case):
-    """The stability margin of a coupling, and the energy tank."""
+    """Tests of the stability margin of a coupling, and of the energy tank."""
     def test_the_two_commands_check_and_feel_report_the_same_stability_margin(self):
         ball = self.dir / "undamped.json"
         ball.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode": '
@@ -780,7 +780,7 @@ class Feel(Case):
         said = run("feel", self.dir / "ball.vdb", "--device", f"path:{path}", status=4).stderr
         self.assertIn("it began inside the solid of ", said)
 
-    def test_a_hand_that_enters_a_solid_without_strength_is_not_said_to_begin_inside(self):
+    def test_a_hand_that_enters_a_solid_without_strength_is_not_reported_as_beginning_inside(self):
         scene = self.dir / "weak.json"
         scene.write_text(json.dumps({"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [
             {"mode": "isosurface", "of": "a", "value": 0, "solid": "below", "strength": 0}]}), encoding="utf-8")
@@ -820,7 +820,7 @@ class Feel(Case):
         run("feel", ball, "--device", f"path:{away}", status=1)
 
     @suite.smoke
-    def test_a_slow_rate_is_remarked_on_once(self):
+    def test_a_slow_rate_is_reported_once(self):
         ball = self.dir / "ball.vdb"
         at = ("--at", "-0.06,0,0")
         for words in (("feel", ball, "--seconds", 2), ("press", ball, *at, "--along", "0.01,0,0"),
@@ -964,7 +964,7 @@ class OnTime(Case):
                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
         def until(words):
-            """Skips other lines: refused real-time settings, and faults on a busy machine."""
+            """Waits for the words. Skips other lines, such as faults on a busy machine."""
             for line in child.stderr:
                 if words in line:
                     return
@@ -995,7 +995,7 @@ class OnTime(Case):
         until("not valid JSON")
         change(text % "after")
         until("the new scene is active")
-        # The next edit, while the last scene may still be building.
+        # Edits the scene again, perhaps while the last scene is still being built.
         change(text % "last")
         until("the new scene is active")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
@@ -1007,7 +1007,7 @@ class OnTime(Case):
         scene = self.dir / "over_cut.json"
         text = self.WATCHED.replace("FILE", "cut.vdb")
         child, until = self.watched(scene, text % "before")
-        # Truncated in place, as some programs do, instead of replaced by a renamed file.
+        # Truncates the file in place, as some programs do, instead of replacing it by a renamed file.
         os.truncate(volume, len(whole) // 2)
         scene.write_text(text % "cut")
         until("cut.vdb: it is truncated")
@@ -1059,7 +1059,7 @@ class OnTime(Case):
 
     def test_an_interrupted_run_keeps_its_outputs(self):
         summary = self.dir / "interrupted.json"
-        # Both a terminal and a launcher can send signals.
+        # A terminal and a launcher can each send a signal, so several signals can arrive.
         for signals, words in (((signal.SIGINT,), []),
                                ((signal.SIGTERM, signal.SIGINT, signal.SIGTERM), ["--realtime"])):
             child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--seconds",
@@ -1150,7 +1150,7 @@ class Interrupted(Case):
         terminal = Terminal(["bash", "-euc", f". '{watched}'; watched building log bash -c "
                              "'trap \"exit 3\" INT; echo [3/9]; while :; do sleep 0.1; done' || exit 1; "
                              "touch on"], self.place)
-        # Any second counts, because a stalled machine can miss one.
+        # Accepts any number of seconds, because a busy machine can skip some.
         self.assertTrue(terminal.until(r"building 0:0[1-9] \[3/9\]"), terminal.drawn)
         terminal.press(b"\x03")
         status, took = terminal.ended()
@@ -1271,7 +1271,7 @@ class Stability(Case):
 
 
 class Devices(Case):
-    """Tests without an arm; tests/devices/vm has one."""
+    """Tests without an arm. tests/devices/vm tests with one."""
     @suite.smoke
     def test_profiles_and_known_arms_are_listed_with_their_sources(self):
         words = run("devices").stdout
@@ -1301,10 +1301,10 @@ class Devices(Case):
         self.refused("devices", "--test", "hid:polhem", says="no plugged-in arm fits this name")
 
     @suite.smoke
-    def test_the_virtual_arm_passes_its_test_and_is_measured_as_it_was_made(self):
+    def test_the_self_test_of_the_virtual_arm_passes_and_measures_its_parameters(self):
         told = json.loads(run("devices", "--virtual", "--json").stdout)
         self.assertTrue(told["passed"])
-        for axis in told["axes"]:  # ArmParams
+        for axis in told["axes"]:  # the defaults of ArmParams
             self.assertAlmostEqual(axis["mass"], 0.1, delta=0.005)
             self.assertAlmostEqual(axis["viscous"], 0.5, delta=0.1)
             self.assertAlmostEqual(axis["coulomb"], 0.02, delta=0.015)
@@ -1333,7 +1333,7 @@ class Devices(Case):
         self.refused("devices", "polhem", "--watch", "hid:polhem", says="it already names an arm")
 
     @suite.smoke
-    def test_the_facts_and_names_of_profiles_are_checked_by_the_command_devices(self):
+    def test_the_command_devices_checks_the_facts_and_names_of_profiles(self):
         words = run("devices", "polhem").stdout
         self.assertIn("current_b, whose limit is 3", words)
         facts = json.loads(run("devices", "polhem", "--json").stdout)["facts"]
@@ -1400,7 +1400,7 @@ class Devices(Case):
 
 
 class Examples(Case):
-    """The examples whose volumes palpate can make. The others need external data."""
+    """Tests the examples whose volumes palpate can make. The other examples need external data."""
     SCENES = Path(__file__).resolve().parents[2] / "scenes" / "examples"
     MADE = {"wind_tunnel": ("wind-tunnel", "wind.vdb"), "fibres": ("fibres", "fibres.vdb"),
             "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb"),
@@ -1433,7 +1433,7 @@ class Examples(Case):
 
 
 class Hostile(Case):
-    """File and volume names with terminal control sequences."""
+    """Tests file and volume names that contain terminal control sequences."""
     NAMES = {
         "bytes": b"\xff\xfe\xc3(\xed\xa0\x80\xc0\xaf\xf4\x90\x80\x80",
         "controls": b"\x1b[2J\x1b]0;x\x07\x7f\npalpate: all is well\r\tb",
@@ -1565,7 +1565,7 @@ class Hostile(Case):
              "modes": [{"mode": "surface", "of": "NAME", "strength": 1}]},
             "NAME")] + [b"NAME"]
         for what, name in self.NAMES.items():
-            # Escaped as in JSON, then as raw bytes.
+            # Writes the name with JSON's escapes, then as raw bytes.
             for text in (json.dumps(name.decode("utf-8", "replace"))[1:-1].encode(), name):
                 with self.subTest(what):
                     at = scene(text, good)

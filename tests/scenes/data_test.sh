@@ -8,7 +8,7 @@ for file in "$PALPATE_DATA"/vdb/*.vdb; do
     "$1" feel "$file" --seconds 5 --json |
         python3 -c 'import json, sys
 s = json.load(sys.stdin)
-# The simulated hand goes where forces are largest. In rugged fog, one tick in a hundred reaches the limit of
+# The simulated hand visits the places of the largest forces. In rugged fog, one tick in a hundred reaches the limit of
 # sub-steps.
 assert s["ticks"] == 5000 and s["status"]["converged"] >= 4900, s
 assert s["force_max"] > 0.05 and any(f["touches"] for f in s["felt"]), s'

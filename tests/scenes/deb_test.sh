@@ -5,11 +5,11 @@ command -v dpkg-shlibdeps >/dev/null || { echo "debs: needs dpkg-dev"; exit 77; 
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 cd "$1"
-# Without compression, which would take most of the time.
+# Packs without compression, which would take most of the time.
 cpack -G DEB -B "$place" -D CPACK_DEBIAN_COMPRESSION_TYPE=none >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }
 cd "$place"
 wants() { dpkg-deb -f "$1"_*.deb Depends; }
-# Not grep -q, here and below: it exits early, so that the program before it fails under pipefail.
+# grep -q would exit early, so that the program before it would fail under pipefail. So grep writes to /dev/null.
 holds() { dpkg-deb -c "$1"_*.deb | awk '{print $6}' | grep -x "$2" >/dev/null || { echo "$1 lacks $2"; exit 1; }; }
 fail() { echo "debs: $*"; exit 1; }
 
@@ -50,7 +50,7 @@ fi
 holds palpate ./usr/share/palpate/examples/prepare
 dpkg-deb -c palpate_*.deb | grep "^-rwx.*examples/prepare$" >/dev/null || fail "prepare cannot be run"
 for page in index.md interfaces.md charts/view.png; do holds palpate-doc "./usr/share/doc/palpate/book/$page"; done
-# What docs/plugins.md and docs/embed.md say that the package has.
+# Files that the package has according to docs/plugins.md and docs/embed.md.
 for each in sample.c plugin.h answer.h newest.h openhaptics.cpp dhd.cpp nifalcon.cpp known_arms.json; do
     holds palpate-doc "./usr/share/doc/palpate/plugins/$each"
 done

@@ -159,7 +159,7 @@ class Explain(Touch):
                           out["force"]["wanted"])
 
     @suite.smoke
-    def test_an_explanation_gives_a_reason_for_each_inactive_mode(self):
+    def test_an_explanation_states_why_each_inactive_mode_is_inactive(self):
         far = {"file": "ball.vdb", "place": {"scale": 0.001, "translate": [1, 0, 0]}}
         scene = self.scene(
             {"name": "gone", "mode": "isosurface", "of": "far", "value": 0, "solid": "below",
@@ -248,7 +248,7 @@ class Explain(Touch):
         self.assertAlmostEqual(size(self.mode(out, "wall")["load"]), 0.001 * k, 6)
 
     def test_an_explanation_of_a_long_push_uses_several_sub_steps(self):
-        # In steps of one voxel, 5 mm.
+        # A sub-step is one voxel long, 5 mm.
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2}
         out, text = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
         self.assertEqual(out["balance"]["substeps"], 3)
@@ -301,7 +301,7 @@ class Press(Touch):
         return next(m for m in summary["modes"] if m["mode"] == name)
 
     def test_the_force_of_a_pressed_wall_rises_with_slope_k_until_the_wall_yields(self):
-        # From 4 mm in front of the wall to 12 mm behind it. The wall holds the hand up to 6 mm behind.
+        # The press is 12 mm long and begins 4 mm in front of the wall. The wall holds the hand up to 6 mm behind it.
         summary, rows = self.press(self.scene(WALL), along(INTO, -0.004, start=MIDDLE),
                                    along(INTO, 0.012))
         self.assertEqual(list(rows[0]), self.COLUMNS)
@@ -322,7 +322,7 @@ class Press(Touch):
         self.assertAlmostEqual(wall["yield"]["depth"], 0.010, delta=0.0001)
         self.assertAlmostEqual(wall["yield"]["force"], 3)
         self.assertIsNone(wall["let_go_at"])
-        # The work of a spring, then of a constant force. It all comes back.
+        # The work of a spring, then of a constant force. The hand gets all of this work back.
         work = 0.5 * K * 0.006 ** 2 + 3 * 0.002
         self.assertAlmostEqual(summary["work_in"], work, 6)
         self.assertAlmostEqual(summary["work_out"], work, 6)
@@ -343,7 +343,7 @@ class Press(Touch):
         self.assertLess(summary["net_energy"], -0.5 * K * 0.006 ** 2)
 
     def test_a_wall_that_is_passed_within_a_tick_has_yielded(self):
-        # 14 mm in one tick: there the wall has no strength.
+        # The hand moves 14 mm in one tick, to a place where the wall has no strength.
         soft = {"name": "wall", "mode": "surface", "of": "d",
                 "strength": {"piecewise": [[6, 1], [6.5, 0]]}}
         summary, rows = self.press(self.scene(soft), MIDDLE, along(INTO, 0.014), "--speed", 14)
@@ -359,7 +359,7 @@ class Press(Touch):
     def test_a_drag_dissipates_all_work_that_is_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
         summary, rows = self.press(self.scene(drag), MIDDLE, [0, 0.01, 0])
-        # Up to 0.5 N over 1 mm, then back through zero over 2 mm.
+        # The force rises to 0.5 N over 1 mm. On the way back it reverses over 2 mm.
         self.assertAlmostEqual(summary["work_in"], 0.5 * 0.01 - 0.5 ** 2 / (2 * K), 6)
         self.assertAlmostEqual(summary["work_out"], -0.5 * 0.008, 6)
         self.assertAlmostEqual(summary["hysteresis"], 0.00875, 6)
@@ -555,7 +555,7 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]], ["skin 5"])
         self.assertEqual(out["modes"][0]["primitives"][0]["state"], "holds")
 
-    def test_refuses_to_explain_a_hand_near_no_part_or_near_too_many_parts(self):
+    def test_an_explanation_of_a_hand_near_no_part_or_near_too_many_parts_is_refused(self):
         balls = {"b": {"file": "ball.vdb", "instances": [self.place(i) for i in range(5)]}}
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         far = self.scene(skin, volumes=balls)
@@ -573,7 +573,7 @@ class NearParts(Touch):
                                               "0.15,0,0", "--speed", 1).stderr)
 
     @suite.smoke
-    def test_an_explanation_of_parts_prints_notes_and_limits_and_unread_volumes(self):
+    def test_an_explanation_of_parts_reports_name_clashes_notes_and_the_limit_of_parts(self):
         ball = {"file": "ball.vdb"}
         skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
                 "strength": 3}
@@ -584,7 +584,7 @@ class NearParts(Touch):
         own = {**skin, "name": "own", "of": "b[0]"}
         self.refused("explain", self.scene(skin, own, volumes=volumes), *way,
                      says='/volumes/b/instances/0: palpate names this instance "b[0]", but')
-        # A volume with instances that no mode reads.
+        # Adds a volume with instances that no mode reads.
         del volumes["b[0]"]
         volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
         volumes["b"]["smooth"] = 1.5
@@ -594,7 +594,7 @@ class NearParts(Touch):
         # Notes name the scene's own volumes, once.
         self.assertEqual(done.stderr.count("/volumes/b: smoothed"), 1)
         self.assertNotIn("b[0]: smoothed", done.stderr)
-        # 100 equal parts exceed the limit of 64.
+        # There are 100 equal parts, more than the limit of 64.
         drag = {"mode": "viscosity", "of": "b", "strength": 0.02}
         del volumes["b"]["smooth"]
         volumes["b"]["instances"] = [self.place(0)] * 100
@@ -632,7 +632,7 @@ class NearParts(Touch):
                          says="it is an input of this run")
             self.assertEqual(scene.read_text(), before)
 
-    def test_the_stability_map_of_a_scene_s_parts_equals_that_of_one_of_them(self):
+    def test_the_stability_map_of_a_scene_s_parts_equals_that_of_separate_volumes(self):
         balls = {"b": {"file": "ball.vdb",
                        "instances": [{"scale": 0.01, "translate": [0, 0, 0.04 * i]}
                                      for i in range(8)]}}

@@ -158,7 +158,7 @@ TEST_CASE("the exploration path finds a moving ball and the parts of a scene", "
     CAPTURE(run.share, run.most);
     CHECK(run.share > 0.3);
   }
-  SECTION("parts") {
+  SECTION("a scene of two parts") {
     std::vector<Part> parts;
     for (const double x : {-0.03, 0.03}) {
       GraphSpec spec;

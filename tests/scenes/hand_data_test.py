@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The simulated hand touches something in every volume of PALPATE_DATA: hand_data_test.py BIN_DIR
+"""Tests that the simulated hand touches something in every volume of PALPATE_DATA: hand_data_test.py BIN_DIR
 
-Bare .vdb files are felt as they are, all others as `palpate import` guesses their scene. Prints the table."""
+Feels .vdb files directly. Imports other files, with the scene that `palpate import` guesses. Prints a table."""
 import json
 import os
 import subprocess

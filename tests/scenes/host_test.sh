@@ -35,7 +35,7 @@ for compiler in "${compilers[@]}"; do
         -DCMAKE_DISABLE_FIND_PACKAGE_OpenVDB=ON -DCMAKE_DISABLE_FIND_PACKAGE_TBB=ON
 done
 
-# A host in C, without Eigen. Then without the shared library, which is in another package.
+# Builds a host in C without Eigen. Then removes the shared library, which is in another package.
 "$1/bin/palpate" make two-bodies "$place/bodies.vdb" >/dev/null
 configure host_c host_c "$3" -DCMAKE_PREFIX_PATH="$place/usr" -DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON
 quietly cmake --build "$place/host_c"
@@ -43,7 +43,7 @@ quietly cmake --build "$place/host_c"
 find "$place/usr" -name 'libpalpate_c.so.*' -delete
 says host_engine without_c "$3" "force 2.00 N, proxy 40.0 mm" -DCMAKE_DISABLE_FIND_PACKAGE_OpenVDB=ON
 if cmake -S "$hosts/host_c" -B "$place/no_c" -DCMAKE_PREFIX_PATH="$place/usr" >"$place/log" 2>&1; then
-    echo "host_c found what is not there"
+    echo "host_c was configured without the shared library"
     exit 1
 fi
 grep -q "install the package palpate" "$place/log"

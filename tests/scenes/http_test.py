@@ -34,7 +34,7 @@ os.environ["no_proxy"] = "127.0.0.1"
 
 
 class Bad(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder. `wrong(path)` returns a function of this handler that sends another answer, or None."""
+    """Serves a folder. `wrong(path)` returns a function that sends a wrong answer through this handler, or None."""
 
     def __init__(self, *args, wrong, **more):
         self.wrong = wrong
@@ -60,7 +60,7 @@ class Bad(http.server.SimpleHTTPRequestHandler):
 
 
 class Kept(Bad):
-    """Keeps connections open. On each new connection it first reads the machine's list of trusted certificates."""
+    """Keeps connections open, because palpate reads the list of trusted certificates for each new connection."""
 
     protocol_version = "HTTP/1.1"
 
@@ -145,11 +145,11 @@ class Killed(Ended, Server):
 
 
 class Far(Case):
-    """Server and hand in separate networks, with a delay of 5 ms and a loss of 1 % between them."""
+    """Tests with server and hand in separate networks, with a delay of 5 ms between them."""
     HOST = True
 
     def felt(self, seed, *relay, delay=5, during=None):
-        """Records a hand that circles in the bowl in real time, in far.rec. Returns the summary."""
+        """Runs a hand that circles in the bowl in real time, and records it in far.rec. Returns the run's summary."""
         home = self.dir / f"far{seed}"
         rows = [(0, 0.01, 0.01, 0), (1, 0.01, 0.01, -0.02)]
         for i in range(1, 60):
@@ -230,7 +230,7 @@ class Wrong(Case):
         trusting = ["unshare", "--mount", "--map-root-user", "sh", "-c",
                     f'mount --bind "$0" {TRUSTED} && exec "$@"', own]
         if not Path(TRUSTED).exists() or subprocess.run([*trusting, "true"], check=False).returncode:
-            self.skipTest("nobody is trusted here, or that cannot be changed for one program")
+            self.skipTest("needs a list of trusted certificates that unshare can replace for one program")
         summary = self.dir / "https.json"
         subprocess.run([*trusting, PALPATE, "feel", self.scene(address), "--device",
                         f"path:{self.dir / 'hand.csv'}", "--summary", summary],
@@ -350,8 +350,8 @@ class Wrong(Case):
         return f"{scheme}://127.0.0.1:{server.server_address[1]}/bowl"
 
     def of_brick(self, answer, says):
-        """Gives this answer for every brick of the finest level. Checks that the volume is felt coarsely, and that a
-        message says why."""
+        """Serves this answer for every brick of the finest level. Checks that ticks are coarse, and that a message
+        states the cause."""
         address = self.served_badly(lambda path: answer if path.startswith("/bowl/0/") else None)
         rows, told, said = self.feel(address)
         self.assertGreater(told["coarse_share"], 0.1)

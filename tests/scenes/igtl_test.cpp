@@ -108,7 +108,7 @@ TEST_CASE("an image of the OpenIGTLink library keeps its size, placement and val
   int whole[3]{4, 3, 2};  // NOLINT: the library's
   int nowhere[3]{};       // NOLINT
   image->SetSubVolume(whole, nowhere);
-  // i along y, and j against x, in RAS or in LPS.
+  // The image's axis i is along y, and its axis j against x, in RAS or in LPS.
   float along_i[3]{0, 1, 0};   // NOLINT
   float along_j[3]{-1, 0, 0};  // NOLINT
   float along_k[3]{0, 0, 1};   // NOLINT

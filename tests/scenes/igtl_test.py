@@ -107,7 +107,7 @@ class Client:
         return data
 
     def next(self):
-        """Returns type, name and content of the next message. Checks all of its numbers."""
+        """Returns type, name and content of the next message. Checks its version, checksum, time stamp and encoding."""
         version, kind, name, stamp, size, crc = HEAD.unpack(self.exactly(HEAD.size))
         body = self.exactly(size)
         if version != 1 or crc != crc64(body):
@@ -164,8 +164,8 @@ class Run:
     """A process of palpate feel with an OpenIGTLink server."""
 
     def __init__(self, folder, *more, device="igtl", scene="scene.json"):
-        self.lines = []   # all lines,
-        self.errors = []  # and those since the list was emptied
+        self.lines = []   # all lines
+        self.errors = []  # lines since a test emptied this list
         self.child = subprocess.Popen(
             [PALPATE, "feel", str(folder / scene), "--realtime", "--igtl", "0", "--json",
              "--device", device, *map(str, more)],
@@ -268,7 +268,7 @@ class IgtlTest(unittest.TestCase):
 
     def test_sent_forces_and_positions_equal_the_trace(self):
         trace = self.folder / "trace.csv"
-        # If the machine is late, the force is cut, but returns.
+        # If the machine delays the loop, the force is cut, but returns.
         run = self.start("--trace", trace, "--reengage", "0.1", device="simulated")
         client = self.connect(run)
         told = []
@@ -470,12 +470,12 @@ class IgtlTest(unittest.TestCase):
         for kind in ("GET_IMAGE", "STT_TDATA", "STP_TDATA"):
             client.send(kind, "x", b"")
             self.assertEqual(client.until("STATUS")[0], 12, kind)
-        # This run's hand is not led by a client, and the run is recorded.
+        # A client cannot lead this run's hand, and cannot send images to a recorded run.
         client.send("TRANSFORM", "PalpateSteer", transform(0, 0, 0))
         self.assertEqual(client.until("STATUS")[0], 15)
         client.send("IMAGE", "head", image([0], (1, 1, 1)))
         self.assertEqual(client.until("STATUS")[0], 15)
-        # Arbitrary names. A name of 20 bytes has no terminator.
+        # Names can be arbitrary. A name of 20 bytes has no terminator.
         for name in (b"\xff\x1b[2J\n" * 3, b"12345678901234567890"):
             client.send("TRANSFORM", name, transform(0, 0, 0))
         run.end()
@@ -488,7 +488,7 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(run.end()["igtl"]["ended"], 0)
 
     def test_a_slow_client_delays_no_other_client(self):
-        # The hand rests far from surfaces, so ticks are not late because of them.
+        # The hand rests far from surfaces, so contacts cannot make ticks late.
         rest = self.folder / "rest.csv"
         rest.write_text("t,x,y,z\n0,1,1,1\n60,1,1,1\n")
         run = self.start("--igtl-rate", "100", device=f"path:{rest}")

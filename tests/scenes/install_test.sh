@@ -51,7 +51,7 @@ run() {
             "$palpate" import block.raw block.vdb --raw '{"size":[16,16,16],"type":"uint8"}' &&
                 "$palpate-import-light" block.raw light.vdb \
                     --raw '{"size":[16,16,16],"type":"uint8"}' ;;
-        *) echo "install: nobody tries the verb $1" >&2; return 1 ;;
+        *) echo "install: this test has no command for the verb $1" >&2; return 1 ;;
     esac
 }
 for verb in $("$palpate" --help | sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*/\1/p'); do

@@ -1,4 +1,4 @@
-/// Compares the numbers that a window reads from a loop with the loop's own.
+/// Compares the numbers that a window reads from shared memory with the loop's own numbers.
 #include "palpate/scenes/library/live.h"
 
 #include <array>

@@ -136,7 +136,7 @@ TEST_CASE("procedural level sets equal the distance to their surface", "[made]")
     const Vec3 at_bowl = 40.0 * p;
     const Vec3 at_wing = p.cwiseProduct(Vec3(0.06, 0.17, 0.03));
     CAPTURE(p.transpose());
-    // At the ridges of a distance field, differences mix two sides.
+    // Skips the ridges of a distance field, where differences mix two sides.
     if (made::bowl(at_bowl) > 0.0 && at_bowl.norm() > 1.0) {
       CHECK(slope(made::bowl, at_bowl, 1e-4) == Approx(1.0).epsilon(1e-3));
     }

@@ -34,7 +34,7 @@ os.environ.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1"
 
 
 def command(ranks, *words):
-    """Returns the command; with 0 ranks without mpirun."""
+    """Returns the command line. 0 ranks: a process without mpirun."""
     begin = [MPIRUN, *HERE, "-n", str(ranks)] if ranks else []
     return [*begin, IMPORT, *map(str, words)]
 
@@ -228,7 +228,7 @@ class Trouble(Case):
                          status=None), "--scene")
         self.assertFalse(out.exists())
 
-    def test_one_rank_works_alone_and_another_mpi_is_refused(self):
+    def test_an_import_on_one_rank_works_and_ranks_of_another_mpi_library_are_refused(self):
         for name in ("PMIX_RANK", "PMI_RANK"):
             done = subprocess.run([IMPORT, str(self.raw), str(self.dir / f"{name}.vdb"), *map(str, self.layout)],
                                   env={**os.environ, name: "0"}, capture_output=True, text=True, timeout=PATIENCE)

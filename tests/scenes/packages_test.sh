@@ -20,7 +20,7 @@ quietly() { "$@" >>"$place/log" 2>&1 || { tail -40 "$place/log"; exit 1; }; }
 
 (cd "$1" && quietly cpack -G DEB -B "$debs")
 . /etc/os-release
-# The mirror from which this machine gets its packages.
+# Uses the mirror from which this machine gets its packages.
 from=$(apt-get indextargets --format '$(SITE) $(RELEASE)' 'Created-By: Packages' |
     awk -v r="$VERSION_CODENAME" '$2 == r { print $1; exit }')
 since=$SECONDS

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Tests the picture of a run: picture_test.py BIN_DIR VOLUMES_PROGRAM. The tests capture the drawing script's input,
-and read what it has drawn from an SVG and from the figure."""
+and read the drawn texts and shapes from an SVG and from the figure."""
 import json
 import math
 import os
@@ -23,7 +23,7 @@ from cli_test import BIN, Case, run  # noqa: E402
 SCENES = Path(__file__).resolve().parents[2] / "scenes" / "apps" / "cli"
 SVG = "{http://www.w3.org/2000/svg}"
 PLANES = [[0, 1], [0, 2], [1, 2]]
-# Prints properties of feel_picture.py's figure: greys, alphas of the path, positions of axes and legend.
+# Prints properties of feel_picture.py's figure: grey scales, alphas of the path, positions of axes and legend.
 LOOK = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
@@ -44,7 +44,7 @@ json.dump({
 
 
 def nrrd(file, size, values, *head, kind="float"):
-    """Writes values(i, j, k), i fastest, with these header lines."""
+    """Writes an NRRD file of values(i, j, k), i fastest, with these additional header lines."""
     lines = ["NRRD0004", f"type: {kind}", "endian: little", "encoding: raw", *head]
     numbers = [values(i, j, k) for k in range(size[2]) for j in range(size[1])
                for i in range(size[0])]
@@ -98,7 +98,7 @@ class Pictures(Case):
                 raise AssertionError(done.stderr)
 
     def path(self, *rows):
-        """Makes a hand that moves through these positions, one second each."""
+        """Returns a device whose hand moves through these positions, one per second."""
         file = self.dir / "path.csv"
         file.write_text("t,x,y,z\n" + "".join(f"{t},{x},{y},{z}\n"
                                               for t, (x, y, z) in enumerate(rows)))
@@ -291,7 +291,7 @@ class Pictures(Case):
             self.assertEqual(colours, sorted(colours))  # near pieces are drawn last
 
     @suite.smoke
-    def test_a_moving_volume_is_drawn_at_the_time_of_most_force(self):
+    def test_a_moving_volume_is_drawn_at_the_time_of_the_largest_force(self):
         place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06],
                  "keyframes": [{"time": 0, "translate": [0, 0, 0]},
                                {"time": 2, "translate": [0, 0.02, 0]}]}

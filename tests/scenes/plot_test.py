@@ -115,7 +115,7 @@ class Plot(unittest.TestCase):
         return self.drawn_once("printed", draw)
 
     def six(self):
-        """Draws the first trace under four names, with other columns, and from a pipe."""
+        """Draws six traces: the first trace under four names, with other columns, and from a pipe."""
         def draw():
             text = self.traces[0].read_text()
             rows = list(csv.DictReader(text.splitlines()))
@@ -175,8 +175,8 @@ class Plot(unittest.TestCase):
                 self.assertEqual(shown["y"]["scale"], "log" if panel == "bound" else "linear")
                 self.assertLessEqual(shown["x"]["limits"][0], own.t[0])
                 self.assertGreaterEqual(shown["x"]["limits"][1], own.t[-1])
-                # The line has fewer points than ticks, but the smallest and the largest value. An error of zero is
-                # drawn at the bottom.
+                # The line has fewer points than the run has ticks, but contains the smallest and the largest value. An
+                # error of zero is drawn at the bottom.
                 least, most, count = shown["line"]
                 self.assertLessEqual(count, 2002)
                 self.near(most, max(lines[panel]))

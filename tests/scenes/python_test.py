@@ -221,7 +221,7 @@ def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
     hand = np.zeros((401, 3))
     hand[:, 0] = np.interp(np.arange(401), [0, 80], [0.015, 0.007])
     rows = palpate.Scene.parse(scene).run(hand)
-    # From 0.1 s at half speed: 5 mm/s, from 9 mm.
+    # Play starts at 0.1 s, at half speed. So the radius is 9 mm at first and grows by 5 mm/s.
     for t in (0.1, 0.2, 0.3, 0.4):
         assert rows["proxy_x"][round(1000 * t)] == pytest.approx(0.009 + 0.005 * t, abs=5e-5)
     by_steps = palpate.Scene.parse(scene)
@@ -229,7 +229,7 @@ def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
     assert forces[:, 0] == pytest.approx(rows["force_x"], abs=1e-9)
 
 
-def test_a_seek_fades_and_a_time_set_by_the_script_does_not(tmp_path):
+def test_a_seek_blends_frames_over_50_ms_and_a_time_set_by_the_script_does_not(tmp_path):
     scene = palpate.Scene.parse(growing_ball(tmp_path, {"from": 0.1, "paused": True}))
 
     def pressed():
@@ -254,7 +254,7 @@ def test_a_seek_fades_and_a_time_set_by_the_script_does_not(tmp_path):
     for seconds in (0.1, 0.2, 0.2, 0.2):
         set_by_script.step(0.007, 0, 0, play=seconds)
     assert set_by_script.proxy[0] == pytest.approx(0.010, abs=2e-4)
-    # A seek before the first tick begins there, and one beyond the scene's range stops at its end.
+    # A seek before the first tick sets the start of play, within the scene's range.
     early = scene.hand()
     early.seek(0.0)
     for x in np.linspace(0.015, 0.007, 100):
@@ -306,7 +306,7 @@ def test_a_saved_volume_has_the_same_samples_when_it_is_loaded(kind, name, bodie
         assert (palpate.Volume.load(tmp_path / name).field().sample(points)["value"] == told["value"]).all()
 
 
-def test_saved_files_are_those_of_the_program(tmp_path):
+def test_bricks_that_python_saves_equal_those_of_palpate_brick(tmp_path):
     volume = ball()
     volume.save(tmp_path / "ball.vdb")
     program("brick", tmp_path / "ball.vdb", tmp_path / "told.bricks", "--half")

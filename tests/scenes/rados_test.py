@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Tests volumes in bricks from Ceph, through the command line: rados_test.py BIN_DIR CLASS...
 
-A cluster of one monitor and one store in memory, on this machine's loopback, with keys as in a real cluster.
+The tests start a cluster of one monitor and one store in memory, on this machine's loopback, with real keys.
 """
 import json
 import os
@@ -115,7 +115,7 @@ class Cluster:
         for program in self.programs:
             program.kill()
             program.wait()
-        # Must be last: shutdown() waits for stopped processes.
+        # This call must be last, because shutdown() waits for stopped processes.
         if self.as_admin is not None:
             self.as_admin.shutdown()
 

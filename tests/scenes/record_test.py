@@ -95,7 +95,7 @@ class Recorded(Case):
         wind.write_text(run("scene", self.dir / "wind.vdb").stdout, encoding="utf-8")
         for scene in (self.scene, wind):
             a = self.record("a.rec", scene, "--seconds", 3)
-            # First one core instead of all, then the C library without FMA.
+            # First replays on one core instead of all, then with the C library without FMA.
             for words, more in ((["taskset", "-c", "0"], {}),
                                 ([], {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2"})):
                 subprocess.run([*words, PALPATE, "feel", scene, "--device", f"replay:{a}",
@@ -116,7 +116,7 @@ class Recorded(Case):
         self.assertLess((told["force"] or {"by": 0})["by"], 1e-9)
 
     @suite.smoke
-    def test_compare_reports_where_and_how_much_an_edit_changes(self):
+    def test_the_command_compare_reports_the_first_and_the_largest_difference_of_two_recordings(self):
         a = self.record("a.rec", self.scene, "--seconds", 4)
         other = json.loads(json.dumps(SCENE))
         other["modes"][0]["strength"] = 2.9
@@ -203,7 +203,7 @@ class Recorded(Case):
 
     @suite.smoke
     def test_a_recording_that_is_converted_to_hdf5_is_readable_by_h5py(self):
-        # Several blocks, the last one incomplete.
+        # The table has several blocks, the last one incomplete.
         a = self.record("a.rec", self.scene, "--seconds", 2.5)
         out = self.dir / "a.h5"
         if WITHOUT_HDF5:
@@ -236,7 +236,7 @@ class Recorded(Case):
             self.assertEqual(list(scenes["id"]), sorted(set(rows["scene"]) - {0}))
             told = json.loads(scenes["text"][0])
             self.assertEqual(json.loads(told["text"]), SCENE)
-        # Again with the other file extension, over an existing file: the bytes must be equal.
+        # Converts again with the other file extension, over an existing file. The bytes must be equal.
         (self.dir / "b.hdf5").write_bytes(b"another")
         run("convert", a, self.dir / "b.hdf5")
         self.assertEqual((self.dir / "b.hdf5").read_bytes(), out.read_bytes())
@@ -250,7 +250,7 @@ class Recorded(Case):
 
     @unittest.skipIf(WITHOUT_HDF5, "built without HDF5")
     @suite.smoke
-    def test_an_interrupted_conversion_leaves_either_a_complete_table_or_the_old_file(self):
+    def test_a_failed_conversion_of_a_recording_keeps_the_existing_file(self):
         a = self.record("a.rec", self.scene, "--seconds", 20)
         out = self.dir / "a.h5"
         out.write_bytes(b"what stood there")
@@ -263,7 +263,7 @@ class Recorded(Case):
             self.assertIn(says, line)
             self.assertEqual(out.read_bytes(), b"what stood there")
 
-        # The disk has room for nothing, a part, or all but the end.
+        # The limit leaves room for nothing, for a part, or for all but the end of the file.
         size = self.dir / "whole.h5"
         run("convert", a, size)
         for blocks in (0, 4, size.stat().st_size // 2048, size.stat().st_size // 1024 - 1):
@@ -289,7 +289,7 @@ class Recorded(Case):
         self.assertIn("ball.vdb: the file has changed since the recording", done.stderr)
 
     @suite.smoke
-    def test_invalid_options_are_refused_in_a_line(self):
+    def test_invalid_recording_options_are_refused_in_one_line(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
 
         def refused(*words, says):

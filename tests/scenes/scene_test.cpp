@@ -254,7 +254,8 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
   openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.1);
   ball->setName("ball");
   writeVdb(folder.path() / "ball.vdb", {ball});
-  // Balls of radius 2 cm, 10 cm apart, with a drag inside, and one more ball.
+  // The instances are balls of radius 2 cm, 10 cm apart, with a drag inside. "alone" is one more
+  // ball.
   Json scene = Json::parse(R"({"palpate": 1, "volumes": {
       "ball": {"file": "ball.vdb", "instances": []},
       "again": {"file": "ball.vdb", "place": {"like": "ball"}},
@@ -333,7 +334,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
   bad = scene;
   bad["modes"][0]["of"] = "bal";
   CHECK_THAT(error(bad), Contains("/modes/0/of") && Contains("did you mean \"ball\"?"));
-  // Possible only in C++: "like" together with instances.
+  // Only a scene that is built in C++ can have "like" together with instances.
   SceneSpec both = parseScene(scene.dump(), "s.json", folder.path());
   for (auto& [name, volume] : both.volumes) {
     if (!volume.instances.empty()) continue;
@@ -414,7 +415,8 @@ TEST_CASE("isosurfaces of derived fields hold the hand at their exact radius", "
     CHECK(built.scene->graph.scalar_names == std::vector<std::string>{wall.of});
     CHECK(built.scene->graph.vector_reads.empty());
 
-    // The hand moves outwards, to 0.5 mm beyond the wall: 0.25 N towards the axis.
+    // The hand moves outwards, to 0.5 mm beyond the wall. There the force is 0.25 N towards the
+    // axis.
     Reader reader;
     ProxyState state;
     const double wall_at = 0.01 * low;
@@ -590,8 +592,9 @@ TEST_CASE("smoothing of a volume is applied and stated in the scene's notes", "[
   CHECK(built.placements.at("head").scale == Approx(0.1 / 4.0));
 }
 
-TEST_CASE("a whole number of voxels to smooth is noted, because older versions smoothed more",
-          "[scene]") {
+TEST_CASE(
+    "a smoothing width that is a whole number gets a note because older versions smoothed more",
+    "[scene]") {
   const auto notes = [](const char* smooth) {
     Json scene = fullScene();
     scene["volumes"]["head"]["smooth"] = Json::parse(smooth);
@@ -626,7 +629,8 @@ TEST_CASE("a smoothing length in metres is converted to the file's unit by the v
   CHECK(width("turned", "5 mm") == Approx(0.5));
   CHECK(width("turned", "20000 um") == Approx(2.0));
   CHECK(width("turned", "0.02 m") == Approx(2.0));
-  // A placement like another volume's is usable, a size that depends on the bounds is not.
+  // A placement like another volume's defines the scale. A size that depends on the bounds does
+  // not.
   Json scene = fullScene();
   scene["volumes"]["head"]["place"] = {{"unit", "cm"}};
   scene["volumes"]["flow"]["smooth"] = "5 mm";
@@ -643,8 +647,7 @@ TEST_CASE("a smoothing length in metres is converted to the file's unit by the v
   CHECK_THAT(parseError(scene.dump()), Contains("/volumes/head/smooth"));
 }
 
-TEST_CASE("two masks of one shape are felt alike, with and without active surroundings",
-          "[scene]") {
+TEST_CASE("a mask gives the same surface with and without active surroundings", "[scene]") {
   const TemporaryFolder folder;
   std::array<double, 2> radius{};
   for (std::size_t kind = 0; kind < 2; ++kind) {
@@ -923,7 +926,7 @@ TEST_CASE("a valid scene with extreme numbers gives finite forces without a faul
     Reader reader;
     ProxyState state;
     const Box& box = built.bounds;
-    // Two ticks at the centre of the bounds, then two at the origin of the head's data.
+    // Makes two ticks at the centre of the bounds, then two at the origin of the head's data.
     const Vec3 from = built.placements.at("head").translate;
     const Vec3 step = 1e-4 * (box.centre() - from).stableNormalized();
     for (int tick = 0; tick < 4; ++tick) {
@@ -1099,7 +1102,7 @@ TEST_CASE("the reader and the schema accept every mode and material property", "
   CHECK(std::get<SurfaceMode>(graph.modes[0]).friction(Properties{}) == 0.4);
   CHECK_FALSE(std::get<FrontShapeMode>(graph.modes[3]).two_sided);
   CHECK(std::get<FrontShapeMode>(graph.modes[3]).snap == Approx(4 * graph.vector_frames[0].voxel));
-  // In the head's units: the head's centre is W's origin, and a unit is 25 mm.
+  // Positions are in the head's units. The head's centre is W's origin, and a unit is 25 mm.
   const auto& point = std::get<GuideMode>(graph.modes[5]);
   CHECK(point.position.norm() < 1e-15);
   CHECK(point.snap == Approx(0.025));

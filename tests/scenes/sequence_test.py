@@ -104,9 +104,9 @@ class Play(Case):
         rows, _, _ = self.felt(self.write("back.json", scene))
         settled = rows[rows["t"] > 0.4]
         self.assertLess(1e3 * settled["proxy_x"].min(), 10.7)
-        # The radius is 10.5 while the force grows. Play continues, and after 12.5 starts again.
+        # In reverse play, the radius shrinks from 12.5 mm to 10.5 mm. Then play starts again at 12.5 mm.
         self.assertGreater(1e3 * settled["proxy_x"].max(), 12.2)
-        # At the jump from end to start, the force changes over 50 ms.
+        # When play starts again, the force changes over 50 ms.
         self.assertLess(np.abs(np.diff(settled["force_x"])).max(), 0.1)
 
     def test_forces_do_not_depend_on_the_memory_for_frames(self):
@@ -144,7 +144,7 @@ class Play(Case):
         self.assertIn("none_", line)
 
     @suite.smoke
-    def test_keys_pause_and_move_and_repeat_the_playback(self):
+    def test_keys_step_and_start_and_accelerate_and_rewind_the_playback(self):
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"paused": True}
         record = self.dir / "keys.rec"
@@ -161,7 +161,7 @@ class Play(Case):
         terminal.child.wait()
         rows = rows_of(record)
         play, rate = rows["play"], rows["play_rate"]
-        # Pause at 0, one step, another step, play, double speed, end, start, play.
+        # The keys step twice from 0, start play, double its speed, and jump back to the start.
         steps = play[np.flatnonzero(np.diff(play)) + 1]
         self.assertEqual(play[0], 0)
         np.testing.assert_allclose(steps[:2], [0.1, 0.2])

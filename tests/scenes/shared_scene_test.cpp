@@ -460,7 +460,7 @@ TEST_CASE("a site applies the edits that its scene supports and skips the others
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}, {"rind", 1}});
 
-  // None of this edit can be applied, so the scene stays.
+  // This edit cannot be applied, so the scene stays.
   merge(all, one(skin("bone", "skull", 2), 5));
   watcher.hear("boston", textOf({all, {}}));
   CHECK_FALSE(look());

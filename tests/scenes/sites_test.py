@@ -2,8 +2,8 @@
 """Tests hands of several sites in one scene, through the command line: sites_test.py BIN_DIR RELAY [--runs N].
 
 Separate programs use real DDS on this machine's loopback, or in networks of their own with a relay between them. With
---runs N: N networks instead of the few of a usual run. Most of the time the tests wait, so without names of tests three
-processes run a part of the tests each, in DDS domains of their own.
+--runs N, tests N networks instead of the few of a usual run. The tests mostly wait. So if no test is named, three
+processes each run a part of the tests, in separate DDS domains.
 """
 import json
 import math
@@ -57,7 +57,7 @@ def own(rows):
 
 
 def came_within(rows):
-    """Returns the time from the first to the largest force of the other hands [s]."""
+    """Returns the time between the first and the largest force of the other sites' hands [s]."""
     size = np.linalg.norm(pulled(rows), axis=1)
     first, largest = np.flatnonzero(size)[0], np.flatnonzero(size > 0.99 * size.max())[0]
     return rows["time"][largest] - rows["time"][first]
@@ -156,7 +156,7 @@ class Case(unittest.TestCase):
                 "--seconds", seconds, "--summary", self.dir / f"{name}.json", *more]
 
     def start(self, name, hand, seconds, *more, **which):
-        # To a file: a pipe could fill up, because no thread reads it.
+        # Writes to a file, because a pipe that no thread reads could fill up.
         said = open(self.dir / f"{name}.err", "a", encoding="utf-8")  # pylint: disable=R1732
         self.addCleanup(said.close)
         one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more, **which))),
@@ -371,7 +371,7 @@ class OneMachine(Case):
         # New sites get the slots of silent ones.
         stay(10, 9)
         self.assertIn(full, self.said("A"))
-        # More names than a site remembers, twice.
+        # Twice, more sites join than a site remembers.
         for first in (100, 200):
             stay(first, 40)
         alone.send_signal(signal.SIGINT)
@@ -432,7 +432,7 @@ class OneMachine(Case):
 
 
 class Edits(Case):
-    """Edits of a site's scene. Each site has its own folder."""
+    """Tests edits of a site's scene. Each site has its own folder."""
     HOST = True
 
     def setUp(self):
@@ -503,7 +503,7 @@ class Edits(Case):
         both = [self.site(name, 60, "--watch") for name in "AB"]
         self.wait_for("A", "site B: its hand is connected")
         self.wait_for("B", "site A: its hand is connected")
-        # Each site edits one mode alone, and both edit a third.
+        # Each site edits one mode that the other does not edit. Both edit a third mode.
         self.write("A", (2, 1, 1.5))
         self.write("B", (1, 2, 2.5))
         for name, other in ("AB", "BA"):
@@ -587,7 +587,7 @@ class Edits(Case):
 
 
 class Far(Case):
-    """Networks that lose, delay, duplicate and reorder packets."""
+    """Tests over networks that lose, delay, duplicate and reorder packets."""
     HOST = True
 
     def sway(self, seed):
@@ -615,7 +615,7 @@ class Far(Case):
         relay.wait(timeout=100)
         said = self.said("relay")
         if relay.returncode == 77:
-            self.skipTest("no networks of one's own: " + said)
+            self.skipTest("needs separate networks: " + said)
         return said
 
     def test_a_network_with_delays_and_losses_adds_no_energy_to_linked_hands(self):
@@ -639,7 +639,7 @@ class Far(Case):
             for of in rows.values():
                 self.assertLessEqual(np.linalg.norm(of["pull"], axis=1).max(), PEAK + 1e-9)
                 self.assertFalse((of["fault"] != 0).any(), f"seed {seed}: {said}")
-            # If a third is lost, sites can take longer to find each other.
+            # If a third of the packets is lost, sites can take longer to find each other.
             for name, of in rows.items() if loss < 0.3 else ():
                 felt = np.linalg.norm(pulled(of), axis=1) > 0.01
                 self.assertGreater(felt.sum(), 100, f"seed {seed}: {name} felt nothing: {said}")
@@ -685,7 +685,7 @@ class Far(Case):
         self.assertEqual(leaps(rows), [])
         held = np.flatnonzero(force > 0.99)
         let_go = np.flatnonzero(force[held[0]:] == 0)[0] + held[0]
-        # After the last message: silence, then a ramp.
+        # After the last message, the force stays during the silence. Then it falls by a ramp.
         begins = np.flatnonzero(force[:let_go] > 0.99)[-1]
         self.assertLess(rows["time"][let_go] - rows["time"][begins], RAMP + 0.1)
         self.assertTrue((force[let_go:] > 0.99).any(), "it did not come back")

@@ -87,7 +87,7 @@ std::vector<double> outputsOf(const Json& strength) {
   return outputs;
 }
 
-/// Returns the guessed scene. Checks what must hold for any guess.
+/// Returns the guessed scene. Checks the rules that apply to every guess.
 Json suggested(const std::vector<SuggestInput>& grids) {
   const std::string text = suggestScene("data.vdb", grids);
   CAPTURE(text);
@@ -176,7 +176,7 @@ TEST_CASE("the guessed isovalue of a blurred ball is halfway between inside and 
 }
 
 TEST_CASE("inactive surroundings cause a surface in an image but not in a mesh", "[guess]") {
-  // Like the importer: the surroundings are inactive and equal the background.
+  // As after an import, the surroundings are inactive and equal the background.
   const double deviation = GENERATE(0.0, 20.0);
   auto grid = openvdb::FloatGrid::create(0.0F);
   grid->setName("density");
@@ -203,7 +203,7 @@ TEST_CASE("inactive surroundings cause a surface in an image but not in a mesh",
 }
 
 TEST_CASE("the edge of an image gives no surface", "[guess]") {
-  // A slab that ends at four faces of the image.
+  // The slab z < 8 ends at five faces of the image.
   const auto value = [](const Vec3d& p) {
     return static_cast<float>((p.z() > 8.0 ? 0.0 : 500.0) + 3.0 * noise(p));
   };
@@ -235,9 +235,9 @@ TEST_CASE("nested shells get two surfaces, the outer one weaker", "[guess]") {
   CHECK(knots.back()[0] == surfaces[1]["value"]);
 }
 
-TEST_CASE("in raw CT values with varying bone the surface of bone is at the end of tissue",
+TEST_CASE("the bone surface of a raw CT with varying bone is just above the values of tissue",
           "[guess]") {
-  // Air 0, tissue 1050, bone up to 2500.
+  // Air has the value 20, tissue 1050, and bone 1200 to 2400.
   const Json scene = suggested({scalar([](const Vec3d& p) {
     const double r = p.length();
     const double bone = 1800.0 + 600.0 * std::sin(0.9 * p.x()) * std::cos(1.1 * p.y() + p.z());
@@ -568,11 +568,11 @@ TEST_CASE("a guessed scene loads without a note", "[guess]") {
   CHECK(built.notes.empty());
 }
 
-// Grids as a user's script writes them, without metadata about their content.
+// The grids of the tests below have no metadata, like those that a user's script writes.
 
 TEST_CASE("a CT .vdb without a scene gets a skin surface and a bone surface", "[guess]") {
   const TemporaryFolder folder;
-  // Whole numbers, with stored air and a background of 0.
+  // The CT has whole numbers, stored air and a background of 0.
   auto ct = makeGrid<openvdb::FloatGrid>(
       48, centred(48), [](const Vec3d& p) { return std::round(headInHounsfield(p)); }, "ct");
   openvdb::tools::changeBackground(ct->tree(), 0.0F);
@@ -613,7 +613,7 @@ TEST_CASE("the Hounsfield scale is recognised in a CT of a head, and not in othe
   CHECK(head["modes"][0]["name"] == "skin");
   CHECK(head["modes"][1]["name"] == "bone");
   CHECK_THAT(head["volumes"]["density"]["description"].get<std::string>(), Contains("Hounsfield"));
-  // Raw values, another unit, and another field with values about 0.
+  // None of these is a CT in Hounsfield units: raw values, another unit, and a pressure about 0.
   const auto raw = [](const Vec3d& p) { return headInHounsfield(p) + 1024.0F; };
   SuggestInput pascal = scalar(headInHounsfield);
   pascal.value_unit = "Pa";
@@ -1036,8 +1036,9 @@ TEST_CASE("a distance field that is clamped gets a surface at 0 with its solid i
   }
 }
 
-TEST_CASE("a ground gets a surface at 0 if only the background has its greatest distance",
-          "[guess]") {
+TEST_CASE(
+    "the distance field of a ground gets a surface at 0 if its largest distance is the background",
+    "[guess]") {
   for (const float sign : {1.0F, -1.0F}) {
     SuggestInput input = scalar(
         [sign](const Vec3d& p) {
@@ -1252,7 +1253,7 @@ TEST_CASE("the guessed surface of a bow shock is at the steepest places", "[gues
 }
 
 TEST_CASE("the guessed modes of a CT act on the patient and not on the table", "[guess]") {
-  // A head with a vessel inside a cavity of air, four voxels above a table.
+  // A head with a cavity of air, in which there is a vessel. A table is four voxels below the head.
   const auto value = [](const Vec3d& p) {
     const double r = (p - Vec3d(0.0, 6.0, 0.0)).length();
     const double cavity = (p - Vec3d(0.0, 6.0, 0.0)).length();

@@ -201,7 +201,7 @@ TEST_CASE("displacements from many files move a volume that is placed like the d
     const Vec3 rest = motion.poseAbout(Vec3(0.02, 0.02, 0.03), t).toRest(Vec3(0.02, 0.02, 0.03));
     CHECK(rest.z() - 0.03 == Approx(0.25e-3 * std::min(t, 3.0)).margin(1e-9));
   }
-  // With the last scene's cache, the same warp is used.
+  // A scene that is built with the last scene's cache uses the same warp.
   const BuiltScene again = built(scene, folder.path(), &cache);
   CHECK(again.motions.at("ball")->warp() == motion.warp());
 }

@@ -89,7 +89,7 @@ class Stored:
         there, told_there, _ = self.feel(self.address)
         self.assertEqual(here, there)
         self.assertGreater(max(float(row["force_z"]) for row in here), 0.1)
-        # Several requests run at once, so bricks that were no longer needed can count.
+        # Several requests run at once, so the count can include bricks that arrived too late to be used.
         self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
         self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
 
@@ -113,7 +113,7 @@ class Stored:
 
 class Ended:
     """Tests of a hand whose store at `address` stops. setUp() starts the store; kill(signal) signals its process."""
-    TICKS = 2500    # the hand has rested in the wall for a second
+    TICKS = 2500    # number of ticks after which the hand has rested in the wall for a second
 
     def on_time(self):
         """Starts a real-time run of a hand that stays in the bowl's wall. Returns the file of its summary."""
@@ -138,7 +138,7 @@ class Ended:
         return summary
 
     def ends(self, how, told_within=None):
-        """Calls `how`, which stops the server, while the hand touches the volume. Returns the run's faults."""
+        """While the hand touches the volume, calls `how`, which stops the server. Returns the run's faults."""
         summary = self.on_time()
         how()
         begin = time.monotonic()

@@ -1,4 +1,4 @@
-/// Builds scenes for tests from JSON, as from a file.
+/// Builds scenes for tests from JSON, as palpate builds them from a scene file.
 #pragma once
 
 #include <filesystem>

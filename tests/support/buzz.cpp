@@ -22,7 +22,7 @@ constexpr double kDepth = 2e-3;              // [m]
 // depth of the grip's target below the path, for an arm [m]
 constexpr double kDeeper = 1e-3;
 constexpr double kFollows = 5.0;       // fastest change that a hand follows [Hz]
-constexpr double kSeconds = 5.0;       // in each slice [s]
+constexpr double kSeconds = 5.0;       // duration of a slice [s]
 constexpr int kApproach = 300;         // number of ticks of the approach from outside
 constexpr double kOutside = 4e-3;      // distance from the skin at which the approach begins [m]
 constexpr std::size_t kSettled = 500;  // number of ticks at the start that do not count
@@ -31,7 +31,7 @@ constexpr double kTurning = 0.08;      // radius that converts speed to angular 
 
 using Path = std::vector<Vec3>;
 
-/// Low-pass filter, forwards and then backwards, so that it causes no delay.
+/// Low-passes values forwards and then backwards, which causes no delay.
 void lowPass(std::vector<double>& values) {
   const double share = 1.0 - std::exp(-2.0 * std::numbers::pi * kFollows / kRate);
   const auto pass = [&](auto begin, auto end) {
@@ -109,7 +109,7 @@ Buzz buzzOf(const std::vector<Vec3>& forces) {
   return {mean / static_cast<double>(forces.size() - kSettled), powerAbove(forces, 100.0, kRate)};
 }
 
-/// Returns the penalty force: k times the depth, along the gradient. Value and gradient are read at
+/// Returns the penalty force: k times the depth, along the gradient. Reads value and gradient at
 /// the hand.
 Force penalty(const std::shared_ptr<const ScalarField>& field, double level, double sign,
               bool polynomial) {

@@ -1,6 +1,6 @@
 /// Measures the vibration of the force on a hand that slides along the skin of a scan. A hand
 /// cannot oscillate above 100 Hz, so force above 100 Hz comes from shape and noise of the data.
-/// Compares penalty forces with the engine.
+/// Compares penalty forces with the engine's forces.
 #pragma once
 
 #include <memory>
@@ -10,8 +10,9 @@
 
 namespace palpate::bench {
 
-/// Returns the distance of the skin from an axis along z [m]. Searches from `far` to `near` [m].
-/// Returns 0 if it finds no skin.
+/// Returns the distance [m] from an axis along z, through the point `axis`, to the skin: the
+/// surface at which the field has the value `level`. Searches in the direction `angle` [rad], from
+/// the distance `far` to `near` [m]. Returns 0 if it finds no skin.
 ///
 /// @param sign  See ScalarField::firstFall: -1 if values inside the solid are above the level.
 [[nodiscard]] double skinRadius(const ScalarField& field, double level, double sign,
@@ -21,9 +22,9 @@ namespace palpate::bench {
 /// How the hand moves.
 enum class BuzzHand {
   kLed,      ///< The hand follows a path, independent of the force.
-  kEncoder,  ///< Like kLed, but its position is read in steps of 25 um.
-  /// An arm of 0.15 kg and 0.5 N s/m in a grip of 300 N/m and 4 N s/m. The grip follows the path, 1
-  /// mm deeper.
+  kEncoder,  ///< Like kLed, with positions rounded to encoder steps of 25 um.
+  /// The hand moves an arm of 0.15 kg and 0.5 N s/m through a grip of 300 N/m and 4 N s/m. The
+  /// target of the grip follows the path, 1 mm deeper than kLed.
   kHeld,
 };
 
@@ -32,16 +33,17 @@ struct Buzz {
   double force = 0.0;  ///< Mean force [N].
   double power = 0.0;  ///< Power of the force above 100 Hz [N^2].
 };
-/// Returns the power above `least` [Hz] of forces at `rate` [Hz], without their mean [N^2]. Skips
-/// the first 500 forces.
+/// Returns the power of forces that were sampled at `rate` [Hz], above the frequency `least` [Hz]
+/// and without their mean [N^2]. Skips the first 500 forces.
 [[nodiscard]] double powerAbove(const std::vector<Vec3>& forces, double least, double rate);
-/// Returns by how much `one` has less power above 100 Hz than `other`, at equal mean force [dB].
+/// Returns by how much `one` vibrates less than `other` [dB]: compares the power above 100 Hz,
+/// divided by the square of the mean force.
 [[nodiscard]] double quieter(const Buzz& one, const Buzz& other);
 
 /// Measurements of all methods in one slice.
 struct Buzzes {
-  /// Number of ticks in which the engine's proxy moved much farther than the hand, because it left
-  /// a groove or ridge. Such clicks come from the shape, and add power above 100 Hz.
+  /// Number of clicks: ticks in which the engine's proxy left a groove or ridge, and so moved much
+  /// farther than the hand. Clicks come from the shape, and add power above 100 Hz.
   int clicks = 0;
   /// Penalty force along the gradient of the cell's polynomial, which jumps at faces of cells.
   Buzz polynomial;
@@ -61,9 +63,9 @@ struct SkinWay {
   BuzzHand hand = BuzzHand::kLed;
 };
 
-/// Moves a hand around the z axis through the centre of the data, 5 s in each slice. The path is 2
-/// mm below the skin, low-passed at 5 Hz, because hands are not faster. 500 N/m, at most 3 N, 1
-/// kHz.
+/// Moves a hand around the z axis through the centre of the data, for 5 s in each slice. The path
+/// is 2 mm below the skin. Its radius is low-passed at 5 Hz, because hands do not move faster. The
+/// stiffness is 500 N/m, the strength at most 3 N, and the rate 1 kHz.
 [[nodiscard]] std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field,
                                            const SkinWay& way);
 

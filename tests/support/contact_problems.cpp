@@ -271,7 +271,7 @@ ContactResult pressNoise(double grain, const ContactRuns& runs) {
     std::vector<double> corners(kCorners * kCorners * kCorners);
     for (double& corner : corners) corner = 0.3 + random.uniform(-1.0, 1.0);
     const auto value = [&](const Vec3& p) {
-      // Outside the border there is free space.
+      // Adds height beyond 18 voxels from the middle, so that the edge of the grid is free space.
       const double border = (p - middle).cwiseAbs().maxCoeff();
       return grain * betweenCorners(corners, kCorners, p / grain) +
              2.0 * std::max(0.0, border - 18.0);

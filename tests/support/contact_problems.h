@@ -1,5 +1,6 @@
-/// Contact with concave or rough surfaces, rotated relative to the grid: grooves, cubes, noise and
-/// presses. Results are the engine's. Lengths are in voxels, as in motion_problems.h.
+/// Presses hands on concave or rough surfaces with the engine: grooves, balls, cubes, waves and
+/// noise. Grooves and cubes are rotated relative to the grid. Lengths are in voxels, as in
+/// motion_problems.h.
 #pragma once
 
 #include <cstdint>
@@ -11,26 +12,27 @@
 
 namespace palpate::bench {
 
-/// Results of many runs, over the ticks in which the surface held the hand.
+/// Results of many runs. A held tick is a tick in which the surface holds the hand with a force.
 struct ContactResult {
   long runs = 0;
-  long held = 0;       ///< Number of ticks with a force.
+  long held = 0;       ///< Number of held ticks.
   long capped = 0;     ///< Number of held ticks that reached the limit of readings.
   long readings = 0;   ///< Number of readings in all held ticks.
   long cells = 0;      ///< Number of cells that the paths crossed in all held ticks.
   long converged = 0;  ///< Number of held ticks that converged and did not yield.
-  /// Number of converged ticks with a proxy off the interpolated surface by more than the
+  /// Number of converged ticks whose proxy is farther from the interpolated surface than the
   /// tolerance.
   long off = 0;
   double off_most = 0.0;     ///< Largest distance from the interpolated surface.
   double off_squares = 0.0;  ///< Sum of the squared distances from the interpolated surface.
   double deepest = 0.0;      ///< Largest depth behind both the true and the interpolated surface.
   long leaked = 0;           ///< Number of runs in which that depth exceeded a voxel.
-  long holds = 0;            ///< Number of 150 ms rests of the hand.
-  long unfinished = 0;       ///< Number of rests that end with ticks at the limit of readings and
-                             ///< without motion.
-  double hardest = 0.0;      ///< Largest ratio of the force to the surface's strength.
-  long over = 0;             ///< Number of ticks with a ratio above 1.05.
+  long holds = 0;            ///< Number of times that the hand rested for 150 ms.
+  /// Number of rests whose last 20 ticks all reached the limit of readings, although the proxy did
+  /// not move.
+  long unfinished = 0;
+  double hardest = 0.0;  ///< Largest ratio of the force to the surface's strength.
+  long over = 0;         ///< Number of ticks in which this ratio exceeds 1.05.
   /// Time of each held tick [ns]. Empty while the theorem is checked (theorem.h).
   std::vector<double> times;
 
@@ -47,25 +49,25 @@ struct ContactResult {
 
 /// Parameters of many runs.
 struct ContactRuns {
-  long frames = 48;  ///< Number of runs. Each has a random rotation and a random hand.
+  long frames = 48;  ///< Number of random volumes or positions, each with a random hand.
   std::uint64_t seed = 1;
   ModeKind kind = ModeKind::kIsosurface;
   StepParams step;
 };
 
-/// Runs a hand in a groove with an opening [degrees] and a strength of 20 N. The hand moves in,
-/// then back and forth along the edge and across it, 1 to 4 voxels beyond the bottom, at 0.02 to 2
-/// m/s.
+/// Runs a hand in a groove between two planes with this opening [degrees] and a strength of 20 N.
+/// The hand moves in at 0.02 to 2 m/s. It then moves back and forth along the bottom line and
+/// across it, 1 to 4 voxels too deep.
 ContactResult feelGrooves(double opening, const ContactRuns& runs);
-/// Runs a hand that wanders 1 to 4 voxels below a ball's surface (at most 0.6 radius), at 0.1 to
-/// 0.6 voxel per tick.
+/// Runs a hand that wanders below a ball's surface at 0.1 to 0.6 voxel per tick. Its depth is 1 to
+/// 4 voxels, but at most 0.6 times the radius.
 ContactResult feelBalls(double radius, const ContactRuns& runs);
 /// Like feelBalls(), for a cube of 24 voxels, from outside or, if `hollow`, from inside.
 ContactResult feelCubes(bool hollow, const ContactRuns& runs);
-/// Like feelBalls(), for a sum of 60 waves of about this wavelength.
+/// Like feelBalls(), for the zero surface of a sum of 60 cosine waves of about this wavelength.
 ContactResult feelNoise(double wavelength, const ContactRuns& runs);
-/// Presses 20 times into each volume of random values at points `grain` voxels apart. The strength
-/// is 3 N.
+/// Presses 20 times into each volume. The volume's values are random at points `grain` voxels
+/// apart. The strength is 3 N.
 ContactResult pressNoise(double grain, const ContactRuns& runs);
 
 }  // namespace palpate::bench

@@ -12,7 +12,7 @@
 
 namespace palpate::bench {
 
-/// A method's result and the error bound that it gives.
+/// A method's result and its error bound.
 struct Answer {
   methods::Balance balance;
   double bound = std::numeric_limits<double>::infinity();  ///< Error bound [m]; infinity: none.
@@ -25,7 +25,7 @@ struct Contender {
                         ///< none.
   /// Solves a problem. The primitives are a fresh copy of the problem's, as in a tick.
   std::function<Answer(const BalanceProblem&, std::span<const Primitive>)> solve;
-  /// Call it before a balance that does not continue the previous one.
+  /// Discards the warm start. Call this before a balance that does not continue the previous one.
   std::function<void()> forget = [] {};
 };
 
@@ -38,8 +38,8 @@ inline constexpr const char* kPaper = "Euler, adaptive step";
 /// engine's solver with a warm start.
 [[nodiscard]] std::vector<Contender> makeContenders(bool motion);
 
-/// Returns the methods of figure 7: of the paper's solver, the version with the paper's number of
-/// iterations; the engine's solver as in a tick.
+/// Returns the methods of figure 7. The paper's solver takes as many iterations as in the paper.
+/// The engine's solver has its default tolerance, once with a cold and once with a warm start.
 [[nodiscard]] std::vector<Contender> makeFigure7Contenders();
 
 }  // namespace palpate::bench

@@ -5,7 +5,7 @@
 
 namespace palpate::test {
 
-/// Counts since the construction of a scope.
+/// Counts since the CountScope was constructed.
 struct Counts {
   long allocations = 0;  ///< Calls of malloc and related functions, including those by operator
                          ///< new.
@@ -14,7 +14,7 @@ struct Counts {
   long exceptions = 0;  ///< throw expressions.
 };
 
-/// Starts to count on this thread. Only one scope may exist at a time.
+/// Counts operations of this thread while this object lives. Only one scope may exist at a time.
 class CountScope {
  public:
   CountScope();
@@ -25,8 +25,8 @@ class CountScope {
 };
 
 /// While this object lives, the n-th allocation of kLarge bytes or more, counted over all threads,
-/// fails once. Smaller allocations succeed: usually a program has memory for them. Only one scope
-/// may exist at a time. Does not work under a sanitizer, which provides malloc.
+/// fails once. Smaller allocations succeed, because a program usually has memory for them. Only one
+/// scope may exist at a time. Does not work under a sanitizer, which provides malloc.
 class FailScope {
  public:
   static constexpr std::size_t kLarge = 512;  ///< [bytes]
@@ -34,9 +34,9 @@ class FailScope {
   ~FailScope();
   FailScope(const FailScope&) = delete;
   FailScope& operator=(const FailScope&) = delete;
-  /// Returns false under a sanitizer.
+  /// Returns true if allocations can fail: not under a sanitizer.
   [[nodiscard]] static bool works();
-  /// Returns the number of allocations of kLarge bytes or more so far.
+  /// Returns the number of allocations of kLarge bytes or more since the scope was constructed.
   [[nodiscard]] static long seen();
 };
 

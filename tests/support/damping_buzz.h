@@ -7,15 +7,16 @@
 namespace palpate::bench {
 
 struct DampedPress {
-  double rate = 1000.0;          ///< [Hz]
-  double encoder = 30e-6;        ///< [m]
+  double rate = 1000.0;          ///< Rate of the loop [Hz].
+  double encoder = 30e-6;        ///< Encoder step [m].
   double damping = 0.5;          ///< Damping of the coupling [N s/m].
   double rate_time = kRateTime;  ///< Time over which LengthRate measures [s].
 };
 
-/// Returns the RMS force above 100 Hz [N]. For 4 s the hand is 4 mm deep in a wall of 500 N/m,
-/// moves back and forth at 10 mm/s, and has a tremor of 0.1 mm at 9 Hz. The arm is
-/// SimulatedDevice's without Coulomb friction, which would hide the steps. The grip is relaxed.
+/// Returns the RMS force above 100 Hz [N]. For 4 s a grip (GripParams' defaults) pulls the hand to
+/// a target 6 mm deep in a wall of 500 N/m. The target moves in and out at up to 10 mm/s, and has a
+/// tremor of 0.1 mm at 9 Hz. The arm is SimulatedDevice's without Coulomb friction, which would
+/// hide the encoder steps.
 [[nodiscard]] double buzzOf(const DampedPress& press);
 
 }  // namespace palpate::bench

@@ -15,7 +15,7 @@ from pathlib import Path
 
 PYTHON = "/usr/bin/python3"  # the scripts' interpreter
 SCRIPTS = ("feel_picture.py", "trace_picture.py")
-# Sends its descriptors, folder and arguments to the server. Ends with the fork's status.
+# A stand-in sends its descriptors, folder and arguments to the server. It ends with the fork's status.
 STAND_IN = """#!{python} -IS
 import os, socket, sys
 server = socket.socket(socket.AF_UNIX)

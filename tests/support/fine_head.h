@@ -67,7 +67,7 @@ class FineHead {
     const float high = row(0, 1) + t[1] * (row(1, 1) - row(0, 1));
     return low + t[2] * (high - low);
   }
-  /// Returns the distance from the centre to the outermost skin along a direction [mm].
+  /// Returns the distance from the centre to the outermost skin along a unit vector [mm].
   [[nodiscard]] double skin(const Vec3& direction) const {
     double r = 120.0;
     while (r > 1.0 && at(centre() + r * direction) < 500.0F) r -= 0.2;
@@ -98,16 +98,18 @@ class FineHead {
     };
     return out;
   }
-  /// Returns a hand's path around the head in W [m], from above the forehead: `depth` mm below the
-  /// skin and `length` m long. The head has its real size and is centred at the origin.
+  /// Returns a hand's path around the head in W [m], from above the forehead. The path is `length`
+  /// m long, `depth` mm below the skin, and has a position every `step` m. The head has its real
+  /// size and is centred at the origin.
   [[nodiscard]] std::vector<Vec3> way(double length, double step, double depth) const {
     std::vector<Vec3> out;
     double angle = 0.0;
     while (static_cast<double>(out.size()) * step < length) {
-      // Rises and falls while it circles the head, so that it rarely visits a point twice.
+      // The path rises and falls while it circles the head, so that it rarely visits a point twice.
       const Vec3 d =
           Vec3(std::cos(angle), std::sin(angle), 0.4 * std::sin(1.7 * angle)).normalized();
-      // Depth below the mean of the nearby skin, because a hand does not follow each fold.
+      // The depth counts from the mean of the nearby skin, because a hand does not follow each
+      // fold.
       double r = 0.0;
       for (int n = -4; n <= 4; ++n) {
         const double beside = angle + 0.02 * n;

@@ -10,7 +10,8 @@
 
 namespace palpate::test {
 
-/// Returns voxels [0, upper] of edge 1 with values from `value(index)`. All are active.
+/// Returns the input of a brick writer: voxels [0, upper] with edges of 1, all active, and with the
+/// values value(index).
 inline BrickInput formulaBricks(const std::string& name, const VoxelAt& upper,
                                 const std::function<double(const VoxelAt&)>& value) {
   BrickInput out;

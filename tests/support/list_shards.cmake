@@ -1,5 +1,6 @@
-# Writes CTest's list of the processes of a Catch2 program. One process runs many cases, since a process takes longer to
-# start than most cases take. Each case with [host] has its own process, so that CTest repeats only the one that failed.
+# Writes CTest's list of the processes of a Catch2 program. One process runs many cases, because most cases take less
+# time than the start of a process. Each case with [host] has its own process, so that CTest repeats only the one that
+# failed.
 #   cmake -D PROGRAM=... -D OUT=... -D ROOM=... "-D SETS=NAME|SPEC|LABEL,LABEL|host or -|COST;..." -P list_shards.cmake
 # A set that matches no case of the program gives no test.
 cmake_policy(VERSION 3.22)
@@ -18,8 +19,8 @@ foreach(set IN LISTS SETS)
   if(NOT trouble STREQUAL "")
     message(FATAL_ERROR "${PROGRAM} --list-test-names-only: ${trouble}")
   endif()
-  # A test name may contain the character that separates the items of a CMake list. list(FILTER) would forget the
-  # escapes, so empty lines go before there is a list.
+  # A test name may contain the character that separates the items of a CMake list. list(FILTER) would drop the escapes,
+  # so empty lines are removed while the names are still one text.
   string(REGEX REPLACE "\n+" "\n" cases "${cases}")
   string(STRIP "${cases}" cases)
   string(REPLACE ";" "\\;" cases "${cases}")

@@ -185,11 +185,12 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
   // 180 and 270 degrees.
   std::vector<Vec3> quarter;
   if (hollow) {
-    // Along the wall into the edge, then along the edge into the corner and back.
+    // The hand slides along the wall into the edge, then along the edge into the corner and back.
     const double h = kHalf + depth;
     quarter = {{h, -h, 3.1}, {h, 0.0, 3.1}, {h, h, 3.1}, {h, h, h}, {h, h, 3.1}};
   } else {
-    // Along a face and beyond its edge, outside around the edge, and onto the next face.
+    // The hand slides along a face and beyond its edge, outside around the edge, and onto the next
+    // face.
     const double h = kHalf - depth;
     quarter = {{h, -8.0, 3.1}, {h, kHalf + 2.0, 3.1}, {8.0, kHalf + 2.0, 3.1}, {8.0, h, 3.1}};
   }
@@ -334,8 +335,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
 
   MotionResult out;
   const auto ticks = static_cast<long>(laps * motion.lap / pace);
-  // The first and the last part have several laps each, because small spheres have few ticks per
-  // lap.
+  // Each of the two parts that the drift compares is a tenth of the run, but at least one lap.
   const auto lap = static_cast<long>(std::max(1.0, laps / 10.0) * motion.lap / pace);
   struct Mean {
     double sum = 0.0;
@@ -695,7 +695,7 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
   for (std::size_t i = 1; i < proxies.size(); ++i) {
     const Vec3& p = proxies[i];
     const double off = fromCourse(stream, p, near);
-    // Beyond its end, the course is unknown.
+    // The course is unknown beyond its end.
     if (near + 1 < stream.x.size()) out.off_max = std::max(out.off_max, off);
     if (!judged) continue;
     const Vec3& before = proxies[i - 1];

@@ -1,5 +1,6 @@
 /// Motions with an exactly known course: surfaces to slide on, streams to follow, and shells that
-/// must not be crossed. Each is a grid and a hand's path. Tests and the accuracy chart run them.
+/// must not be crossed. Each motion consists of a grid and a hand's path. The tests and the
+/// accuracy chart run these motions.
 ///
 /// Lengths are in voxels unless stated otherwise. A voxel is 0.1 m / 128, a tick 1 ms, and k 500
 /// N/m: 0.5 m/s is 0.64 voxel per tick, and 1 N stretches the spring by 2.56 voxels.
@@ -39,8 +40,8 @@ FieldPtr vectorGrid(const Vec3& size, const std::function<Vec3(const Vec3&)>& va
 class Probed {
  public:
   explicit Probed(std::shared_ptr<const ScalarField> field);
-  /// Returns (V - level) / |grad V|: about the signed distance of p from the surface V = level of
-  /// the interpolated field. The gradient is the cell gradient.
+  /// Returns (V - level) / |grad V|, which is about the signed distance of p from the surface
+  /// V = level of the interpolated field. The gradient is the cell gradient.
   [[nodiscard]] double off(const Vec3& p, double level);
   [[nodiscard]] double value(const Vec3& p);
 
@@ -57,7 +58,7 @@ struct SurfaceMotion {
   Solid solid = Solid::kBelow;
   /// Returns the hand's position, below the surface, after a path of length `way`.
   std::function<Vec3(double way)> hand;
-  Vec3 outside = Vec3::Zero();                  ///< Start of the run, outside near hand(0).
+  Vec3 outside = Vec3::Zero();                  ///< Start of the hand, outside near hand(0).
   double lap = 0.0;                             ///< Length of one lap of the hand's path.
   std::function<double(const Vec3&)> distance;  ///< Signed distance to the true surface.
   double floor = 0.0;  ///< Largest distance between the interpolated and the true surface; 0:
@@ -72,9 +73,9 @@ SurfaceMotion sphereMotion(const std::string& kind, double radius, double depth,
 SurfaceMotion hollowMotion(double radius, double depth);
 /// Returns a torus, and a hand that winds around its tube.
 SurfaceMotion torusMotion(double major, double minor, double depth);
-/// Returns the level set of a cube with edges of 40 voxels, aligned with the grid or rotated. The
-/// hand slides along four faces and over their edges. If `hollow` is true, it slides inside, into
-/// edges and corners.
+/// Returns the level set of a cube with edges of 40 voxels, aligned with the grid or, if `turned`
+/// is true, rotated. The hand slides along four faces and over their edges. If `hollow` is true,
+/// the hand slides inside, into edges and corners.
 SurfaceMotion cubeMotion(double depth, bool turned, bool hollow = false);
 
 /// Results of a run over a surface.
@@ -91,7 +92,7 @@ struct MotionResult {
   double capped = 0.0;       ///< Share of ticks that did not converge.
   double nanoseconds = 0.0;  ///< Median time per tick [ns].
   double injected = 0.0;     ///< Mean injected energy per lap [J].
-  /// Share of ticks in which the hand is below the surface, but no force acts.
+  /// Share of ticks without a force in which the hand is more than half a voxel below the surface.
   double lost = 0.0;
 };
 
@@ -102,15 +103,16 @@ struct Ticked {
   double samples = 0.0;       ///< Number of field samples, including those of tracing.
   double cells = 0.0;
   double injected = 0.0;  ///< [J]
-  double level = 0.0;     ///< Value at which the proxy should be.
+  double level = 0.0;     ///< Value of the surface on which the proxy should be.
   bool capped = false;
   bool hairpin = false;
 };
 /// A method as a function of the hand's position [m], called once per tick.
 using Stepper = std::function<Ticked(const Vec3& hand)>;
 
-/// Runs a surface motion with any method. If the proxy is more than a voxel from the true surface,
-/// this true distance counts, because V / |grad V| has no meaning there.
+/// Runs a surface motion with any method at a speed [m/s]. MotionResult::off_max uses V / |grad V|
+/// up to one voxel from the true surface, and the true distance beyond it. If `anywhere` is true,
+/// the method may hold the proxy at any value, so the hand starts on the true surface.
 MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, double speed,
                          double laps, bool anywhere = false);
 /// Returns the engine as a method for a surface.
@@ -120,11 +122,12 @@ Stepper engineOn(const SurfaceMotion& motion, ModeKind kind, const StepParams& s
 MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double speed, double laps,
                          const StepParams& step, double strength = 3.0);
 
-/// Limit of Stream::mostBend(). Below it, the stream has a unique point nearest to the hand.
+/// Limit of Stream::mostBend(). Below this limit, the stream has a unique point nearest to the
+/// hand.
 inline constexpr double kMostBend = 0.9;
 
-/// A stream and its exact course, by RK4 in steps of 0.02 voxel on the cells' polynomials, split at
-/// faces of cells. Shares no code with the engine.
+/// A stream and its exact course, computed by RK4 in steps of 0.02 voxel on the cells' polynomials,
+/// split at faces of cells. The computation shares no code with the engine.
 struct Stream {
   std::string name;
   FieldPtr field;  ///< Field of the voxels around the course.
@@ -153,20 +156,20 @@ FieldPtr fieldAbout(const Stream& stream, const std::string& interpolation = "tr
 std::function<Vec3(int, int, int)> abcFlow(int wavelength);
 std::function<Vec3(int, int, int)> taylorGreen(int wavelength);
 
-/// Returns streams of a flow, from random points where it is fast. Skips streams with a bend of
-/// kMostBend or more.
+/// Returns streams of a flow, from random points where the flow is fast. Skips streams with a bend
+/// of kMostBend or more for a hand `pull` voxels to the side.
 std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
                                   double length, std::size_t count, double pull,
                                   const std::string& interpolation = "trilinear");
 
-/// Returns streams of a file's vector grid, from random points where it is fast. Lengths are in
-/// voxels, which count as cubes: at least 8, at most `length`.
+/// Returns at most `count` streams of a file's first vector grid, from random points where the flow
+/// is fast. A stream is 8 to `length` voxels long. Voxels count as cubes.
 std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, double length);
 
 struct StreamResult {
   double off_max = 0.0;  ///< Largest distance from the course.
-  /// Sum over all ticks of the distance by which the proxy left the exact stream in the tick, per
-  /// 1,280 voxels of path.
+  /// Sum over all ticks of the proxy's distance from the exact stream through its last position,
+  /// per 1,280 voxels of path.
   double departures = 0.0;
   double samples = 0.0;  ///< Mean number of vector samples per tick, including those of tracing.
   double most_samples = 0.0;
@@ -182,8 +185,8 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
                         bool judged = true);
 /// Returns the engine as a method for a stream.
 Stepper engineOn(const Stream& stream, const StepParams& step, double strength = 1.0);
-/// Follows a stream with the engine and a strength of 1 N. The hand moves along the course, `pull`
-/// to the side.
+/// Follows a stream with the engine and a strength of 1 N. The hand moves along the course at a
+/// speed [m/s], `pull` voxels to the side.
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step);
 
 /// A thin hollow sphere: "level set", "fog" (anti-aliased) or "binary fog". In fogs, the solid is
@@ -195,12 +198,12 @@ struct Shell {
   Solid solid = Solid::kBelow;
   Vec3 centre;
   double radius = 20.0;
-  double half = 0.5;
+  double half = 0.5;  ///< Half of the shell's thickness.
 };
 Shell makeShell(const std::string& kind, double thickness, double level = 0.5);
 
 struct ShellResult {
-  long crossed = 0;  ///< Number of presses that end with the proxy inside.
+  long crossed = 0;  ///< Number of presses that end with the proxy beyond the shell's middle.
   /// Number of presses in which the surface yielded or lost the proxy.
   long yielded = 0;
   double samples = 0.0;  ///< Mean number of samples per tick.

@@ -7,12 +7,13 @@
 namespace palpate::methods {
 
 /// Sums the work at the port as software can compute it. If the sum is negative, control() adds
-/// damping that would have made it zero in the last step.
-/// The observer ignores encoder error, delay and the arm's friction, and acts one step late.
-/// passivity_test.cpp counts how often hands still gain energy.
+/// damping that would have made the sum zero in the last step. The observer ignores encoder error,
+/// delay and the arm's friction, and acts one step late. passivity_test.cpp counts how often hands
+/// still gain energy.
 class PassivityObserver {
  public:
-  /// @param wanted  Force on the hand [N].
+  /// Returns the force to send [N].
+  /// @param wanted  The scene's force on the hand [N].
   /// @param hand    Position reading of the hand [m].
   /// @param dt      Time since the last call [s], > 0.
   /// @param peak    The device's largest force [N].

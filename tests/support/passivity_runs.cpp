@@ -45,8 +45,7 @@ class Draw {
   std::uniform_real_distribution<double> unit_{0.0, 1.0};
 };
 
-/// Delays and low-passes forces like an arm's amplifiers, with its own clock. Shares no code with
-/// the tank.
+/// Delays and low-passes forces as an arm's amplifiers do. Shares no code with the tank.
 class Wire {
  public:
   Wire(double delay, double lag) : delay_(delay), lag_(lag) {}
@@ -279,7 +278,7 @@ class Interruptions {
     kZero,    ///< The tank is reset, and a zero force is sent.
   };
   What next(Draw& draw) {
-    // Draws no random number, so that runs without resets are the same in all versions.
+    // Without resets, draws no random number, so that such runs are the same in all versions.
     if (!(run_.forgets > 0.0)) return What::kNone;
     if (left_ == 0 && draw.uniform(0, 1) < run_.forgets) {
       left_ = 1 + static_cast<int>(draw.uniform(0.0, run_.away + 1.0));
@@ -380,7 +379,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     if (tank.energy() > 0.0) {
       result.spare = std::min(result.spare, energy + tank.debt() - tank.energy());
     }
-    // Without uncertainty no number is drawn, so that such runs are the same in all versions.
+    // Without uncertainty, draws no number, so that these runs are the same in all versions.
     double off = 0.0;
     if (run.doubt > 0.0) {
       off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);

@@ -47,14 +47,14 @@ struct PassivityRun {
   double doubt = 0.0;           ///< Each force's delay deviates by up to this time [s].
   double reading_jitter = 0.0;  ///< Positions are up to twice this time old, at random [s].
   double lag = 0.0;             ///< Time constant of the amplifiers [s].
-  /// Share of ticks in which the motors give less than the sent force.
+  /// Share of ticks in which the motors apply less than the sent force.
   double weak = 0.0;
-  bool tells_weak = true;   ///< True: the tank learns the share that the motors give.
+  bool tells_weak = true;   ///< True: the tank learns the share that the motors apply.
   double grip = 0.0;        ///< Stiffness of the hand [N/m]; 0: released.
   double grip_damping = 0;  ///< [N s/m]
   double release = 9.0;     ///< Time at which the hand lets go [s].
-  /// True: the hand is not a spring. It knows the next force and the encoder steps, and moves so
-  /// that it gains most.
+  /// True: the hand is not a spring. This hand knows the next force and the encoder steps, and
+  /// moves so that it gains most energy.
   bool adversary = false;
   double peak = 5.0;           ///< [N]
   double known_viscous = 1.0;  ///< Share of the true friction that the tank knows.
@@ -78,20 +78,23 @@ void letLag(PassivityRun& run);
 void doubtDelay(PassivityRun& run);
 /// Sets positions that are up to a period old.
 void shakeReadings(PassivityRun& run);
-/// Sets frequent resets of the tank, and a new position only in every 1st to 8th tick.
+/// Sets frequent resets of the tank, and a new position only in every n-th tick (n from 1 to 8).
 void forgetOften(PassivityRun& run);
 
 struct PassivityResult {
   double least = 0.0;  ///< Smallest energy that the hand has put in, over all samples [J].
-  /// Smallest sum of that energy and the tank's debt [J]. Negative: the tank broke its guarantee.
+  /// Smallest sum of the hand's energy and the tank's debt [J]. Negative: the tank broke its
+  /// guarantee.
   double margin = 0.0;
-  /// Smallest difference of that sum and the tank's energy, while the latter is positive [J].
-  /// Negative: the tank broke its guarantee.
+  /// Smallest difference of that sum and the tank's energy, while the tank's energy is positive
+  /// [J]. Negative: the tank broke its guarantee.
   double spare = 0.0;
-  double debt = 0.0;     ///< [J]
-  double scaled = 0.0;   ///< Share of ticks in which the controller changed the force.
-  double lost = 0.0;     ///< Mean share of the force that the controller removed.
-  double nominal = 0.0;  ///< Largest force [N].
+  double debt = 0.0;    ///< [J]
+  double scaled = 0.0;  ///< Share of ticks in which the sent force is not the scene's force.
+  /// Sum of the differences between the sent and the scene's forces, as a share of the sum of the
+  /// scene's forces.
+  double lost = 0.0;
+  double nominal = 0.0;  ///< Largest sent force [N].
 };
 
 /// Simulates a run. The result is exact except for rounding: the arm moves along straight pieces,
@@ -115,9 +118,9 @@ struct PassivityTally {
   void add(const PassivityTally& other);
 };
 
-/// Searches for the worst run: changes, step by step, the run with the least spare energy, from a
-/// random start. Simulates `plays` runs of 0.2 s. Delay uncertainty, lag, jitter and resets also
-/// change.
+/// Searches for the worst run. Starts with a random run, and changes at random the run with the
+/// least spare energy so far. Simulates `plays` runs of 0.2 s. The changes include delay
+/// uncertainty, lag, jitter and resets.
 ///
 /// @param at_once  True: delay, uncertainty, lag and jitter of readings are 0.
 [[nodiscard]] PassivityTally playSearched(std::uint64_t seed, long plays, bool at_once = false);

@@ -10,8 +10,8 @@
 
 namespace palpate::bench {
 
-/// Returns the sample whose rank is nearest to the share p of sorted samples; p = 0 is the
-/// smallest, p = 1 the largest. Returns 0.0 without samples.
+/// Returns the sample at the share p of the sorted samples' ranks: p = 0 gives the smallest sample,
+/// p = 1 the largest. Returns 0.0 without samples.
 [[nodiscard]] inline double percentileOfSorted(const std::vector<double>& sorted, double p) {
   if (sorted.empty()) return 0.0;
   return sorted[static_cast<std::size_t>(std::lround(p * static_cast<double>(sorted.size() - 1)))];

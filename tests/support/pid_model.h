@@ -1,5 +1,6 @@
-/// A model of a device of USB's PID class: its descriptor and its answers to reports. It shares no
-/// code with the driver: it reads fields where it placed them in the descriptor.
+/// Models a device of USB's PID class (physical interface devices): its descriptor and its answers
+/// to reports. Shares no code with the driver: the model reads fields at the positions at which it
+/// placed them in the descriptor.
 #pragma once
 
 #include <algorithm>
@@ -14,8 +15,8 @@
 
 namespace palpate::test {
 
-/// Properties of a device. The two layouts are of real firmware: OpenFFBoard (commands as a bitmap,
-/// +-32767) and VPforce (reports 101 to 113, +-4096, command 1 disables, 2 enables).
+/// Properties of a device. Its two layouts are those of real firmware: OpenFFBoard (commands as a
+/// bitmap, +-32767) and VPforce (reports 101 to 113, +-4096, command 1 disables, 2 enables).
 struct PidShape {
   bool rhino = false;  ///< True: VPforce's layout; false: OpenFFBoard's.
   int axes = 2;        ///< 1 to 3.
@@ -54,7 +55,7 @@ class PidModel {
   [[nodiscard]] const std::vector<std::byte>& descriptor() const { return descriptor_; }
   [[nodiscard]] int full() const { return shape_.rhino ? 4096 : 32767; }
 
-  /// Processes an output report. Its first byte is the report number.
+  /// Processes an output report at the time `now` [s]. The report's first byte is its number.
   void output(std::span<const std::byte> report, double now) {
     if (report.empty()) return;
     ++outputs_;
@@ -190,8 +191,8 @@ class PidModel {
     if (!e.started) return false;
     if (now - e.at > shape_.longest) return false;
     if (!shape_.duration) return true;
-    // Some firmware treats 0 or the largest duration as endless, but the driver must not rely on
-    // it: this model does not play such effects.
+    // Some firmware plays an effect of duration 0, or of the largest duration, without end. The
+    // driver must not rely on this, so this model does not play such effects.
     if (e.duration == 0 || e.duration >= (1 << shape_.duration_bits) - 1) return false;
     return now - e.at <= 1e-3 * static_cast<double>(e.duration);
   }
@@ -256,8 +257,8 @@ class PidModel {
   }
   void control(std::span<const std::byte> body) {
     const std::int64_t said = get("control.control", body);
-    // Returns true if the report has a command, which is a bit or a number: enable, disable, stop,
-    // reset.
+    // Returns true if the report has a command: 0 enable, 1 disable, 2 stop, 3 reset. OpenFFBoard
+    // sends a command as a bit, VPforce as a number.
     const auto is = [&](int bit) {
       if (!shape_.rhino) return (said >> bit & 1) != 0;
       constexpr int kNumbers[] = {2, 1, 3, 4};

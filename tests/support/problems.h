@@ -21,13 +21,14 @@ struct BalanceProblem {
 enum class Family {
   kRandom,        ///< All kinds, anchors in a cube of 4 mm, strengths up to 3 N.
   kOnePoint,      ///< All anchored at the start, as modes do.
-  kNearParallel,  ///< Anchored at one point, directions within 1e-2 rad of each other.
+  kNearParallel,  ///< Anchored at one point, directions within about 1e-2 rad of one axis.
   kSlot,          ///< Planes that face each other at distances of 0 to 1 um.
   /// Anchored at one point, directions of one orthonormal frame: up to three planes, or a line and
   /// the plane across it, or a point.
   kOrthogonal,
   kPlanes,  ///< Planes only.
-  /// A plane and others up to 0.1 mm from the start, like a tick on a surface with viscosity.
+  /// A plane and other primitives, up to 0.1 mm from the start, as in a tick on a surface with
+  /// viscosity.
   kMotion,
   kStrengths,     ///< Strengths of 1e-9 to 1e4 N in one set.
   kStiffness,     ///< k of 1 to 1e5 N/m.
@@ -35,8 +36,8 @@ enum class Family {
   kEdge,          ///< The probe is on the edge where the first two primitives, planes, meet.
   kCorner,        ///< The probe is on the corner where the first three primitives, planes, meet.
   kNearKinks,     ///< Anchors at distances of 1e-16 to 1e-2 m from one point.
-  kOneDirection,  ///< Anchored at one point, directions 1e-9 rad apart.
-  kFar,           ///< Positions 1e4 m from the origin.
+  kOneDirection,  ///< Anchored at one point, directions within about 1e-9 rad of one axis.
+  kFar,           ///< Positions with coordinates near +-1e4 m.
 };
 inline constexpr std::array<Family, 15> kFamilies = {
     Family::kRandom,     Family::kOnePoint,     Family::kNearParallel, Family::kSlot,

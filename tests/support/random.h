@@ -24,7 +24,7 @@ inline AskedCases& askedCases() {
   return asked;
 }
 
-/// Returns true if the tested room, PALPATE_ROOM, is listed in PALPATE_CHANGED.
+/// Returns true if the tested room (a top folder, in PALPATE_ROOM) is listed in PALPATE_CHANGED.
 inline bool roomHasChanged() {
   const char* room = std::getenv("PALPATE_ROOM");
   const char* changed = std::getenv("PALPATE_CHANGED");

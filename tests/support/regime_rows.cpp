@@ -156,7 +156,7 @@ Regime acuteWalls() {
   const Came fixed = rest("Euler, fixed step", "1e-2");
   const Came paper = rest(kPaper, "3e-5");
   const Came ours = rest(kOurs, "1e-6");
-  // Problems whose smallest |f_res| is not at the balance.
+  // Random problems. In some of them, the smallest |f_res| is not at the balance.
   Random random(3);
   double misled = 0.0;
   double unlike = 0.0;
@@ -232,7 +232,7 @@ Regime strikesAndJumps() {
   constexpr long kStrikes = 1000;
   constexpr double kSpeed = 2.0;   // [m/s]
   constexpr double kBehind = 3.6;  // [voxels]; below the outer surface
-  // Like pressShell(): from all directions, with random starts.
+  // Strikes as in pressShell(), but reads values only where ticks end.
   Probed probed(field);
   Random random(11);
   long missed = 0;
@@ -249,7 +249,7 @@ Regime strikesAndJumps() {
   }
   const ShellResult pressed = pressShell(shell, 0.0, 0.6, kStrikes, {});
 
-  // The hand moved into a ball while its positions were lost.
+  // The hand moves into a ball while the device reports no positions.
   double spring = 0.0;
   double sent = 0.0;
   double most = 0.0;
@@ -282,8 +282,8 @@ Regime strikesAndJumps() {
 }
 
 Regime steepAndNoisy() {
-  // A fog with a ramp of 4 voxels, three times as steep on one side as on the opposite side, with 1
-  // % noise.
+  // A fog with 1 % noise. Its ramp is 4 voxels wide on one side, and a third of that on the
+  // opposite side.
   constexpr double kBall = 50.0;  // [voxels]
   constexpr int kSize = 112;
   Random random(5);
@@ -304,7 +304,7 @@ Regime steepAndNoisy() {
     keepMost(loud, std::sqrt(b.polynomial.power) / b.polynomial.force);
     keepMost(quiet, std::sqrt(b.engine.power) / b.engine.force);
   }
-  // A hand held against a wall.
+  // Swing of a hand that presses on a wall.
   const MapSetting setting;
   const MapContact wall = wallContact();
   const auto methods = methodsOver(wall);
@@ -313,7 +313,7 @@ Regime steepAndNoisy() {
                                      [&](const MapMethod& m) { return m.name == name; });
     return tryCoupling(setting, wall, method->make(kStiffness, 0.0, kTick)).swing;
   };
-  // Energy that ticks have created.
+  // Energy that a tick creates: by the constraint approach, then by the engine.
   double made = 0.0;
   for (int i = 0; i < 2000; ++i) {
     const Vec3 proxy = random.inCube(5e-3);
@@ -480,7 +480,7 @@ Regime brokenDevices() {
   long bad_old = 0;
   long bad = 0;
   long deep = 0;  // number of ticks with a deep hand
-  long mute = 0;  // number of those without force
+  long mute = 0;  // number of ticks with a deep hand and without force
   double most = 0.0;
   double steepest = 0.0;
   Vec3 sent = Vec3::Zero();
@@ -488,7 +488,8 @@ Regime brokenDevices() {
   Vec3 velocity = Vec3::Zero();
   constexpr long kTicks = 400000;
   for (long i = 0; i < kTicks; ++i) {
-    // The hand moves in and out, because after a fault it feels no force until it has been outside.
+    // The hand moves in and out, because after a fault the hand feels no force until it has been
+    // outside.
     const Vec3 about(0, 0, kRadius + 6e-3 * std::sin(0.02 * static_cast<double>(i)));
     velocity += 0.02 * random.inCube(1.0) - 0.1 * velocity - 5.0 * (place - about);
     place += kTick * velocity;

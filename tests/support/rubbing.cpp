@@ -110,7 +110,7 @@ Outline outlineOf(const ScalarField& field, int slice, int slices, double level,
   return {field, kBetween * (slice - 0.5 * (slices - 1)), level, speed / kHandFollows};
 }
 
-/// Returns the changes of the force from tick to tick [N]. `parts` is the number of proxies per
+/// Returns the changes of the force from tick to tick [N]. `parts` is the number of positions per
 /// tick.
 std::vector<double> changesOf(const std::vector<Vec3>& hands, const Stepper& tick, int parts) {
   std::vector<double> changes;

@@ -1,7 +1,7 @@
-/// Measures a hand that slides along the skin of a scan. Because of noise, new planes move the
-/// proxy back and forth, which a hand can feel as vibration, and can move the proxy away from the
-/// hand, which adds energy. For comparison, a second proxy is held back: it never moves farther
-/// from the hand.
+/// Measures a hand that slides along the skin of a scan. Because of noise, the surface's plane
+/// changes from tick to tick. These changes move the proxy back and forth, which a hand can feel as
+/// vibration. They can also move the proxy away from the hand, which adds energy. For comparison, a
+/// second proxy is held back: its own motion never takes it farther from the hand.
 #pragma once
 
 #include <memory>
@@ -26,7 +26,7 @@ struct Rubbing {
   double samples = 0.0;     ///< Mean number of samples per tick.
   double unfinished = 0.0;  ///< Share of ticks that did not converge.
   Felt engine;
-  /// Results for a proxy that turns about the hand but never moves farther from it.
+  /// Results for the proxy that is held back.
   Felt held;
 };
 
@@ -42,17 +42,19 @@ struct Rattling {
   long sites = 0;
   long ticks = 0;
   long leaps = 0;  ///< Number of leaps.
-  /// Number of leaps without an exact force that changes by half as much within 20 ticks.
+  /// Number of leaps for which no change of the exact force within 20 ticks is at least half as
+  /// large.
   long alone = 0;
   double largest = 0.0;  ///< Largest leap of `alone` [N].
 };
 
 /// Slides along the surface V = level of a scan, solid above the level: four arcs of 5 cm in each
-/// slice. The path is 1 mm below the skin and low-passed at 5 Hz, because hands are not faster.
+/// slice, at `speed` [m/s]. The path is 1 mm below the skin, averaged over 0.2 s, because hands do
+/// not follow faster changes.
 Rubbing rub(const std::string& file, double level, double scale, double speed, int slices = 7);
 
-/// Compares the same slides with a proxy that advances 16 times per tick, with a hundredth of the
-/// tolerance.
+/// Compares the same slides with a reference proxy that advances 16 times per tick, with a
+/// hundredth of the tolerance.
 Rattling rattle(const std::string& file, double level, double scale, double speed, int slices = 6);
 
 }  // namespace palpate::bench

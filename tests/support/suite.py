@@ -16,7 +16,7 @@ from pathlib import Path
 
 
 def smoke(test):
-    """Marks a test for sanitizers: the shortest one that reaches some code that no Catch2 test reaches."""
+    """Marks a test that the sanitizers run: the shortest test of some code that no Catch2 test reaches."""
     test.smoke = True
     return test
 

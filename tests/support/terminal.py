@@ -22,7 +22,7 @@ class Terminal:
         self.drawn = ""
 
     def look(self, seconds):
-        """Reads output for up to this time [s]. Returns False if the program has ended."""
+        """Waits for output for up to `seconds` and reads it. Returns False if the program has ended."""
         if not select.select([self.own], [], [], seconds)[0]:
             return True
         try:

@@ -22,7 +22,7 @@ HEAD = Path("/usr/share/mricron/templates/ch2bet.nii.gz")
 
 class BesideItk(images_test.Case):
     def agrees(self, path, *, within=1e-5):
-        """Checks palpate's value at every point that ITK sampled. `within` is relative to the range of values."""
+        """Compares palpate's values with ITK's at the points that ITK sampled. `within` is relative to their range."""
         done = process.run([str(ORACLE), "read", str(path)], capture_output=True, text=True,
                               timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""), path)
