@@ -321,8 +321,9 @@ std::vector<Settings> rivalsAmong(const std::vector<Contender>& contenders) {
   return rivals;
 }
 
-/// Returns the cheapest reliable setting for a target. A setting is reliable if the share of cases
-/// that reach the target is at most one percentage point below that of the best setting.
+/// Returns the reliable setting with the smallest median cost. A setting is reliable if its share
+/// of cases that reach the target is at most one percentage point below the largest share of any
+/// setting.
 std::size_t bestSetting(const Settings& settings, const Row& row, const std::vector<Score>& scores,
                         const Target& target) {
   std::size_t most = 0;

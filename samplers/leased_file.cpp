@@ -103,8 +103,9 @@ int copyOf(int file, const std::filesystem::path& path) {
       path.string(),
       std::string("another program may change it during the load, and it cannot be copied (") +
           std::strerror(trouble) + ")",
-      trouble == EIO ? "check the disk"
-                     : "free disk space for temporary files, or set TMPDIR to another folder");
+      trouble == EIO     ? "check the disk"
+      : trouble == EFBIG ? "raise the limit of file sizes (ulimit -f)"
+                         : "free disk space for temporary files, or set TMPDIR to another folder");
 }
 
 }  // namespace

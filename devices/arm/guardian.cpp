@@ -170,7 +170,10 @@ extern "C" void zeroAtExit() {
 Guardian::Guardian() : maker_(getpid()) {
   void* memory =
       mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-  if (memory == MAP_FAILED) throw DeviceError("guardian", reason(), "free some memory");
+  if (memory == MAP_FAILED) {
+    throw DeviceError("guardian", "shared memory cannot be created (" + reason() + ")",
+                      "end other programs to free memory");
+  }
   shared_ = new (memory) Shared;
   std::array<int, 2> ends{-1, -1};
   if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()) != 0 ||
@@ -180,7 +183,8 @@ Guardian::Guardian() : maker_(getpid()) {
       if (end >= 0) close(end);
     }
     munmap(shared_, sizeof(Shared));
-    throw DeviceError("guardian", why, "close files, or raise the limit of open files (ulimit -n)");
+    throw DeviceError("guardian", "its sockets cannot be opened (" + why + ")",
+                      "close files, or raise the limit of open files (ulimit -n)");
   }
   child_ = fork();
   if (child_ == 0) {

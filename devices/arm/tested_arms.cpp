@@ -74,7 +74,8 @@ void write(const Json& json) {
   if (error) {
     const std::string why = error.message();
     std::filesystem::remove(partial, error);
-    throw DeviceError(file.string(), why, "remove this file, or change its owner to you (chown)");
+    throw DeviceError(file.string(), "the file cannot be replaced (" + why + ")",
+                      "remove what is at this path, or change its owner to you (chown)");
   }
 }
 

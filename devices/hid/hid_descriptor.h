@@ -36,7 +36,8 @@ struct DescribedFields {
   std::uint32_t bits = 0;   ///< Bits of each field, > 0.
   std::uint32_t count = 0;  ///< Number of fields, > 0.
   bool constant = false;    ///< The fields are padding without meaning.
-  /// The value of each field is an index into `usages`, counted from `least`.
+  /// True if each field holds the number of a usage: a field of value v has usage(v - least).
+  /// If false, field i has usage(i).
   bool array = false;
   bool relative = false;   ///< The values are changes, not positions.
   std::int64_t least = 0;  ///< Lowest raw ("logical") value.
@@ -47,7 +48,7 @@ struct DescribedFields {
   double physical_most = 0.0;
   std::uint32_t unit = 0;               ///< Raw code of the unit; 0: no unit.
   int exponent = 0;                     ///< Power of ten, -8 to 7.
-  std::vector<DescribedUsages> usages;  ///< In the descriptor's order.
+  std::vector<DescribedUsages> usages;  ///< Ranges of usages, in the descriptor's order.
   std::vector<std::uint32_t> inside;    ///< Usages of enclosing collections, outermost first.
 
   /// Returns the usage of field i. Surplus fields have the last usage. Without usages returns 0.

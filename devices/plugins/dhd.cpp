@@ -36,7 +36,8 @@ constexpr Model kModels[] = {
     {DHD_DEVICE_FALCON, 8.0, 800.0, 20.0, 0.04, "HAPI; force, damping and radius as CHAI3D 3.3.0"},
 };
 
-// TO CHECK: the SDK's x points to the user, y to the right, z up; origin in the middle [m].
+// TO CHECK: the SDK's x points to the user, y to the right, z up, in metres. Its origin is the
+// middle of the workspace.
 constexpr Frame kFrame = {{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}}};
 
 // Timeout of the arm's own watchdog, in units of 125 us: 30 ms.
@@ -175,7 +176,9 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
   }
   // The arm calibrates itself while its user moves it, as its manual describes.
   if ((state & PALPATE_PLUGIN_READY) == 0) {
-    if (host.say != nullptr) host.say("dhd: calibrate the arm as described in its manual");
+    if (host.say != nullptr) {
+      host.say("dhd: the arm is not calibrated: calibrate it as its manual describes");
+    }
     constexpr int kWait = 100;  // [ms] between two checks
     while (dhdWaitForReset(kWait, arm.id) < 0) {
       if (host.ends() != 0) {
@@ -321,7 +324,7 @@ int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
   if (host.say != nullptr) {
-    host.say("dhd: this palpate is too old for this plug-in; use a newer one");
+    host.say("dhd: this version of palpate is too old for this plug-in; install a newer palpate");
   }
   return -1;
 }

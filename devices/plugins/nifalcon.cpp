@@ -170,7 +170,7 @@ int home(Arm& arm, char* error, std::size_t room) {
   }
   if (!loaded) {
     tell(error, room,
-         "nifalcon: the arm does not accept its firmware; switch it off, plug it in again");
+         "nifalcon: the arm does not accept its firmware; switch it off, and plug it in again");
     return PALPATE_PLUGIN_FAILED;
   }
   setForce(falcon, {0.0, 0.0, 0.0});
@@ -183,7 +183,8 @@ int home(Arm& arm, char* error, std::size_t room) {
       if (isHomed(falcon)) break;
       heard = host.now();
       if (!said && host.say != nullptr) {
-        host.say("nifalcon: pull the grip out as far as it goes, then push it in");
+        host.say(
+            "nifalcon: the arm is not homed: pull the grip out as far as it goes, then push it in");
       }
       said = true;
     }
@@ -194,7 +195,7 @@ int home(Arm& arm, char* error, std::size_t room) {
       return PALPATE_PLUGIN_FAILED;
     }
     if (host.now() - heard > 10 * kLost) {
-      tell(error, room, "nifalcon: the arm does not answer; switch it off, plug it in again");
+      tell(error, room, "nifalcon: the arm does not answer; switch it off, and plug it in again");
       return PALPATE_PLUGIN_FAILED;
     }
     pauseFor(500);
@@ -320,7 +321,8 @@ int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
   if (host.say != nullptr) {
-    host.say("nifalcon: this palpate is too old for this plug-in; use a newer one");
+    host.say(
+        "nifalcon: this version of palpate is too old for this plug-in; install a newer palpate");
   }
   return -1;
 }

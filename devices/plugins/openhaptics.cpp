@@ -236,8 +236,9 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
     if (calibration == HD_CALIBRATION_NEEDS_UPDATE && !by_hand) {
       arm.calibrate.store(static_cast<HDenum>(arm.style), std::memory_order_release);
     } else if (!said && calibration == HD_CALIBRATION_NEEDS_MANUAL_INPUT && host.say != nullptr) {
-      host.say(by_hand ? "openhaptics: hold the arm in its reset position for five seconds"
-                       : "openhaptics: put the stylus into its inkwell");
+      host.say(by_hand ? "openhaptics: the arm is not calibrated: hold it in its reset position "
+                         "for five seconds"
+                       : "openhaptics: the arm is not calibrated: put the stylus into its inkwell");
       said = true;
       asked = host.now();
     }
@@ -352,7 +353,9 @@ int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
   if (host.say != nullptr) {
-    host.say("openhaptics: this palpate is too old for this plug-in; use a newer one");
+    host.say(
+        "openhaptics: this version of palpate is too old for this plug-in; install a newer "
+        "palpate");
   }
   return -1;
 }

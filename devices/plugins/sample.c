@@ -250,7 +250,10 @@ static int init(const palpate_plugin_host* theirs) {
   memset(&host, 0, sizeof host);
   memcpy(&host, theirs, least(theirs->size, sizeof host));
   if (!host.ends || !host.now) {
-    if (host.say) host.say("sample: this palpate is too old for this plug-in; use a newer one");
+    if (host.say) {
+      host.say(
+          "sample: this version of palpate is too old for this plug-in; install a newer palpate");
+    }
     return -1;
   }
   return 0;

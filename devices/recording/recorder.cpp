@@ -45,7 +45,9 @@ Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
   if (!trouble_.empty()) {
     ::close(descriptor_);
     ::unlink(beside_.c_str());
-    throw Error(file_.string(), trouble_, "free some space, or give another path");
+    throw Error(
+        file_.string(), trouble_,
+        "make room on the disk, raise the limit of file sizes (ulimit -f), or give another path");
   }
 }
 

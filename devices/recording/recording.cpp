@@ -30,6 +30,7 @@ static_assert(std::endian::native == std::endian::little,
 
 constexpr int kVersion = 4;
 constexpr const char* kRemedy = "give a file of palpate feel --record";
+constexpr const char* kDamaged = "copy the file again, or record again";
 constexpr std::int64_t kChunk = -1;  // value of RecordedTick::tick in a chunk's mark
 constexpr std::int64_t kText = -2;   // value of RecordedTick::tick in a piece of text
 constexpr std::array<char, 8> kMagic{'p', 'a', 'l', 'p', 'a', 't', 'e', '\n'};
@@ -314,7 +315,7 @@ OrderedJson parsed(const std::string& line, const std::string& file) {
   return OrderedJson::parse(line, [&](int depth, auto, OrderedJson&) {
     if (depth > kDeepest) {
       throw Error(file, fmt::format("its header is nested deeper than {} levels", kDeepest),
-                  kRemedy);
+                  kDamaged);
     }
     return true;
   });
@@ -400,7 +401,7 @@ void checkHeader(const std::string& file, std::size_t offset, std::size_t end, d
   } else if (!(rate > 0.0) || !std::isfinite(rate)) {
     why = fmt::format("its header states a rate of {} Hz", rate);
   }
-  if (!why.empty()) throw Error(file, why, kRemedy);
+  if (!why.empty()) throw Error(file, why, kDamaged);
 }
 
 }  // namespace
@@ -503,7 +504,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
     const OrderedJson written = OrderedJson::parse(recordingHeader({}));
     if (json.at("palpate_recording") != kVersion || json.at("dtype") != written.at("dtype")) {
       throw Error(name, "it is a recording of another version of palpate",
-                  "convert it with that version");
+                  "convert it to CSV with that version (palpate convert)");
     }
     offset = json.at("offset").get<std::size_t>();
     setting_.rate = json.at("rate").get<double>();
@@ -513,10 +514,10 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
     static_cast<void>(limitsInLoop(setting_.device, setting_.rate));
   } catch (const nlohmann::json::exception& error) {
     unmap(bytes_);
-    throw Error(name, fmt::format("its header is damaged ({})", error.what()), kRemedy);
+    throw Error(name, fmt::format("its header is damaged ({})", error.what()), kDamaged);
   } catch (const DeviceError& error) {
     unmap(bytes_);
-    throw Error(name, fmt::format("its header is damaged ({})", error.reason()), kRemedy);
+    throw Error(name, fmt::format("its header is damaged ({})", error.reason()), kDamaged);
   } catch (const Error&) {
     unmap(bytes_);
     throw;

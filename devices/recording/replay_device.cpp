@@ -74,8 +74,8 @@ std::unique_ptr<ReplayDevice> openReplay(const std::string& name) {
     const std::int64_t ticks = recording->size();
     throw Error(file,
                 ticks == 0 ? "it has no ticks"
-                           : fmt::format("it ends at {} s, before the given start",
-                                         recording->tick(ticks - 1).time),
+                           : fmt::format("it ends at {} s, before the given start, {} s",
+                                         recording->tick(ticks - 1).time, seconds),
                 ticks == 0 ? "record again" : "give an earlier start");
   }
   return std::make_unique<ReplayDevice>(std::move(recording), first);

@@ -17,11 +17,12 @@ void require(bool good, const char* what, const char* remedy) {
   if (!good) throw DeviceError("simulated device", what, remedy);
 }
 
-/// Distance from the centre at the start and end of a visit, relative to the ellipsoid's radius.
+/// Distance of the hand from the box's centre at the start and end of a visit, relative to the
+/// radius of the box's ellipsoid in the hand's direction.
 constexpr double kOutside = 1.25;
 
-/// Position of the hand during a visit of one side: its distance from the centre, relative to the
-/// radius of the box's ellipsoid, and the radius of its circle.
+/// Position of the hand during a visit of one side: its distance from the box's centre, relative to
+/// the radius of the box's ellipsoid in the hand's direction, and the radius of its circle.
 struct Visit {
   double distance, circle;
 };

@@ -93,11 +93,13 @@ int BrickFolder::read(const std::string& name, std::span<std::byte> to,
 }
 
 void BrickFolder::fail(const std::string& name, int error) const {
+  const std::string remedy = error == EFBIG ? "raise the limit of file sizes (ulimit -f)"
+                             : error == ENOSPC || error == EDQUOT
+                                 ? "free disk space"
+                                 : "check the disk and the folder's permissions";
   throw Error((path_ / name).string(),
               std::string("it cannot be written (") + std::strerror(error) + ")",
-              error == ENOSPC || error == EDQUOT || error == EFBIG
-                  ? "free disk space and run the same command again: it continues where it stopped"
-                  : "check the disk and the folder's permissions, and run the same command again");
+              remedy + ", and run the same command again: it continues where it stopped");
 }
 
 void BrickFolder::lock() {

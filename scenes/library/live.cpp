@@ -62,7 +62,7 @@ LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {
   if (head[1] != LiveBlock::kLayout || fstat(descriptor, &status) != 0 ||
       status.st_size != static_cast<off_t>(sizeof(LiveBlock))) {
     throw Error("--live", "the loop belongs to another version of palpate",
-                "install both programs in the same version");
+                "install palpate and palpate-view of the same release");
   }
   map();
 }

@@ -95,9 +95,14 @@ PlayParams playOf(const SceneSpec& spec, const BuiltScene& built) {
   }
   refuse(out.repeat && !std::isfinite(out.to), "repeat",
          "the play has no end, because a sequence repeats", "add \"to\", or remove \"repeat\"");
-  refuse(out.speed < 0.0 && out.begin <= out.from, "speed",
-         "backward play begins at the earliest time, so that nothing is played",
-         "give a later \"to\", the time at which backward play begins");
+  if (out.speed < 0.0 && out.begin <= out.from) {
+    throw SceneError(
+        pathIn(spec, "/play/speed"),
+        fmt::format("backward play begins at the earliest time, {} s, so nothing is played",
+                    out.from),
+        fmt::format("set \"to\", the time at which backward play begins, to more than {} s",
+                    out.from));
+  }
   return out;
 }
 

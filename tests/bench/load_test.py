@@ -25,7 +25,7 @@ class Load(unittest.TestCase):
         self.dir = Path(self.holder.name)
         subprocess.run([MAKE_VOLUMES, str(self.dir)], check=True, timeout=120)
 
-    def test_prints_one_line_for_each_loaded_file(self):
+    def test_the_benchmark_prints_one_line_for_each_loaded_file(self):
         done = run(self.dir / "ball.vdb", self.dir / "linear.vdb", "--runs", 2)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         rows = [line.split(" | ") for line in done.stdout.splitlines() if ".vdb" in line]
@@ -36,7 +36,7 @@ class Load(unittest.TestCase):
             self.assertEqual(row[1], "blosc")
             self.assertGreater(float(row[6]), 0)
 
-    def test_loads_only_the_grid_that_option_grid_names(self):
+    def test_the_benchmark_loads_only_the_grid_that_option_grid_names(self):
         done = run(self.dir / "linear.vdb", "--grid", "velocity", "--runs", 1)
         self.assertIn("linear.vdb, velocity", done.stdout)
 

@@ -1293,8 +1293,9 @@ TEST_CASE("a counter that may have wrapped unnoticed is a fault and the arm is h
   CHECK(device->read().position.x() == Approx(1e-4));
 }
 
-TEST_CASE("after homing, each counter is placed in the range nearest to the home position",
-          "[hid]") {
+TEST_CASE(
+    "after homing each counter that wraps is read as the position nearest to its home position",
+    "[hid]") {
   // The arm starts near its home pose: joint a one count below 0, joint b three counts above 5 cm.
   HidProfile profile = narrowSlides();
   HidStep home;

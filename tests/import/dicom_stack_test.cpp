@@ -153,7 +153,8 @@ TEST_CASE("DICOM slices at changing distances get an even spacing near the finer
     REQUIRE(stack.notes.size() == 1);
     CHECK_THAT(stack.notes.front(), Contains("2.5 to 5 mm apart") && Contains("every 2.5 mm"));
   }
-  // No even spacing fits these distances. The first and last slices keep their positions.
+  // The length, 47.5 mm, is not a multiple of the finer distance, 7.5 mm. The number of steps is
+  // rounded, so the first and last slices keep their positions.
   const Stack abdomen = stacked(placed({0, 7.5, 15, 22.5, 35, 47.5}, {}));
   CHECK(abdomen.depths.back() == 6.0);
   CHECK(abdomen.map.linear(2, 2) == Approx(47.5 / 6));
@@ -271,6 +272,8 @@ TEST_CASE("DICOM images at the same position are time steps if they state differ
   CHECK(stacked(numbered).times == std::vector<double>{0.0, 0.04});
   numbered.back().time_step = 0.05;
   CHECK_THROWS_WITH(stacked(numbered), Contains("0.04 s in image0, 0.05 s in image2"));
+  numbered.back().time_step = 0.0;
+  CHECK_THROWS_WITH(stacked(numbered), Contains("(TemporalResolution): 0.04 s in image0, none in"));
   // Images of different kinds are not time steps.
   std::vector<File> kinds = twice(0, 250.0);
   for (std::size_t i = 0; i < kinds.size(); ++i) {

@@ -1126,7 +1126,10 @@ TEST_CASE(
   CHECK(std::set<BrickId>(arrived.begin(), arrived.end()).size() == 27);
 }
 
-TEST_CASE("a full disk leaves no manifest, and the next run completes the bricks", "[bricks]") {
+TEST_CASE(
+    "a run that reaches the limit of file sizes leaves no manifest and the next run completes the "
+    "bricks",
+    "[bricks]") {
   const TemporaryFolder folder;
   const BrickInput input = ballsBy({{{0, 0, 0}, 50.0}}, {-60, -60, -60}, {60, 60, 60});
   (void)writeBricks(folder / "whole", input);
@@ -1138,9 +1141,9 @@ TEST_CASE("a full disk leaves no manifest, and the next run completes the bricks
   const std::string why = errorOf([&] { (void)writeBricks(folder / "b", input); });
   setrlimit(RLIMIT_FSIZE, &was);
   (void)std::signal(SIGXFSZ, handled);
-  CHECK_THAT(why,
-             Contains("it cannot be written (File too large): free disk space and run the same "
-                      "command again: it continues where it stopped"));
+  CHECK_THAT(why, Contains("it cannot be written (File too large): raise the limit of file sizes "
+                           "(ulimit -f), and run the same command again: it continues where it "
+                           "stopped"));
   CHECK(!fs::exists(folder / "b" / "palpate.bricks"));
   CHECK(fs::is_empty(folder / "b" / ".partial"));
   (void)writeBricks(folder / "b", input);

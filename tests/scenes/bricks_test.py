@@ -223,7 +223,7 @@ class Broken(Case):
         self.assertRegex(told, r"note +\d+ of these bricks were already written by an interrupted run")
         self.assertIn("all bricks were already written", run(*words).stdout)
 
-    def test_an_export_of_bricks_on_a_full_disk_can_be_resumed(self):
+    def test_an_export_of_bricks_that_reaches_the_limit_of_file_sizes_can_be_resumed(self):
         out = self.dir / "full"
 
         def small():
@@ -231,8 +231,9 @@ class Broken(Case):
 
         done = run("brick", self.dir / "bodies.vdb", out, "--grid", "cloud", status=2,
                    preexec_fn=small)
-        self.assertRegex(done.stderr, r"^palpate: \S+: it cannot be written \(File too large\): free "
-                         r"disk space and run the same command again: it continues where it stopped\n$")
+        self.assertRegex(done.stderr, r"^palpate: \S+: it cannot be written \(File too large\): raise "
+                         r"the limit of file sizes \(ulimit -f\), and run the same command again: it "
+                         r"continues where it stopped\n$")
         self.assertFalse((out / "palpate.bricks").exists())
         run("brick", self.dir / "bodies.vdb", out, "--grid", "cloud")
         self.assertTrue((out / "palpate.bricks").exists())

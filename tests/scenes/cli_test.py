@@ -1309,7 +1309,7 @@ class Devices(Case):
             self.assertAlmostEqual(axis["viscous"], 0.5, delta=0.1)
             self.assertAlmostEqual(axis["coulomb"], 0.02, delta=0.015)
         self.assertRegex(run("devices", "--virtual").stdout, r"(?m)^passed ")
-        self.refused("devices", "--virtual", "--ruler", 0.1, says="nobody can move it")
+        self.refused("devices", "--virtual", "--ruler", 0.1, says="no user who moves it")
 
     def test_a_test_without_a_user_moves_no_arm(self):
         plugins = self.dir / "plugins"

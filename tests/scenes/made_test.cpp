@@ -223,7 +223,9 @@ TEST_CASE("a procedural volume is reproducible, and a coarser one is as large to
   }
 }
 
-TEST_CASE("an unknown procedural volume, voxel size or folder is rejected", "[made]") {
+TEST_CASE(
+    "an unknown procedural volume and a voxel size out of range and a missing folder are rejected",
+    "[made]") {
   const test::TemporaryFolder folder;
   CHECK_THROWS_WITH(writeMade("wind-tunel", std::nullopt, folder / "a.vdb"),
                     Contains("did you mean \"wind-tunnel\"?"));

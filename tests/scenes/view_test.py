@@ -856,7 +856,8 @@ class Lost(Window):
         self.window()
         server.kill()
         self.goes_on(feel)
-        self.assertIn("palpate: display: the connection is lost: the window closes\n", self.said())
+        self.assertIn("palpate: display: the connection to the X server is lost: the window closes\n",
+                      self.said())
 
     def test_a_request_that_the_display_rejects_is_reported_in_one_line(self):
         """The test destroys the window, so the X server rejects the window's next request."""

@@ -540,7 +540,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
       }
       if (options->virtual_arm && (!options->test.empty() || !options->watch.empty() ||
                                    !options->profile.empty() || options->ruler)) {
-        throw Error("--virtual", "the simulated arm has no other name, and nobody can move it",
+        throw Error("--virtual",
+                    "it tests the simulated arm, which has no profile and no user who moves it",
                     "leave out --test, --watch, --ruler and the profile");
       }
       if (!options->watch.empty()) {

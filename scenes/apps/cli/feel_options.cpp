@@ -54,7 +54,8 @@ void checkTank(const FeelOptions& options) {
                 "use 0.1");
   }
   if (options.refill > 0.0 && !options.passive) {
-    throw Error("--refill", "it has no effect without --passive", "add --passive");
+    throw Error("--refill", "it has no effect without --passive",
+                "add --passive, or leave out --refill");
   }
 }
 
@@ -104,7 +105,8 @@ void checkSite(const FeelOptions& options) {
                   "put another --device before --device igtl");
     }
   } else if (!options.with.empty()) {
-    throw Error("--with", "it has no effect without --site", "add --site NAME");
+    throw Error("--with", "it has no effect without --site",
+                "add --site NAME, or leave out --with");
   } else if (!options.site_keys.empty()) {
     throw Error("--site-keys", "it has no effect without --site",
                 "add --site NAME, or leave out --site-keys");
@@ -116,7 +118,8 @@ void checkSite(const FeelOptions& options) {
 
 void checkIgtl(const FeelOptions& options) {
   if (options.igtl.empty() && options.igtl_rate != kIgtlRate) {
-    throw Error("--igtl-rate", "it has no effect without --igtl", "add --igtl 18944");
+    throw Error("--igtl-rate", "it has no effect without --igtl",
+                "add --igtl 18944, or leave out --igtl-rate");
   }
   if (options.igtl.empty()) return;
   if (!options.realtime) {

@@ -141,7 +141,8 @@ class Hdf5File {
   void check(herr_t status) const {
     if (status >= 0) return;
     throw Error(name_, "writing failed (" + reasonOf() + ")",
-                "make room on the disk, or choose another disk");
+                "make room on the disk, raise the limit of file sizes (ulimit -f), or choose "
+                "another disk");
   }
   [[nodiscard]] Id id(hid_t made, Id::Close by) const {
     check(made < 0 ? -1 : 0);

@@ -188,9 +188,9 @@ void check(const StabilityOptions& options) {
   if (options.delay * options.rate > kMostPeriods) {
     throw Error(
         "--delay",
-        fmt::format("{} s is {} ticks", options.delay, rounded(options.delay * options.rate)),
-        fmt::format("give at most {} s ({} ticks), or a lower --rate",
-                    rounded(kMostPeriods / options.rate), kMostPeriods));
+        fmt::format("{} s is {} ticks, more than {}", options.delay,
+                    rounded(options.delay * options.rate), kMostPeriods),
+        fmt::format("give at most {} s, or a lower --rate", rounded(kMostPeriods / options.rate)));
   }
   // At a larger angle the hand touches neither plane.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0, "degrees");

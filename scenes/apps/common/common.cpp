@@ -11,6 +11,7 @@
 #include <cstring>
 #include <mutex>
 #include <string_view>
+#include <system_error>
 #include <thread>
 #include <unistd.h>
 #include <utility>
@@ -37,6 +38,13 @@ void addPartial(const std::filesystem::path& file) {
     const char* expected = nullptr;
     if (place.compare_exchange_strong(expected, file.c_str())) return;
   }
+}
+
+/// Returns what to do if a file cannot be written or completed, by its `errno`.
+std::string remedyForWriting(int error) {
+  if (error == EFBIG) return "raise the limit of file sizes (ulimit -f), or choose another disk";
+  if (error == ENOSPC || error == EDQUOT) return "make room on the disk, or choose another disk";
+  return "check the disk and the folder's permissions, or choose another disk";
 }
 
 void forgetPartial(const std::filesystem::path& file) {
@@ -210,9 +218,10 @@ WholeFile::~WholeFile() {
 
 void WholeFile::write(const std::string& text) {
   if (std::fwrite(text.data(), 1, text.size(), file_) != text.size()) {
-    const std::string why = std::string("writing failed (") + std::strerror(errno) + ")";
+    const int error = errno;
+    const std::string why = std::string("writing failed (") + std::strerror(error) + ")";
     if (file_ == stdout) throw Error("standard output", why, "check the disk or the pipe");
-    throw Error(path_.string(), why, "make room on the disk, or choose another disk");
+    throw Error(path_.string(), why, remedyForWriting(error));
   }
 }
 
@@ -235,16 +244,15 @@ void WholeFile::commit() {
   }
   std::FILE* file = std::exchange(file_, nullptr);
   const bool flushed = std::fclose(file) == 0;
-  std::string why = flushed ? "" : std::strerror(errno);
   std::error_code error;
+  if (!flushed) error.assign(errno, std::generic_category());
   if (flushed) std::filesystem::rename(partial_, path_, error);
-  if (error) why = error.message();
-  const bool whole = flushed && !error;
+  const bool whole = !error;
   if (!whole) std::remove(partial_.c_str());
   forgetPartial(partial_);
   if (!whole) {
-    throw Error(path_.string(), "the file could not be completed (" + why + ")",
-                "check the disk and its permissions");
+    throw Error(path_.string(), "the file could not be completed (" + error.message() + ")",
+                remedyForWriting(error.value()));
   }
 }
 

@@ -209,6 +209,12 @@ class Stacker {
                                      : "remove them from the folder";
   }
 
+  /// Returns the remedy for several images at one position.
+  std::string withOneImageEach() const {
+    return series_.files.size() == 1 ? "export the series again with one image at each position"
+                                     : "keep one image at each position";
+  }
+
   /// Finds the times of several images at each position. Throws VolumeError without times.
   void separate(std::vector<Group>& groups, const Ruler& ruler, Stack& out) const {
     const auto fewer = [](const Group& a, const Group& b) { return a.size() < b.size(); };
@@ -226,7 +232,7 @@ class Stacker {
         if ((slice.position - group.front().position).norm() > 2.0 * same) {
           refuse(fmt::format("two images lie side by side at {} mm: {} and {}", ruler.at(slice),
                              fileOf(group.front()), fileOf(slice)),
-                 "keep one image at each position");
+                 withOneImageEach());
         }
         for (std::size_t i = 0; i < kKindTags.size(); ++i) {
           if (slice.kinds[i] == group.front().kinds[i]) continue;
@@ -240,7 +246,7 @@ class Stacker {
     if (!tag.has_value() || fewest->size() == 1) {
       refuse(fmt::format("{} images are at the same position, {} mm, such as {} and {}", count,
                          ruler.at(twice.front()), fileOf(twice[0]), fileOf(twice[1])),
-             "keep one image at each position");
+             withOneImageEach());
     }
     if (fewest->size() != count) {
       refuse(fmt::format("time steps are missing: {} images are at {} mm, but {} at {} mm",
@@ -260,9 +266,13 @@ class Stacker {
     }
     for (const File* file : series_.files) {
       if (kind.seconds > 0.0 || file->time_step == step) continue;
-      refuse(fmt::format("the files state different time steps: {:.4g} s in {}, {:.4g} s in {}",
-                         step, series_.files.front()->path.filename().string(), file->time_step,
-                         file->path.filename().string()),
+      const auto words = [](double seconds) {
+        return seconds == 0.0 ? std::string("none") : fmt::format("{:.9g} s", seconds);
+      };
+      refuse(fmt::format("the files state different time steps (TemporalResolution): {} in {}, {} "
+                         "in {}",
+                         words(step), series_.files.front()->path.filename().string(),
+                         words(file->time_step), file->path.filename().string()),
              "export the series again");
     }
     if (kind.seconds == 0.0 && !(step > 0.0)) {
@@ -329,8 +339,10 @@ class Stacker {
             fmt::format(
                 "the slices are not on a line: the slice at {} mm is {:.3g} mm away from the line",
                 ruler.at(slice), off.norm()),
-            "copy the slices before this slice to one folder and the others to another, and import "
-            "each folder");
+            series_.files.size() == 1
+                ? "export the slices before this slice and the others as two series"
+                : "copy the slices before this slice to one folder and the others to another, and "
+                  "import each folder");
       }
       const double deviation = depth - length * static_cast<double>(i) / even;
       is_even = is_even && std::abs(deviation) <= kUneven * length / even;

@@ -63,8 +63,9 @@ bool writeAll(int file, const char* data, std::size_t count) {
     complain(e.what());
     status = cli::kBadInput;
   } catch (const std::filesystem::filesystem_error& e) {
-    complain(fmt::format("{}: the file system reports an error ({}): check the path",
-                         e.path1().string(), e.code().message()));
+    complain(
+        fmt::format("{}: the file system reports an error ({}): check the path and its permissions",
+                    e.path1().string(), e.code().message()));
     status = cli::kBadInput;
   } catch (const std::bad_alloc&) {
     complain("memory ran out: choose fewer arrays with --field or a larger --voxel");

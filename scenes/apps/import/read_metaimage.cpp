@@ -252,7 +252,9 @@ class Header {
     double each = type().bytes;
     if (const auto channels = numbers({"ElementNumberOfChannels"}, 1); !channels.empty()) {
       if (!(channels[0] >= 1.0) || channels[0] > 1000.0 || channels[0] != std::floor(channels[0])) {
-        refuse("ElementNumberOfChannels is not a whole number from 1 to 1000", kCorrectHeader);
+        refuse(fmt::format("ElementNumberOfChannels is {}, not a whole number from 1 to 1000",
+                           channels[0]),
+               kCorrectHeader);
       }
       each *= channels[0];
     }

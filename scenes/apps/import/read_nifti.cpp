@@ -370,8 +370,11 @@ class NiftiReader final : public Reader {
   void weigh() const {
     const std::vector<double> sizes(header_.size.begin() + 1, header_.size.end());
     const double bytes = bytesOf(request_.file, sizes, header_.bits / 8.0);
-    if (header_.offset < 0)
-      refuse("the offset of the voxels (vox_offset) is negative", kCheckWriter);
+    if (header_.offset < 0) {
+      refuse(fmt::format("the offset of the voxels (vox_offset), {} bytes, is negative",
+                         header_.offset),
+             kCheckWriter);
+    }
     const fs::path data = dataFile();
     const double least = bytes + header_.offset;
     checkHeld(request_.file, data, sizeOfData(request_.file, data, true),
@@ -467,8 +470,8 @@ class NiftiReader final : public Reader {
     for (int axis = 0; axis < 3; ++axis) {
       double spacing = std::abs(header_.spacing[static_cast<std::size_t>(axis) + 1]);
       if (!(spacing > 0.0)) {
-        notes.push_back(
-            fmt::format("axis {}: the header has no valid spacing: 1 is assumed", "xyz"[axis]));
+        notes.push_back(fmt::format(
+            "axis {}: the header has no valid spacing: a spacing of 1 is assumed", "xyz"[axis]));
         spacing = 1.0;
       }
       map.linear.col(axis) *= spacing;

@@ -180,7 +180,8 @@ class NrrdReader final : public Reader {
         if (size != 3) {
           refuse(fmt::format("axis {} of {} has vectors of {} components, not 3", axis + 1,
                              nrrd_->dim, size),
-                 "if this axis is a series, set its kind in the header to \"list\"");
+                 "export vectors of 3 components; or, if this axis is a series, set its kind in "
+                 "the header to \"list\"");
         }
         return component(Meaning::kVector);
       case nrrdKind3DSymMatrix:
@@ -434,7 +435,8 @@ class NrrdReader final : public Reader {
     }
     if (!AIR_EXISTS(spacing)) {
       spacing = 1.0;
-      notes.push_back(fmt::format("axis {}: the header has no spacing: 1 is assumed", "xyz"[c]));
+      notes.push_back(
+          fmt::format("axis {}: the header has no spacing: a spacing of 1 is assumed", "xyz"[c]));
     }
     map.linear(c, c) = spacing;
     if (AIR_EXISTS(axis.min)) map.origin[c] = axis.min + (node ? 0.0 : 0.5 * spacing);

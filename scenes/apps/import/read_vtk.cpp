@@ -156,7 +156,9 @@ TimedFiles filesOfCollection(const Request& request) {
     }
     files[time].push_back(listedFile(request, name));
   }
-  if (files.empty()) refuse("the collection names no file", "export it with its data sets");
+  if (files.empty()) {
+    refuse("the collection has no data set", "export it again, with its data sets");
+  }
   return files;
 }
 
@@ -186,7 +188,7 @@ TimedFiles filesOfSeries(const Request& request) {
     }
     const auto& name = entry["name"].get_ref<const std::string&>();
     if (!entry.contains("time") || !entry["time"].is_number()) {
-      refuse(fmt::format("the time of {} is not a number", name), kCorrect);
+      refuse(fmt::format("the time of {} is missing, or is not a number", name), kCorrect);
     }
     const double time = entry["time"].get<double>();
     if (files.contains(time)) {
@@ -194,7 +196,7 @@ TimedFiles filesOfSeries(const Request& request) {
     }
     files[time].push_back(listedFile(request, name));
   }
-  if (files.empty()) refuse("the series lists no file", "export it with its data sets");
+  if (files.empty()) refuse("the list \"files\" of the series is empty", kCorrect);
   return files;
 }
 

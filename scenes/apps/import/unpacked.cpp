@@ -98,7 +98,7 @@ std::size_t Unpacked::inflateSome(void* to, std::size_t bytes) {
     } else if (state != Z_OK) {
       refuse(fmt::format("is damaged{}: the packed values cannot be unpacked ({})",
                          inflater_->gzip ? "" : ", or not packed as the header states",
-                         stream.msg == nullptr ? "zlib" : stream.msg));
+                         stream.msg == nullptr ? zError(state) : stream.msg));
     }
   }
   return room - stream.avail_out;

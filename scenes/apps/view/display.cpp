@@ -119,7 +119,7 @@ std::string startServer() {
 const char* effect = "the window closes";
 
 int lost(Display* /*display*/) {
-  cli::complain(fmt::format("display: the connection is lost: {}", effect));
+  cli::complain(fmt::format("display: the connection to the X server is lost: {}", effect));
   _exit(1);
 }
 

@@ -191,10 +191,13 @@ void IgtlServer::run() {
     } catch (const std::exception& error) {
       // If memory has run out, the next round may succeed.
       clients_.clear();
+      const bool memory = dynamic_cast<const std::bad_alloc*>(&error) != nullptr;
       complaints_.say(
-          fmt::format("igtl: all connections are closed, because the server failed ({}): connect "
-                      "again, or free memory",
-                      error.what()));
+          memory ? "igtl: all connections are closed, because memory ran out: end other programs, "
+                   "and connect again"
+                 : fmt::format("igtl: all connections are closed, because the server failed ({}): "
+                               "connect again, and report this message",
+                               error.what()));
     }
   }
   clients_.clear();
