@@ -345,8 +345,9 @@ class VdbFile {
   }
 
   [[noreturn]] void throwNoGrid(const std::string& wanted) const {
-    if (names_.empty())
-      throw VolumeError(path_.string(), "it does not have a grid", "write a grid into it");
+    if (names_.empty()) {
+      throw NoDataError(path_.string(), "it does not have a grid", "write a grid into it");
+    }
     std::vector<std::string> names = vectors_;
     names.insert(names.end(), names_.begin(), names_.end());
     std::string all;

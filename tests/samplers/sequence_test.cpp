@@ -703,6 +703,17 @@ TEST_CASE("a frame without active voxels plays as background", "[samplers][seque
                     Contains("frame_0.vdb") && Contains("no active voxel"));
 }
 
+TEST_CASE("a frame whose file has no grid plays as background", "[samplers][sequence]") {
+  const TemporaryFolder folder;
+  auto frames = framesIn(folder, 3, [](int i) { return ball(4.0 + 0.2 * i); });
+  writeVdb(frames[1].file, {});
+  const auto sequence = sequenceOf(frames, 1.0);
+  CHECK(sequence->state().empty == 1);
+  CHECK_FALSE(Player(sequence).settled(1.0, Vec3(0.0042, 0.0, 0.0)).inside);
+  CHECK_THROWS_WITH(sequenceOf({frames[1]}, 1.0),
+                    Contains("frame_1.vdb") && Contains("does not have a grid"));
+}
+
 TEST_CASE("a frame without a class counts as fog, and a frame of another class is refused by name",
           "[samplers][sequence]") {
   const TemporaryFolder folder;
