@@ -574,6 +574,25 @@ class MetaImage(Case):
                    lambda *_: (0.0, -0.5 ** 0.5, -0.5 ** 0.5))  # the sign has no meaning
         self.refused(path, "6 channels")
 
+    @suite.smoke
+    def test_the_fourth_axis_of_a_metaimage_is_time(self):
+        data = struct.pack("<240h", *(-v for v in SCALARS), *SCALARS)
+        four = {"NDims": "4", "DimSize": "4 5 6 2"}
+        turned = ("TransformMatrix = 0 1 0 0 -1 0 0 0 0 0 1 0 0 0 0 1", "Offset = 10 20 30 3",
+                  "ElementSpacing = 1 2 3 0.5")
+        for path in (self.write("a.mha", meta(*turned, **four), data),
+                     self.write("b.mha", meta(*turned, CompressedData="True", **four), zlib.compress(data))):
+            self.holds(self.convert(path, "--time", "1"), "density", self.COLUMNS, (10, 20, 30), scalar)
+            self.assertEqual(self.report(path, "--time", "1")["time"], 3.5)
+            self.assertIn("the first of 2 steps", self.notes(path))
+        (self.dir / "out.vdb").unlink()
+        mixed = "TransformMatrix = 1 0 0 0 0 1 0 0 0 0 1 0.5 0 0 0 1"
+        self.refused(self.write("c.mha", meta(mixed, **four), data), "turns the fourth axis")
+        self.refused(self.write("c.mha", meta("Offset = 1 2 3", **four), data), "Offset is not 4 numbers")
+        self.refused(self.write("c.mha", meta(**four), SHORTS), "at least 480 bytes")
+        self.refused(self.write("c.mha", meta(NDims="4", DimSize="1 1 1 200000"), bytes(400000)),
+                     "200000 time steps, more than 100000")
+
     def test_refuses_a_metaimage_value_that_is_not_a_number_and_names_it(self):
         words = list(map(str, SCALARS))
         words[6] = "x7"
@@ -671,8 +690,8 @@ class MetaImage(Case):
                      "no volume")
         self.refused(self.write("a.mha", meta(ObjectType="Tube"), SHORTS), "Tube")
         self.refused(self.write("a.mha", meta(NDims="2", DimSize="4 30"), SHORTS), "2 dimensions")
-        self.refused(self.write("a.mha", meta(NDims="4", DimSize="4 5 3 2"), SHORTS),
-                     "4 dimensions")
+        self.refused(self.write("a.mha", meta(NDims="5", DimSize="4 5 3 2 1"), SHORTS),
+                     "5 dimensions")
         self.refused(self.write("a.mha", meta(NDims=None), SHORTS), "no NDims")
 
     def test_a_flipped_bit_in_a_compressed_metaimage_never_changes_voxels(self):

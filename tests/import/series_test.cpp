@@ -47,7 +47,7 @@ std::int16_t valueAt(int step, int point, int component = 0) {
   return static_cast<std::int16_t>(1000 * step + 10 * point + component);
 }
 
-void checkSteps(Reader& reader, int components = 1) {
+void checkSteps(Reader& reader, int components = 1, Type type = Type::kInt16) {
   REQUIRE(reader.times().size() == kSteps);
   for (const int step : {2, 0, 1, 1}) {  // steps in any order, also repeated
     const Content content = reader.read(static_cast<std::size_t>(step));
@@ -56,7 +56,7 @@ void checkSteps(Reader& reader, int components = 1) {
     const Values& values = content.pieces[0].arrays.at(0).values;
     REQUIRE(values.tuples() == kPoints);
     REQUIRE(values.components() == components);
-    CHECK(values.type() == Type::kInt16);
+    CHECK(values.type() == type);
     for (int point = 0; point < kPoints; ++point) {
       for (int c = 0; c < components; ++c) {
         CHECK(values.at(static_cast<std::size_t>(point), c) == valueAt(step, point, c));
@@ -146,10 +146,70 @@ TEST_CASE("the time steps of NIfTI files of scalars and of vectors are read in a
       for (int p = 0; p < kPoints; ++p) vectors.push_back(valueAt(s, p, c));
     }
   }
-  auto reader = openNifti(folder.write("a.nii", nifti({2, 3, 4, kSteps}, 2.5F), scalars));
+  std::string header = nifti({2, 3, 4, kSteps}, 2.5F);
+  header[123] = 2 + 16;  // mm and ms
+  auto reader = openNifti(folder.write("a.nii", header, scalars));
   checkSteps(*reader);
+  CHECK(reader->timeUnit() == 1e-3);
   CHECK(reader->times() == std::vector<double>{0.0, 2.5, 5.0});
   checkSteps(*openNifti(folder.write("b.nii", nifti({2, 3, 4, kSteps, 3}, 1.0F), vectors)), 3);
+}
+
+TEST_CASE("the time steps of a MetaImage with four dimensions are read in any order", "[series]") {
+  const Folder folder;
+  std::vector<std::int16_t> scalars;
+  std::vector<std::int16_t> vectors;
+  for (int s = 0; s < kSteps; ++s) {
+    for (int p = 0; p < kPoints; ++p) {
+      scalars.push_back(valueAt(s, p));
+      for (int c = 0; c < 3; ++c) vectors.push_back(valueAt(s, p, c));
+    }
+  }
+  // Keeps x, y and z of vectors, which the reader turns to RAS.
+  for (std::size_t i = 0; i < vectors.size(); ++i) vectors[i] *= i % 3 == 2 ? 1 : -1;
+  const std::string head =
+      "ObjectType = Image\nNDims = 4\nDimSize = 2 3 4 3\nElementType = MET_SHORT\n"
+      "ElementSpacing = 1 2 3 0.25\nOffset = 10 20 30 7\n"
+      "TransformMatrix = 0 1 0 0 -1 0 0 0 0 0 1 0 0 0 0 1\n";
+  SECTION("the values are in the file") {
+    auto reader = openMetaImage(folder.write("a.mha", head + "ElementDataFile = LOCAL\n", scalars));
+    checkSteps(*reader);
+    CHECK(reader->times() == std::vector<double>{7.0, 7.25, 7.5});
+    CHECK_FALSE(reader->timeUnit().has_value());
+    const Affine map = reader->read(1).pieces[0].file_from_index;
+    CHECK(map.linear.col(0) == Vec3(0.0, -1.0, 0.0));
+    CHECK(map.linear.col(1) == Vec3(2.0, 0.0, 0.0));
+    CHECK(map.linear.col(2) == Vec3(0.0, 0.0, 3.0));
+    CHECK(map.origin == Vec3(-10.0, -20.0, 30.0));
+  }
+  SECTION("the values are vectors") {
+    checkSteps(*openMetaImage(folder.write("a.mha",
+                                           head + "ElementNumberOfChannels = 3\n"
+                                                  "ElementDataFile = LOCAL\n",
+                                           vectors)),
+               3, Type::kFloat32);
+  }
+  SECTION("the values are text") {
+    std::string text;
+    for (const std::int16_t value : scalars) text += std::to_string(value) + "\n";
+    checkSteps(*openMetaImage(
+        folder.write("a.mha", head + "BinaryData = False\nElementDataFile = LOCAL\n" + text, {})));
+  }
+  SECTION("each volume, or each slice, has its own file") {
+    for (const int points : {kPoints, 6}) {
+      std::string list;
+      for (int f = 0; f < kSteps * kPoints / points; ++f) {
+        const auto begin = scalars.begin() + static_cast<std::ptrdiff_t>(f) * points;
+        static_cast<void>(folder.write(fmt::format("{}.raw", f), "", {begin, begin + points}));
+        list += fmt::format("{}.raw\n", f);
+      }
+      checkSteps(
+          *openMetaImage(folder.write("a.mhd", head + "ElementDataFile = LIST\n" + list, {})));
+      if (points < kPoints) continue;
+      checkSteps(
+          *openMetaImage(folder.write("b.mhd", head + "ElementDataFile = %d.raw 0 2 1\n", {})));
+    }
+  }
 }
 
 TEST_CASE("a file with a single volume has no time steps", "[series]") {
@@ -157,6 +217,11 @@ TEST_CASE("a file with a single volume has no time steps", "[series]") {
   const std::vector<std::int16_t> values(kPoints);
   CHECK(openNrrd(folder.write("a.nrrd", nrrd("2 3 4", "\n"), values))->times().empty());
   CHECK(openNifti(folder.write("a.nii", nifti({2, 3, 4}, 1.0F), values))->times().empty());
+  for (const char* sizes : {"NDims = 3\nDimSize = 2 3 4", "NDims = 4\nDimSize = 2 3 4 1"}) {
+    const std::string head =
+        fmt::format("{}\nElementType = MET_SHORT\nElementDataFile = LOCAL\n", sizes);
+    CHECK(openMetaImage(folder.write("a.mha", head, values))->times().empty());
+  }
 }
 
 }  // namespace palpate::series_test

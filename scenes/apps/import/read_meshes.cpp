@@ -123,6 +123,7 @@ class FoamReader final : public Reader {
     }
   }
 
+  std::optional<double> timeUnit() const override { return 1.0; }
   std::vector<double> times() const override {
     return times_.size() > 1 ? times_ : std::vector<double>();
   }

@@ -26,6 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kCorrectHeader = "correct the header";
+/// Largest number of time steps, and of data files.
+constexpr double kMostParts = 100000.0;
 
 std::string trimmed(const std::string& text) {
   const auto first = text.find_first_not_of(" \t\r");
@@ -125,7 +127,22 @@ class Header {
     return at->second;
   }
 
-  [[nodiscard]] std::vector<double> sizes() const { return numbers({"DimSize"}, 3); }
+  /// Returns the number of axes: 3, or 4 if the last axis is time.
+  [[nodiscard]] std::size_t dimensions() const { return dimensions_; }
+  [[nodiscard]] std::vector<double> sizes() const { return numbers({"DimSize"}, dimensions_); }
+  [[nodiscard]] std::vector<double> spacing() const {
+    return numbers({"ElementSpacing", "ElementSize"}, dimensions_);
+  }
+  [[nodiscard]] std::vector<double> origin() const {
+    return numbers({"Offset", "Position", "Origin"}, dimensions_);
+  }
+  /// Returns the directions of the axes: a row for each axis.
+  [[nodiscard]] std::vector<double> matrix() const {
+    return numbers({"TransformMatrix", "Rotation", "Orientation"}, dimensions_ * dimensions_);
+  }
+  [[nodiscard]] std::size_t steps() const {
+    return dimensions_ == 4 ? static_cast<std::size_t>(sizes()[3]) : 1;
+  }
 
   [[nodiscard]] int channels() const {
     const auto count = numbers({"ElementNumberOfChannels"}, 1);
@@ -135,8 +152,9 @@ class Header {
   /// Returns true if single slices can be read: the data are neither text nor compressed.
   [[nodiscard]] bool isSeekable() const { return !isText() && !isTrue({"CompressedData"}); }
 
-  /// Reads slices. Unless isSeekable() is true, these must be all slices. Throws VolumeError.
-  [[nodiscard]] Values values(const Slab& slices, const Progress& progress) const {
+  /// Reads slices of a step. Unless isSeekable() is true, these must be all slices. Throws
+  /// VolumeError.
+  [[nodiscard]] Values values(std::size_t step, const Slab& slices, const Progress& progress) {
     Values values;
     const std::vector<double> n = sizes();
     const std::size_t slice = static_cast<std::size_t>(n[0]) * static_cast<std::size_t>(n[1]);
@@ -146,9 +164,17 @@ class Header {
       refuse("the values need more memory than is free", "export and import a smaller part");
     }
     if (isSeekable()) {
-      readSlices(slices, static_cast<std::size_t>(n[2]), values, progress);
+      readSlices(step, slices, values, progress);
+    } else if (isText()) {
+      parseAll(step, values, progress);
     } else {
-      readAll(values, progress);
+      Unpacked in(file_, parts_.front().file, Packing::kExpected, parts_.front().offset);
+      const std::size_t size = values.size() * values.bytesEach();
+      in.skip(static_cast<std::uint64_t>(step) * size);
+      in.read(values.as<char>(), size, progress);
+      // Verifies the checksum of the whole file once.
+      if (!sound_) in.finish();
+      sound_ = true;
     }
     const bool swap = !isText() && std::endian::native == std::endian::little &&
                       isTrue({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
@@ -157,21 +183,18 @@ class Header {
   }
 
  private:
-  void readSlices(const Slab& slices, std::size_t count, const Values& values,
+  void readSlices(std::size_t step, const Slab& slices, const Values& values,
                   const Progress& progress) const {
-    const std::size_t each = count / parts_.size();
+    const auto slices_each = static_cast<std::size_t>(sizes()[2]);
+    const std::size_t each = slices_each * steps() / parts_.size();
     auto* to = values.as<char>();
-    const auto first = static_cast<std::size_t>(slices.first);
-    const auto end = static_cast<std::size_t>(slices.end());
+    const std::size_t first = step * slices_each + static_cast<std::size_t>(slices.first);
+    const std::size_t end = first + static_cast<std::size_t>(slices.count);
     const std::size_t bytes = first == end ? 0 : values.size() * values.bytesEach() / (end - first);
     for (std::size_t k = first; k < end;) {
       const Part& part = parts_[k / each];
       const std::size_t here = std::min(end, (k / each + 1) * each) - k;
-      std::ifstream in(part.file, std::ios::binary);
-      if (!in) {
-        refuse(fmt::format("the data file {} cannot be read", part.file.filename().string()),
-               "check its permissions");
-      }
+      std::ifstream in = opened(part);
       in.seekg(static_cast<std::streamoff>(part.offset + k % each * bytes));
       in.read(to, static_cast<std::streamsize>(here * bytes));
       if (!in) {
@@ -184,53 +207,58 @@ class Header {
     }
   }
 
-  void readAll(const Values& values, const Progress& progress) const {
+  /// Reads all values of a step, which are text.
+  void parseAll(std::size_t step, const Values& values, const Progress& progress) const {
     const std::size_t count = values.size();
-    const std::size_t size = values.bytesEach();
-    const std::size_t share = count * size / parts_.size();
-    auto* to = values.as<char>();
-    for (std::size_t p = 0; p < parts_.size(); ++p) {
-      const Part& part = parts_[p];
-      if (isTrue({"CompressedData"})) {
-        Unpacked in(file_, part.file, Packing::kExpected, part.offset);
-        in.read(to, share);
-        in.finish();
-      } else {
-        std::ifstream in(part.file, std::ios::binary);
-        if (!in) {
-          refuse(fmt::format("the data file {} cannot be read", part.file.filename().string()),
-                 "check its permissions");
-        }
-        in.seekg(static_cast<std::streamoff>(part.offset));
-        const std::string where =
-            parts_.size() == 1 ? "" : fmt::format("in {} ", calledBy(file_, part.file));
-        parse(in, where, values, p * share / size, share / size);
-      }
-      if (progress) progress(static_cast<double>(p + 1) / static_cast<double>(parts_.size()));
+    const std::size_t each = count * steps() / parts_.size();
+    for (std::size_t done = 0; done < count;) {
+      const std::size_t at = step * count + done;
+      const Part& part = parts_[at / each];
+      const std::size_t here = std::min(count - done, (at / each + 1) * each - at);
+      std::ifstream in = opened(part);
+      in.seekg(static_cast<std::streamoff>(part.offset));
+      const std::string where =
+          parts_.size() == 1 ? "" : fmt::format("in {} ", calledBy(file_, part.file));
+      parse(in, where, at % each, values, done, here);
+      done += here;
+      if (progress) progress(static_cast<double>(done) / static_cast<double>(count));
     }
+  }
+
+  [[nodiscard]] std::ifstream opened(const Part& part) const {
+    std::ifstream in(part.file, std::ios::binary);
+    if (!in) {
+      refuse(fmt::format("the data file {} cannot be read", part.file.filename().string()),
+             "check its permissions");
+    }
+    return in;
   }
 
   [[nodiscard]] bool isText() const {
     return !text({"BinaryData"}).empty() && !isTrue({"BinaryData"});
   }
 
-  /// Reads values as text. The reason of an error begins with `where`.
-  void parse(std::istream& in, const std::string& where, const Values& values, std::size_t first,
-             std::size_t count) const {
+  /// Reads values as text, after `skipped` other values. The reason of an error begins with
+  /// `where`.
+  void parse(std::istream& in, const std::string& where, std::size_t skipped, const Values& values,
+             std::size_t first, std::size_t count) const {
+    const auto next = [&](std::size_t number) {
+      double value = 0.0;
+      if (in >> value) return value;
+      if (in.eof()) refuse(where + "the values end too early", "copy or export the file again");
+      refuse(fmt::format("{}value {} is not a number", where, number + 1),
+             "correct the value, or export the file again");
+    };
+    for (std::size_t i = 0; i < skipped; ++i) static_cast<void>(next(i));
     visit(values, [&](auto* data) {
       using T = std::remove_pointer_t<decltype(data)>;
-      for (std::size_t i = first; i < first + count; ++i) {
-        double value = 0.0;
-        if (!(in >> value)) {
-          if (in.eof()) refuse(where + "the values end too early", "copy or export the file again");
-          refuse(fmt::format("{}value {} is not a number", where, i - first + 1),
-                 "correct the value, or export the file again");
-        }
+      for (std::size_t i = 0; i < count; ++i) {
+        double value = next(skipped + i);
         if constexpr (std::is_integral_v<T>) {
           value = std::clamp(value, static_cast<double>(std::numeric_limits<T>::min()),
                              std::nexttoward(std::ldexp(1.0, std::numeric_limits<T>::digits), 0));
         }
-        data[i] = static_cast<T>(value);
+        data[first + i] = static_cast<T>(value);
       }
     });
   }
@@ -243,11 +271,12 @@ class Header {
     }
     const std::string dimensions = text({"NDims"});
     if (dimensions.empty()) refuse("the header has no NDims", kCorrectHeader);
-    if (dimensions != "3") {
+    if (dimensions != "3" && dimensions != "4") {
       refuse(fmt::format("the image has {} dimensions", dimensions),
-             "give an image with 3 dimensions");
+             "give an image with 3 dimensions, or with 4, of which the last is time");
     }
-    const std::vector<double> sizes = numbers({"DimSize"}, 3);
+    dimensions_ = dimensions == "4" ? 4 : 3;
+    const std::vector<double> sizes = this->sizes();
     if (sizes.empty()) refuse("the header has no DimSize", kCorrectHeader);
     double each = type().bytes;
     if (const auto channels = numbers({"ElementNumberOfChannels"}, 1); !channels.empty()) {
@@ -258,27 +287,46 @@ class Header {
       }
       each *= channels[0];
     }
+    if (dimensions_ == 4 && sizes[3] > kMostParts) {
+      refuse(fmt::format("the header states {} time steps, more than 100000", sizes[3]),
+             kCorrectHeader);
+    }
     const double bytes = bytesOf(file_, sizes, each);
     for (const char* key :
          {"ElementSpacing", "ElementSize", "Offset", "Position", "Origin", "CenterOfRotation"}) {
-      static_cast<void>(numbers({key}, 3));
+      static_cast<void>(numbers({key}, dimensions_));
     }
     for (const char* key : {"TransformMatrix", "Rotation", "Orientation"}) {
-      static_cast<void>(numbers({key}, 9));
+      static_cast<void>(numbers({key}, dimensions_ * dimensions_));
     }
+    checkTimeAxis();
     for (const char* key :
          {"ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset", "HeaderSize"}) {
       static_cast<void>(numbers({key}, 1));
     }
-    checkData(bytes, sizes[2]);
+    checkData(bytes, sizes);
+  }
+
+  /// Throws VolumeError if a matrix of four axes does not keep time apart from space.
+  void checkTimeAxis() const {
+    const std::vector<double> directions = matrix();
+    if (dimensions_ != 4 || directions.empty()) return;
+    bool apart = directions[15] > 0.0;
+    for (const std::size_t i : {3U, 7U, 11U, 12U, 13U, 14U}) {
+      apart = apart && directions[i] == 0.0;
+    }
+    if (apart) return;
+    refuse("the TransformMatrix turns the fourth axis, which palpate reads as time",
+           "export the image with 0 0 0 1 as the last row and the last column of the matrix");
   }
 
   /// Checks, before memory is allocated, that the files can hold the values.
-  void checkData(double bytes, double slices) {
+  void checkData(double bytes, const std::vector<double>& sizes) {
+    const double slices = sizes[2] * (dimensions_ == 4 ? sizes[3] : 1.0);
     const std::string name = text({"ElementDataFile"});
     if (name.empty()) refuse("the header has no ElementDataFile", kCorrectHeader);
     std::vector<std::string> files{name};
-    if (name.find('%') != std::string::npos) files = numbered(name, slices);
+    if (name.find('%') != std::string::npos) files = numbered(name, sizes.back());
     if (name.rfind("LIST", 0) == 0) files = list_;
     if (files.empty()) refuse("the header lists no data files", kCorrectHeader);
     const double share = bytes / static_cast<double>(files.size());
@@ -307,11 +355,14 @@ class Header {
     }
   }
 
-  /// Returns a file name for each slice, from a pattern such as "slice%03d.raw 1 93 1".
+  /// Returns a file name for each slice, or each volume of four dimensions, from a pattern such as
+  /// "slice%03d.raw 1 93 1".
   [[nodiscard]] std::vector<std::string> numbered(const std::string& field, double slices) const {
-    constexpr double kMost = 100000.0;
-    if (slices > kMost)
-      refuse(fmt::format("the header states {} slices, more than 100000", slices), kCorrectHeader);
+    const char* what = dimensions_ == 4 ? "volumes" : "slices";
+    if (slices > kMostParts) {
+      refuse(fmt::format("the header states {} {}, more than 100000", slices, what),
+             kCorrectHeader);
+    }
     std::istringstream words(field);
     std::string pattern;
     int first = 1;
@@ -337,8 +388,8 @@ class Header {
                       pattern.substr(end + 1));
     }
     if (static_cast<double>(files.size()) != slices) {
-      refuse(fmt::format("the pattern names {} data files, but the image has {} slices",
-                         files.size(), slices),
+      refuse(fmt::format("the pattern names {} data files, but the image has {} {}", files.size(),
+                         slices, what),
              kCorrectHeader);
     }
     return files;
@@ -350,13 +401,28 @@ class Header {
   std::vector<std::string> list_;
   std::vector<Part> parts_;
   std::uintmax_t offset_ = 0;
+  std::size_t dimensions_ = 3;
+  bool sound_ = false;
 };
 
 class MetaImageReader final : public Reader {
  public:
   explicit MetaImageReader(const Request& request) : request_(request), header_(request) {}
 
-  Content read(std::size_t /*step*/) override {
+  [[nodiscard]] std::vector<double> times() const override {
+    std::vector<double> times;
+    if (header_.steps() == 1) return times;
+    const std::vector<double> spacing = header_.spacing();
+    const std::vector<double> origin = header_.origin();
+    const double step = spacing.empty() || !(spacing[3] > 0.0) ? 1.0 : spacing[3];
+    const double start = origin.empty() ? 0.0 : origin[3];
+    for (std::size_t i = 0; i < header_.steps(); ++i) {
+      times.push_back(start + step * static_cast<double>(i));
+    }
+    return times;
+  }
+
+  Content read(std::size_t step) override {
     Content content;
     Piece image;
     const std::vector<double> sizes = header_.sizes();
@@ -373,7 +439,7 @@ class MetaImageReader final : public Reader {
     }
     image.file_from_index = place(turn, content.notes);
     const Slab slices = header_.isSeekable() ? slicesToRead(request_, image) : image.slices();
-    const Values values = header_.values(slices, request_.progress);
+    const Values values = header_.values(step, slices, request_.progress);
     image.arrays.push_back(named(values, turn, content));
     content.pieces.push_back(std::move(image));
     if (header_.text({"Modality"}) == "MET_MOD_CT") content.modality = Modality::kCt;
@@ -387,21 +453,21 @@ class MetaImageReader final : public Reader {
  private:
   [[nodiscard]] Affine place(const Mat3& turn, std::vector<std::string>& notes) const {
     Affine map;
-    const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
-    if (spacing.empty())
+    const auto spacing = header_.spacing();
+    if (spacing.empty()) {
       notes.emplace_back("the header has no ElementSpacing: a spacing of 1 is assumed");
-    // Each row of the matrix is the direction of one axis.
-    const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
+    }
+    const auto matrix = header_.matrix();
     for (int axis = 0; axis < 3; ++axis) {
       for (int d = 0; d < 3 && !matrix.empty(); ++d) {
-        map.linear(d, axis) =
-            matrix[3 * static_cast<std::size_t>(axis) + static_cast<std::size_t>(d)];
+        map.linear(d, axis) = matrix[header_.dimensions() * static_cast<std::size_t>(axis) +
+                                     static_cast<std::size_t>(d)];
       }
       if (!spacing.empty()) map.linear.col(axis) *= spacing[static_cast<std::size_t>(axis)];
     }
-    const auto origin = header_.numbers({"Offset", "Position", "Origin"}, 3);
+    const auto origin = header_.origin();
     if (!origin.empty()) map.origin = Vec3(origin[0], origin[1], origin[2]);
-    const auto centre = header_.numbers({"CenterOfRotation"}, 3);
+    const auto centre = header_.numbers({"CenterOfRotation"}, header_.dimensions());
     const bool centred = std::any_of(centre.begin(), centre.end(), [](double c) { return c != 0; });
     if (centred && !matrix.empty()) {
       notes.emplace_back("CenterOfRotation is ignored, as in ITK");

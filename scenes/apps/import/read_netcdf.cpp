@@ -190,6 +190,10 @@ class NetcdfReader final : public Reader {
   }
 
   std::vector<double> times() const override { return times_; }
+  std::optional<double> timeUnit() const override {
+    const int variable = time_ < 0 ? -1 : file_.dimension(time_).variable;
+    return variable < 0 ? std::nullopt : secondsIn(file_.text(variable, "units"));
+  }
 
   Content read(std::size_t step) override {
     Content content;

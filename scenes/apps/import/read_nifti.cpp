@@ -173,6 +173,19 @@ class NiftiReader final : public Reader {
     return times;
   }
 
+  [[nodiscard]] std::optional<double> timeUnit() const override {
+    switch (header_.units & 0x38) {
+      case 8:
+        return 1.0;
+      case 16:
+        return 1e-3;
+      case 24:
+        return 1e-6;
+      default:
+        return std::nullopt;
+    }
+  }
+
   Content read(std::size_t step) override {
     Content content;
     content.notes = notes_;

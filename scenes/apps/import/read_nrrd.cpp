@@ -86,6 +86,13 @@ class NrrdReader final : public Reader {
     return times;
   }
 
+  [[nodiscard]] std::optional<double> timeUnit() const override {
+    if (series_ < 0) return std::nullopt;
+    const char* units = axisAt(series_).units;
+    if (units == nullptr && nrrd_->spaceDim == 4) units = nrrd_->spaceUnits[3];
+    return units == nullptr ? std::nullopt : secondsIn(units);
+  }
+
   Content read(std::size_t step) override {
     Content content;
     content.notes = notes_;

@@ -128,6 +128,7 @@ struct Request {
   /// "displacement": vectors as ITK writes them, along LPS, which a reader converts like positions.
   std::string as;
   bool follow = false;  ///< True: a header may name data files outside its folder.
+  bool timed = false;   ///< True if the user chose time steps: DICOM series may then be steps.
   Progress progress;
   /// Returns the slices of an image that are needed. Empty: all. Readers that can read a part of a
   /// file read only these slices (Piece::held).
@@ -141,10 +142,17 @@ class Reader {
   Reader& operator=(const Reader&) = delete;
   virtual ~Reader() = default;
 
+  /// Returns the time of each step; empty for a file with one step.
   [[nodiscard]] virtual std::vector<double> times() const { return {}; }
+  /// Returns the unit of times() [s]; no value if the file does not state it.
+  [[nodiscard]] virtual std::optional<double> timeUnit() const { return std::nullopt; }
   /// Reads one step. Throws VolumeError.
   [[nodiscard]] virtual Content read(std::size_t step) = 0;
 };
+
+/// Returns the length of a unit of time [s], such as "ms" or "hours since 2000-01-01"; no value if
+/// the unit is unknown.
+[[nodiscard]] std::optional<double> secondsIn(const std::string& unit);
 
 /// Sets `image.held` to the slices to read (Request::slices), and returns them. Size and transform
 /// of `image` must be set. For readers that can read a part of a file.
