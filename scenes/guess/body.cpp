@@ -151,7 +151,7 @@ std::optional<LargestBody> findLargestBody(const SuggestInput& image) {
   openvdb::tools::prune(*tree);
   found.region = openvdb::FloatGrid::create(tree);
   found.region->setTransform(grid.transform().copy());
-  found.region->setName(image.name() + "_body");
+  found.region->setName(bodyNameOf(image.name()));
   found.region->insertMeta(kMetaBodyOf, openvdb::StringMetadata(image.name()));
   return found;
 }

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 
 #include "palpate/scenes/guess/suggest.h"
 
@@ -15,6 +16,11 @@ struct LargestBody {
   openvdb::FloatGrid::Ptr region;
   std::uint64_t left = 0;  ///< Number of bodies left out.
 };
+
+/// Returns the name of LargestBody::region.
+[[nodiscard]] inline std::string bodyNameOf(const std::string& image) {
+  return image + "_body";
+}
 
 /// Key of the metadata of LargestBody::region that holds the image's name.
 inline constexpr const char* kMetaBodyOf = "body_of";

@@ -1,4 +1,4 @@
-/// Private to the scene guess: makes the JSON of modes, and formats JSON.
+/// Private to scene guesses and imports: makes the JSON of modes, and formats JSON.
 #pragma once
 
 #include <string>

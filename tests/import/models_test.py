@@ -284,6 +284,13 @@ class Netcdf(Case):
         self.holds("u", [place(x, y, 20 * height(p))], lambda *_: wind(x, y, p)[0] + 1, 0.05)
         self.refused(source, 'no array "q"', "--field", "q")
         self.refused(source, "no step", "--time", "2")
+        # A scene plays the six hours between the steps in 0.2 s.
+        scene = self.dir / "scene.json"
+        done = self.call("import", source, self.out, "--time", "all", "--field", "t", "--scene", scene)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        played = json.loads(scene.read_text())
+        self.assertEqual((played["volumes"]["t"]["frames"], played["play"]["speed"]), ({"rate": 4.62963e-05}, 110000))
+        self.assertEqual(self.call("check", scene).returncode, 0)
 
     def test_evenly_spaced_heights_become_an_exact_image(self):
         levels = [0, 2000, 4000, 6000]

@@ -349,6 +349,7 @@ std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                 ProcessGroup& group) {
   Request request = options.request;
   request.progress = telling.progress;
+  request.timed = !options.time.empty();
   if (isInParts(options, group)) {
     request.slices = [&options, shared = Shared(group)](const std::array<int, 3>& size,
                                                         const Affine& map) {
@@ -444,7 +445,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
       step.grids.begin(), step.grids.end(),
       [](const Imported& imported) { return imported.level_set && imported.made.active == 0; });
   step.grids.clear();
-  if (is_empty) return;  // a scene plays this only grid as background
+  if (is_empty || count == 0) return;  // a scene plays this frame as background
   const auto refused = [&](const std::string& what, const std::string& refusal) {
     throw VolumeError(
         in, fmt::format("{} cannot be used in a scene ({})", what, refusal),
@@ -507,27 +508,43 @@ guess::SuggestInput inputOf(const Imported& imported, const Step& step) {
   return input;
 }
 
+/// Returns a region like that of findLargestBody(), with all voxels of the image.
+openvdb::FloatGrid::Ptr wholeRegion(const Imported& image) {
+  auto region = openvdb::FloatGrid::create(0.0F);
+  region->setTransform(image.made.grid->transform().copy());
+  region->setName(guess::bodyNameOf(image.made.grid->getName()));
+  region->insertMeta(guess::kMetaBodyOf, openvdb::StringMetadata(image.made.grid->getName()));
+  region->fill(image.image->empty() ? image.made.grid->evalActiveVoxelBoundingBox() : *image.image,
+               1.0F, true);
+  return region;
+}
+
 }  // namespace
 
-void addBodies(Step& step) {
+void addBodies(Step& step, EarlierSteps& earlier) {
   for (std::size_t i = 0, count = step.grids.size(); i < count; ++i) {
     const Imported& image = step.grids[i];
     if (!image.image || image.level_set) continue;
+    const std::string name = image.made.grid->getName();
+    const bool is_first = !earlier.bodies.contains(name);
     const std::optional<guess::LargestBody> body = guess::findLargestBody(inputOf(image, step));
-    if (!body) continue;
+    if (!body && is_first) continue;
     Imported region;
-    region.made.grid = body->region;
+    region.made.grid = body ? body->region : wholeRegion(image);
     region.made.voxels = image.made.voxels;
-    region.made.active = body->region->activeVoxelCount();
+    region.made.active = region.made.grid->activeVoxelCount();
     region.made.lowest = region.made.highest = 1.0;
     region.image = image.image;
-    body->region->insertMeta(kMetaImportedFrom, openvdb::StringMetadata("image"));
-    step.notes.push_back(
-        fmt::format("{0}: this grid marks the region of the largest body: the image has {1} other "
-                    "{2}, such as the table below a patient, and the scene's modes act only in "
-                    "this region; to feel all bodies, remove \"by\": \"{0}\" from the modes, and "
-                    "the factors of a \"product\" that have it",
-                    body->region->getName(), body->left, body->left == 1 ? "body" : "bodies"));
+    region.made.grid->insertMeta(kMetaImportedFrom, openvdb::StringMetadata("image"));
+    if (is_first) {
+      earlier.bodies.insert(name);
+      step.notes.push_back(fmt::format(
+          "{0}: this grid marks the region of the largest body: the image has {1} "
+          "other {2}, such as the table below a patient, and the scene's modes act "
+          "only in this region; to feel all bodies, remove \"by\": \"{0}\" from the "
+          "modes, and the factors of a \"product\" that have it",
+          region.made.grid->getName(), body->left, body->left == 1 ? "body" : "bodies"));
+    }
     step.grids.push_back(std::move(region));
   }
 }

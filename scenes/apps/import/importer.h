@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -82,6 +83,8 @@ struct EarlierSteps {
   std::map<std::string, std::optional<double>> value_offsets;  ///< Array::value_offset.
   /// True after an empty level set. Only the first empty level set gets a note.
   bool has_empty = false;
+  /// Images whose region of the largest body is a volume of the scene (addBodies).
+  std::set<std::string> bodies;
 };
 
 /// Returns true if a grid of the step has values that vary, or is a level set that is not empty.
@@ -94,8 +97,9 @@ struct EarlierSteps {
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, ProcessGroup& group, EarlierSteps& earlier);
 
-/// Writes the grids with Blosc compression, frees them, and reads them back as a scene does. Throws
-/// Error, which names `in`, if a grid is then rejected; the file remains.
+/// Writes the grids, or an empty frame without a grid, with Blosc compression, frees them, and
+/// reads them back as a scene does. Throws Error, which names `in`, if a grid is then rejected; the
+/// file remains.
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
 /// Writes the only grid as bricks and frees it. Throws Error for several grids. All ranks must call
@@ -103,10 +107,12 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
                    ProcessGroup& group);
 
-/// Adds the region of the largest body (guess/body.h) of each CT that has several bodies.
-void addBodies(Step& step);
+/// Adds the region of the largest body (guess/body.h) of each CT that has several bodies. An image
+/// in `earlier` gets a region in any case: if it has a single body, the whole image.
+void addBodies(Step& step, EarlierSteps& earlier);
 
-/// Returns the scene guess for a .vdb at `vdb`. Throws VolumeError if all grids are constant.
+/// Returns the scene guess for a .vdb at `vdb`, which may be a pattern of several files. Throws
+/// VolumeError if all grids are constant.
 [[nodiscard]] std::string sceneFor(const std::string& vdb, const Step& step);
 
 }  // namespace palpate::importer

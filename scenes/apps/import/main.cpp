@@ -22,6 +22,7 @@
 #include "palpate/scenes/apps/import/guard.h"
 #include "palpate/scenes/apps/import/importer.h"
 #include "palpate/scenes/apps/import/mpi_group.h"
+#include "palpate/scenes/apps/import/play_scene.h"
 #include "palpate/scenes/apps/import/report.h"
 #include "palpate/scenes/library/new_file.h"
 
@@ -49,21 +50,50 @@ std::vector<std::size_t> stepsOf(const std::string& time, std::size_t count) {
   return {step};
 }
 
-/// Writes the scene guess and returns it. If no grid varies enough, adds a note and returns "".
-std::string writeScene(const Options& options, const fs::path& vdb, Step& step, Teller& teller) {
-  teller.stage("scene");
+/// Returns true if the scene plays the steps: each step has its own .vdb.
+bool playsSteps(const Options& options, std::size_t steps) {
+  return options.time == "all" && steps > 1 && !options.scene.empty() && !options.bricks;
+}
+
+/// Returns the file or folder for a step. `number` is the step's number, or "%04d" for all steps.
+fs::path outputOf(const Options& options, const std::string& number) {
+  if (options.time != "all") return options.out;
+  const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
+  fs::path out = options.out;
+  out.replace_filename(fmt::format("{}_{}{}", stem.string(), number, options.bricks ? "" : ".vdb"));
+  return out;
+}
+
+fs::path outputOf(const Options& options, std::size_t number) {
+  return outputOf(options, fmt::format("{:04}", number));
+}
+
+/// Returns the folder of the scene file.
+fs::path sceneFolder(const Options& options) {
   const bool to_stdout = options.scene == "-";
-  const fs::path folder =
-      fs::weakly_canonical(to_stdout ? fs::path(".") : fs::absolute(options.scene).parent_path());
-  std::string scene;
+  return fs::weakly_canonical(to_stdout ? fs::path(".")
+                                        : fs::absolute(options.scene).parent_path());
+}
+
+/// Returns the path of a file in the scene.
+std::string pathInScene(const Options& options, const fs::path& file) {
+  return fs::weakly_canonical(fs::absolute(file)).lexically_relative(sceneFolder(options)).string();
+}
+
+/// Returns the scene guess for the volumes in `vdb`. If no grid varies enough, adds a note and
+/// returns "".
+std::string guessFirst(const Options& options, const fs::path& vdb, Step& step, Teller& teller) {
+  teller.stage("scene");
   try {
-    const fs::path path = fs::weakly_canonical(fs::absolute(vdb)).lexically_relative(folder);
-    scene = sceneFor(path.string(), step) + "\n";
+    return sceneFor(pathInScene(options, vdb), step) + "\n";
   } catch (const VolumeError& e) {
     step.notes.push_back("no scene: " + e.reason() + ": " + e.remedy());
     return "";
   }
-  if (to_stdout) return scene;
+}
+
+void writeScene(const Options& options, const std::string& scene, Teller& teller) {
+  if (scene.empty() || options.scene == "-") return;
   const fs::path partial = partialOf(options.scene);
   teller.file(partial, options.scene);
   // Tries no second name, because the parent process renames only this partial file.
@@ -72,15 +102,32 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
     std::ofstream file(nameOfOpen(descriptor, partial), std::ios::binary);
     file << scene << std::flush;
     close(descriptor);
-    if (file) return scene;
+    if (file) return;
   }
   throw Error(options.scene.string(),
               fmt::format("the file cannot be written ({})", std::strerror(errno)),
               "choose another path, or free space on the disk");
 }
 
-/// Returns the last lines of output. `first` is the first .vdb, or empty.
-std::string lastWords(const Options& options, const fs::path& first, const std::string& scene) {
+/// Throws Error if the scene would not play the steps' files, and only these.
+void checkPlayed(const Options& options, std::size_t steps) {
+  if (options.out.stem().string().find('%') != std::string::npos) {
+    throw Error(options.out.string(),
+                "the name has a \"%\", which marks the number of a step in a scene",
+                "choose another name, or omit --scene");
+  }
+  const fs::path next = outputOf(options, steps);
+  std::error_code error;
+  if (!fs::exists(next, error)) return;
+  throw Error(next.string(),
+              fmt::format("the scene would play this file too, but the import has {} steps", steps),
+              "remove this file and those with higher numbers, or choose another name");
+}
+
+/// Returns the last lines of output. `first` is the first .vdb, or empty. `played` is the number of
+/// steps that the scene plays, or 0.
+std::string lastWords(const Options& options, const fs::path& first, const std::string& scene,
+                      std::size_t played) {
   std::string text;
   if (!scene.empty()) {
     std::string modes;
@@ -90,8 +137,9 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
                            mode["mode"].get<std::string>());
     }
     const std::size_t count = spec["modes"].size();
-    text += cli::words("{}: a scene of {} mode{}: {}\n", options.scene.string(), count,
-                       count == 1 ? "" : "s", cli::sentence(modes))
+    const std::string plays = played > 0 ? fmt::format(" that plays {} steps", played) : "";
+    text += cli::words("{}: a scene of {} mode{}{}: {}\n", options.scene.string(), count,
+                       count == 1 ? "" : "s", plays, cli::sentence(modes))
                 .text();
   }
   if (first.empty()) return text;
@@ -102,6 +150,21 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
   return text + cli::words("next: palpate {} {}{}\n", none ? "info" : "feel",
                            cli::sentence(cli::shellWord(felt)), none ? "" : " --seconds 10")
                     .text();
+}
+
+/// Writes the grids of a step, and frees them.
+void writeStep(const Options& options, const fs::path& out, Step& step, Teller& teller,
+               const Telling& telling, ProcessGroup& group) {
+  telling.stage("writing");
+  if (options.bricks) {
+    if (step.grids.empty()) return;
+    // An interrupted export of bricks can resume, so it needs no partial file.
+    writeAsBricks(out, step, telling.progress, group);
+    return;
+  }
+  const fs::path partial = partialOf(out);
+  teller.file(partial, out);
+  writeVdb(partial, step, options.request.file.string());
 }
 
 int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
@@ -115,20 +178,19 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
   const std::vector<std::size_t> steps = stepsOf(options.time, count);
   openvdb::initialize();
 
+  const bool plays = playsSteps(options, steps.size());
+  if (plays) checkPlayed(options, steps.size());
+
   std::string text;
   std::string scene;
   fs::path first;  // the first step with contrast, otherwise the first step
   bool has_contrast = false;
   EarlierSteps earlier;
+  PlayedSteps played{reader->times(), reader->timeUnit(), 0, ""};
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
     Step step = importStep(options, *reader, number, telling, group, earlier);
-    fs::path out = options.out;
-    if (options.time == "all") {
-      const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
-      out.replace_filename(
-          fmt::format("{}_{:04}{}", stem.string(), number, options.bricks ? "" : ".vdb"));
-    }
+    const fs::path out = outputOf(options, number);
     if (step.grids.empty()) {
       if (steps.size() == 1) {
         throw Error(options.request.file.string(), step.notes.back(),
@@ -136,14 +198,20 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
                         ? "give a smaller --tolerance, or import arrays whose values vary"
                         : "import arrays whose values vary");
       }
-      step.notes.emplace_back("no file for this step: all arrays were skipped");
+      step.notes.emplace_back(
+          options.bricks ? "no folder for this step: all arrays were skipped"
+                         : "all arrays were skipped: this step's file has no grid, and a scene "
+                           "plays it as background");
     } else if (first.empty() || (!has_contrast && hasContrast(step))) {
       first = out;
       has_contrast = hasContrast(step);
       if (!options.scene.empty() && (has_contrast || steps.size() == 1)) {
-        addBodies(step);
-        scene = writeScene(options, out, step, teller);
+        addBodies(step, earlier);
+        scene = guessFirst(options, plays ? outputOf(options, "%04d") : out, step, teller);
+        played.file_of_guess = pathInScene(options, out);
       }
+    } else if (!earlier.bodies.empty()) {
+      addBodies(step, earlier);
     }
     if (count > 1 && options.time.empty()) {
       step.notes.push_back(
@@ -151,19 +219,15 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
                       "--time all imports all steps",
                       count, count - 1));
     }
+    for (const Imported& imported : step.grids) {
+      played.largest = std::max(played.largest, imported.made.grid->memUsage());
+    }
+    if (plays && number == steps.back() && !scene.empty()) {
+      scene = playScene(scene, played, step.notes);
+    }
     text += textOf(out, step);
     reports.push_back(jsonOf(out, step));
-    if (!step.grids.empty()) {
-      telling.stage("writing");
-      if (options.bricks) {
-        // An interrupted export of bricks can resume, so it needs no partial file.
-        writeAsBricks(out, step, telling.progress, group);
-      } else {
-        const fs::path partial = partialOf(out);
-        teller.file(partial, out);
-        writeVdb(partial, step, options.request.file.string());
-      }
-    }
+    writeStep(options, out, step, teller, telling, group);
     const std::vector<std::uint64_t> peaks = gatherOne(group, peakMemory());
     reports.back()["memory"]["peak"] = *std::max_element(peaks.begin(), peaks.end());
   }
@@ -172,13 +236,14 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
                       "give an --iso within the range of the file's values, which an import "
                       "without --iso prints");
   }
+  writeScene(options, scene, teller);
   if (group.rank() != 0) return cli::kDone;
   if (options.scene == "-") {
     teller.out(scene);
   } else if (options.json) {
     teller.out(cli::dump(options.time == "all" ? reports : reports[0], 2) + "\n");
   } else {
-    teller.out(text + lastWords(options, first, scene));
+    teller.out(text + lastWords(options, first, scene, plays ? steps.size() : 0));
   }
   return cli::kDone;
 }
@@ -374,8 +439,10 @@ int main(int argc, char** argv) {
   app.add_option("--tolerance", options.tolerance,
                  "Image values within this distance of the background become background; default: "
                  "0, or 0.1 % of the range with --smooth");
-  app.add_option("--time", options.time,
-                 "Time step of a series, counted from 0; all: one .vdb per step; default: 0");
+  app.add_option(
+      "--time", options.time,
+      "Time step of a series, counted from 0; all: one .vdb per step, and --scene plays them; "
+      "default: 0");
   importer::addReading(app, options);
   app.add_option("--scene", options.scene, "Write a first scene file to edit; - prints the scene");
   app.add_flag("--bricks", options.bricks,
