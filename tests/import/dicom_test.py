@@ -758,6 +758,89 @@ class Time(Case):
         self.refused(folder, says="2 images are at the same position")
 
 
+class Phases(Case):
+    """Several series of one volume: the phases of a 4-D CT."""
+    SIZE = (24, 24, 24)
+
+    def phase(self, percent, shift, **more):
+        """Returns a series with a ball of soft tissue, `shift` voxels along x, above a table."""
+        volume = Volume(size=self.SIZE, across=2, down=2, step=(0, 0, 2), uid=f"1.2.{percent}", number=percent + 1,
+                        description=f"Gated {percent}%", **more)
+
+        def stored(i, j, k):
+            if j == 22:
+                return 1324
+            off = math.dist((i, j, k), (10 + shift, 11, 12))
+            return round(24 + 1040 * min(1, max(0, 7.5 - off)))
+        volume.stored = stored
+        return volume
+
+    @suite.smoke
+    def test_the_phases_of_a_4d_ct_become_a_scene_that_plays_them(self):
+        folder = self.dir / "4d"
+        for percent, shift in ((50, 2), (0, 0), (20, 1)):
+            self.phase(percent, shift).write(folder, f"P{percent}")
+        (folder / "average").write_bytes(
+            Volume(uid="1.9", description="Average", size=self.SIZE).file(0))
+        scene = self.dir / "scene.json"
+        self.refused(folder, says=["the input has 4 series", "with --time all, or choose a series with --series"])
+        reports = self.report(folder, "--time", "all", "--scene", str(scene))
+        self.assertEqual([r["time"] for r in reports], [0, 1, 2])
+        notes = "\n".join(reports[0]["notes"])
+        self.assertIn('skipped series 2: "Average" CT 1 image: a single image', notes)
+        self.assertIn("a time step of 1 s is assumed", notes)
+        for n, shift in enumerate((0, 1, 2)):
+            self.out = self.dir / f"out_{n:04}.vdb"
+            self.assertIn(f"Gated {(0, 20, 50)[n]}%".encode(), self.out.read_bytes())
+            self.same(self.phase(0, shift))
+            # The table is not in the region of the body, which each frame has.
+            self.assertEqual([g["name"] for g in reports[n]["grids"]], ["density", "density_body"])
+        text = json.loads(scene.read_text())
+        self.assertEqual({v["file"] for v in text["volumes"].values()}, {"out_%04d.vdb"})
+        self.assertEqual([v["frames"] for v in text["volumes"].values()], 2 * [{"rate": 1}])
+        told = process.run([str(BIN / "palpate"), "check", str(scene), "--json"], capture_output=True, text=True,
+                           timeout=120)
+        self.assertEqual((told.returncode, told.stderr), (0, ""))
+        self.assertEqual(json.loads(told.stdout)["volumes"]["density"]["frames"]["count"], 3)
+        self.out = self.dir / "out.vdb"
+        self.imported(folder, "--time", "1")
+        self.same(self.phase(20, 1))
+
+    def test_a_body_without_a_table_in_one_phase_is_felt_in_that_phase(self):
+        folder = self.dir / "4d"
+        for percent in (0, 50):
+            phase = self.phase(percent, 0)
+            if percent == 50:
+                inner = phase.stored
+                phase.stored = lambda i, j, k, inner=inner: 24 if j == 22 else inner(i, j, k)
+            phase.write(folder, f"P{percent}")
+        reports = self.report(folder, "--time", "all", "--scene", str(self.dir / "scene.json"))
+        regions = [r["grids"][1]["active_voxels"] for r in reports]
+        self.assertLess(regions[0], 24 ** 3 / 2)
+        self.assertEqual(regions[1], 24 ** 3)
+
+    def test_series_with_the_time_of_a_trigger_play_at_these_times(self):
+        folder = self.dir / "heart"
+        for n, delay in enumerate(("0", "100", "450")):
+            self.phase(n, n, t00181060=("DS", delay)).write(folder, f"P{n}")
+        reports = self.report(folder, "--time", "all", "--scene", str(self.dir / "scene.json"))
+        self.assertEqual([r["time"] for r in reports], [0, 0.1, 0.45])
+        text = json.loads((self.dir / "scene.json").read_text())
+        self.assertEqual(text["volumes"]["density"]["frames"], {"times": [0, 0.1, 0.45]})
+
+    @suite.smoke
+    def test_refuses_to_join_series_that_are_not_steps_of_one_volume(self):
+        folder = self.dir / "4d"
+        self.phase(0, 0).write(folder, "A")
+        self.phase(50, 0).write(folder, "B", slices=range(23))
+        self.refused(folder, "--time", "all", says=["series 1 and 2 differ in number of images", "--series"])
+        self.phase(50, 0, t00200052=("UI", "1.2.3")).write(folder, "B")
+        self.refused(folder, "--time", "all", says="series 1 and 2 differ in frame of reference")
+        self.phase(50, 0, t0008103E=("LO", "Gated 0%")).write(folder, "B")
+        self.refused(folder, "--time", "all", says="series 1 and 2 have the same percentage")
+        self.imported(folder, "--time", "0", "--series", "2")
+
+
 def built_without():
     with tempfile.TemporaryDirectory() as name:
         folder = Volume().write(Path(name) / "ct")

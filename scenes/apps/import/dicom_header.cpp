@@ -241,6 +241,7 @@ File headerOf(const fs::path& path) {
   file.description = textOf(meta->Get(0, DC::SeriesDescription));
   file.study = textOf(meta->Get(0, DC::StudyDescription));
   file.modality = textOf(meta->Get(0, DC::Modality));
+  file.frame_of_reference = textOf(meta->Get(0, DC::FrameOfReferenceUID));
   file.is_image = meta->Get(0, DC::Rows).AsInt() > 0 && meta->Get(0, DC::Columns).AsInt() > 0 &&
                   !isReport(classOf(meta));
   if (parser->GetErrorCode() != 0) {

@@ -94,6 +94,7 @@ struct File {
   int series_number = 0;
   std::string description;
   std::string study;
+  std::string frame_of_reference;  ///< UID of the space of the positions; may be empty.
   std::string modality;
   std::string unit;
   double thickness = 0.0;

@@ -11,6 +11,7 @@
 #include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/dicom_phases.h"
 
 namespace palpate::importer {
 namespace {
@@ -87,20 +88,6 @@ bool hasPlace(const File& file) {
 /// because some programs write slices as captures.
 bool isScreenSave(const File& file) {
   return file.is_screen_save || (file.is_capture && (file.is_colour || !hasPlace(file)));
-}
-
-/// Returns the reason why a series cannot be a volume; "" if it can be a volume, or if one of its
-/// files is damaged.
-std::string reasonAgainst(const Series& series) {
-  const auto all = [&](const auto& is) {
-    return std::all_of(series.files.begin(), series.files.end(),
-                       [&](const File* file) { return file->damage.empty() && is(*file); });
-  };
-  if (all([](const File& file) { return file.is_localiser; })) return "a localiser";
-  if (all(isScreenSave)) return "a screen save";
-  if (all([](const File& file) { return !hasPlace(file); })) return "its images state no position";
-  if (series.images == 1 && all([](const File&) { return true; })) return "a single image";
-  return "";
 }
 
 class Stacker {
@@ -460,6 +447,18 @@ std::vector<Series> seriesOf(const std::vector<File>& files) {
   return all;
 }
 
+std::string reasonAgainst(const Series& series) {
+  const auto all = [&](const auto& is) {
+    return std::all_of(series.files.begin(), series.files.end(),
+                       [&](const File* file) { return file->damage.empty() && is(*file); });
+  };
+  if (all([](const File& file) { return file.is_localiser; })) return "a localiser";
+  if (all(isScreenSave)) return "a screen save";
+  if (all([](const File& file) { return !hasPlace(file); })) return "its images state no position";
+  if (series.images == 1 && all([](const File&) { return true; })) return "a single image";
+  return "";
+}
+
 const Series& chosen(const std::vector<Series>& all, const Request& request,
                      std::vector<std::string>& notes) {
   std::vector<std::string> names;
@@ -493,10 +492,15 @@ const Series& chosen(const std::vector<Series>& all, const Request& request,
   }
   if (fits.size() == 1) return *fits.front();
   const std::string list = fmt::format("{}", fmt::join(names, "; "));
-  const char* remedy = "choose a series with --series, by its number, UID or description";
+  const std::string remedy = "choose a series with --series, by its number, UID or description";
   if (request.series.empty()) {
-    throw VolumeError(request.file.string(),
-                      fmt::format("the input has {} series ({})", all.size(), list), remedy);
+    const std::string problem = phasesOf(all).problem;
+    throw VolumeError(
+        request.file.string(),
+        fmt::format(
+            "the input has {} series ({}){}", all.size(), list,
+            request.timed ? ", which are not the time steps of one volume: " + problem : ""),
+        problem.empty() ? "import them as time steps with --time all, or " + remedy : remedy);
   }
   throw VolumeError(request.file.string(),
                     fmt::format("{} series matches \"{}\" ({})",

@@ -22,6 +22,10 @@ struct Series {
 /// Groups files by series, sorted by number, then by UID. `files` must outlive the result.
 [[nodiscard]] std::vector<Series> seriesOf(const std::vector<File>& files);
 
+/// Returns the reason why a series cannot be a volume; "" if it can be a volume, or if one of its
+/// files is damaged.
+[[nodiscard]] std::string reasonAgainst(const Series& series);
+
 /// Returns the series that the user requests by number, UID or description, otherwise the only
 /// series that can be a volume. Adds notes about localisers, screen saves, single images and images
 /// without a position. Throws VolumeError with a list of the series unless exactly one fits.

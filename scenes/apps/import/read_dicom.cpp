@@ -21,6 +21,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/dicom_bytes.h"
+#include "palpate/scenes/apps/import/dicom_phases.h"
 #include "palpate/scenes/apps/import/dicom_stack.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/vtk_pieces.h"
@@ -211,6 +212,7 @@ class DicomReader final : public Reader {
     stack_.notes.insert(stack_.notes.begin(), notes.begin(), notes.end());
     for (const File* file : series.files) {
       paths_.push_back(file->path);
+      descriptions_.push_back(file->description);
       is_packed_.push_back(file->is_packed);
       bits_at_.push_back(file->bits_at);
     }
@@ -229,6 +231,7 @@ class DicomReader final : public Reader {
   }
 
   std::vector<double> times() const override { return stack_.times; }
+  std::optional<double> timeUnit() const override { return 1.0; }
 
   Content read(std::size_t step) override {
     const std::vector<Slice>& slices = stack_.steps.at(step);
@@ -250,7 +253,7 @@ class DicomReader final : public Reader {
     content.length_unit = "mm";
     content.patient = true;
     content.notes = stack_.notes;
-    describe(content);
+    describe(content, descriptions_[slices.front().file]);
     return content;
   }
 
@@ -341,9 +344,9 @@ class DicomReader final : public Reader {
 
   /// Sets the description, the modality and the unit. Omits names, numbers, dates, places and
   /// physicians, which could identify the patient.
-  void describe(Content& content) const {
-    content.description = head_.description;
-    if (!head_.study.empty() && head_.study != head_.description) {
+  void describe(Content& content, const std::string& series) const {
+    content.description = series;
+    if (!head_.study.empty() && head_.study != series) {
       content.description += (content.description.empty() ? "" : ", ") + head_.study;
     }
     if (head_.modality == "CT") {
@@ -359,6 +362,7 @@ class DicomReader final : public Reader {
   Stack stack_;
   File head_;
   std::vector<fs::path> paths_;
+  std::vector<std::string> descriptions_;  ///< SeriesDescription of each file.
   std::vector<bool> is_packed_;
   std::vector<std::int64_t> bits_at_;
 };
@@ -422,12 +426,18 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
     if (file.damage.empty() || (!file.series.empty() && file.is_image)) continue;
     throw VolumeError(file.path.string(), file.damage, file.remedy);
   }
-  const std::vector<Series> all = seriesOf(files);
+  std::vector<Series> all = seriesOf(files);
   if (all.empty()) {
     throw VolumeError(request.file.string(), "the DICOM files have no images",
                       "give a folder of DICOM slices");
   }
   std::vector<std::string> notes;
+  Phases phases;
+  if (request.timed && wanted.series.empty() && all.size() > 1) phases = phasesOf(all);
+  if (!phases.files.empty()) {
+    all = seriesOf(phases.files);
+    notes = phases.notes;
+  }
   const Series series = withoutStrays(chosen(all, wanted, notes), notes);
   for (const File* file : series.files) {
     if (file->damage.empty()) continue;

@@ -1,0 +1,30 @@
+/// Private to the importer: joins several DICOM series that are the time steps of one volume, such
+/// as the phases of a 4-D CT.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "palpate/scenes/apps/import/dicom_stack.h"
+
+namespace palpate::importer {
+
+/// Time steps in several series. The order follows the first of these that the series state: a time
+/// or a number of the step, which is the same in all images of a series (kTimeTags); a percentage
+/// in SeriesDescription, such as "Gated, 30%"; AcquisitionTime.
+struct Phases {
+  /// Copies of the files. All have the UID of the first series. Of kTimeTags, their images state
+  /// only the time [s], or the number of the step.
+  std::vector<File> files;
+  std::vector<std::string> notes;  ///< One line for each series that is left out.
+  /// The reason why the series are not the steps of one volume; empty if they are. Then `files` and
+  /// `notes` are empty.
+  std::string problem;
+};
+
+/// Joins the series that can be volumes. Series without a percentage are left out if others have
+/// one, and so are series without the number of a step. Series of one volume have equal modality,
+/// frame of reference, positions and size.
+[[nodiscard]] Phases phasesOf(const std::vector<Series>& all);
+
+}  // namespace palpate::importer
