@@ -1,0 +1,118 @@
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <unistd.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/ome_zarr.h"
+#include "palpate/scenes/apps/import/zarr_array.h"
+
+namespace palpate::zarr_test {
+using Catch::Contains;
+using importer::OmeImage;
+using importer::ZarrLayout;
+using Json = nlohmann::json;
+namespace fs = std::filesystem;
+
+Json arrayOf(const char* dtype, const Json& fill) {
+  return {{"zarr_format", 2}, {"shape", {6, 5, 4}}, {"chunks", {2, 5, 4}},   {"dtype", dtype},
+          {"order", "C"},     {"filters", nullptr}, {"compressor", nullptr}, {"fill_value", fill}};
+}
+
+template <class T>
+T fillOf(const char* dtype, const Json& fill) {
+  const ZarrLayout layout = importer::parseZarray(arrayOf(dtype, fill), "a/.zarray");
+  T value{};
+  std::memcpy(&value, layout.fill.data(), sizeof value);
+  return value;
+}
+
+TEST_CASE("the fill value of a Zarr array has the array's type", "[zarr]") {
+  CHECK(fillOf<std::uint8_t>("|u1", 255) == 255);
+  CHECK(fillOf<std::int8_t>("|i1", -128) == -128);
+  CHECK(fillOf<std::int64_t>(">i8", INT64_MIN) == INT64_MIN);
+  CHECK(fillOf<std::uint64_t>("<u8", UINT64_MAX) == UINT64_MAX);
+  CHECK(fillOf<std::uint16_t>(">u2", 3.0) == 3);
+  CHECK(fillOf<std::uint8_t>("|b1", true) == 1);
+  CHECK(fillOf<float>("<f4", -2.5) == -2.5F);
+  CHECK(std::isnan(fillOf<float>(">f4", "NaN")));
+  CHECK(fillOf<double>("<f8", "-Infinity") == -HUGE_VAL);
+  CHECK(fillOf<double>("<f8", nullptr) == 0.0);
+  const auto refuses = [](const char* dtype, const Json& fill) {
+    CAPTURE(dtype, fill.dump());
+    CHECK_THROWS_WITH(importer::parseZarray(arrayOf(dtype, fill), "a/.zarray"),
+                      Contains("a/.zarray: \"fill_value\" is " + fill.dump()));
+  };
+  refuses("|u1", 256);
+  refuses("|u1", -1);
+  refuses("|i1", -129);
+  refuses("<i4", 2.5);
+  refuses("<i4", "NaN");
+  refuses("<i8", UINT64_MAX);
+  refuses("<f4", "many");
+}
+
+TEST_CASE("a part of a Zarr array is read from its own chunks", "[zarr]") {
+  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
+  REQUIRE(mkdtemp(name.data()) != nullptr);
+  const fs::path folder = name;
+  Json json = arrayOf("|u1", 9);
+  json["compressor"] = {{"id", "zstd"}};
+  std::ofstream(folder / ".zarray") << json;
+  // Chunk 0 is damaged, chunk 1 is missing, and chunk 2 is one block of 40 equal bytes.
+  std::ofstream(folder / "0.0.0") << "damaged chunk";
+  const unsigned char zstd[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 40, 0x43, 0x01, 0x00, 5};
+  std::ofstream(folder / "2.0.0", std::ios::binary)
+      .write(reinterpret_cast<const char*>(zstd), sizeof zstd);
+
+  importer::Request request;
+  request.file = folder;
+  importer::ZarrArray array(request, folder);
+  const importer::ZarrBox whole{{0, 0, 0}, {6, 5, 4}};
+  const importer::Values values = array.read(whole, {{3, 1, 0}, {3, 2, 4}}, nullptr);
+  REQUIRE(values.tuples() == 24);
+  for (std::size_t n = 0; n < 24; ++n) CHECK(values.at(n, 0) == (n < 8 ? 9.0 : 5.0));
+  CHECK(array.missingChunks() == 1);
+  CHECK(array.checkedChunks() == 3);
+  CHECK(array.read(whole, {{6, 0, 0}, {0, 5, 4}}, nullptr).tuples() == 0);
+  CHECK_THROWS_WITH(array.read(whole, whole, nullptr), Contains("the chunk 0.0.0 is damaged"));
+  fs::remove_all(folder);
+}
+
+Json imageOf(const Json& axes, const Json& transformations) {
+  const Json level{{"path", "0"}, {"coordinateTransformations", transformations}};
+  return {{"multiscales", {{{"axes", axes}, {"datasets", {level}}}}}};
+}
+
+TEST_CASE("axes of an OME-Zarr image are found by name, else the last is x", "[zarr]") {
+  const auto axis = [](const char* name, const char* type) {
+    return Json{{"name", name}, {"type", type}, {"unit", "micrometer"}};
+  };
+  const Json scale = Json::array({{{"type", "scale"}, {"scale", {1, 2, 3, 4}}}});
+  std::vector<std::string> notes;
+  const OmeImage named = importer::parseOmeImage(
+      imageOf({axis("c", "channel"), axis("y", "space"), axis("x", "space"), axis("z", "space")},
+              scale),
+      ".zattrs", notes);
+  CHECK(named.space == std::array<std::size_t, 3>{2, 1, 3});
+  CHECK(named.channel == 0);
+  CHECK(named.time == -1);
+  CHECK(named.unit == "um");
+  CHECK(named.levels.at(0).scale == std::vector<double>{1, 2, 3, 4});
+  CHECK(notes.empty());
+  const OmeImage other = importer::parseOmeImage(
+      imageOf({axis("w", "time"), axis("a", "space"), axis("b", "space"), axis("d", "space")},
+              scale),
+      ".zattrs", notes);
+  CHECK(other.space == std::array<std::size_t, 3>{3, 2, 1});
+  CHECK(other.time == 0);
+  CHECK_THAT(notes.at(0), Contains("the axes in space are a, b and d"));
+}
+
+}  // namespace palpate::zarr_test
