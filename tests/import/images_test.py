@@ -1238,11 +1238,6 @@ class OtherFormats(Case):
                 ("a.xdmf", b'<?xml version="1.0"?>\n<Xdmf Version="3.0"></Xdmf>', "XDMF"),
                 ("b.mnc", b"\x89HDF\r\n\x1a\n" + bytes(800) + b"minc-2.0" + bytes(100), "MINC")):
             self.refused(self.write(name, content), says)
-        for name in ".zarray", "zarr.json":
-            folder = self.dir / ("store" + name)
-            folder.mkdir()
-            (folder / name).write_text("{}")
-            self.refused(folder, "the folder is a Zarr store")
 
     def test_a_neuroglancer_volume_is_refused_with_the_name_of_the_format(self):
         folder = self.dir / "segmentation"

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 import unittest
+import zlib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
@@ -191,6 +192,19 @@ class Bytes(Case):
         packed = self.dir / "vectors.nii.gz"
         packed.write_bytes(gzip.compress(data, 1))
         self.check([3], packed)
+
+    def test_an_import_of_a_zarr_array_equals_that_of_a_single_process(self):
+        folder = self.dir / "blob.zarr"
+        folder.mkdir()
+        depth = 30  # slices of a chunk
+        (folder / ".zarray").write_text(json.dumps({
+            "zarr_format": 2, "shape": SIZE[::-1], "chunks": (depth, SIZE[1], SIZE[0]), "dtype": "<f4", "order": "C",
+            "filters": None, "compressor": {"id": "zlib"}, "fill_value": 0}))
+        size = depth * SIZE[0] * SIZE[1]
+        for n in range(-(-SIZE[2] // depth) - 1):  # the last chunk is missing, and zero
+            data = self.values[n * size:(n + 1) * size].tobytes()
+            (folder / f"{n}.0.0").write_bytes(zlib.compress(data))
+        self.check([3], folder, "--smooth", "1")
 
     def test_a_smoothed_import_of_a_vtk_file_equals_that_of_a_single_process(self):
         file = self.dir / "blob.vtk"

@@ -70,6 +70,7 @@ void refuseUnused(const Request& request, const std::string& format, std::string
   refuse("--series", !request.series.empty());
   refuse("--as", !request.as.empty());
   refuse("--solution", !request.solution.empty());
+  refuse("--level", request.level.has_value());
 }
 
 bool isNetcdf(const std::string& b) {
@@ -136,7 +137,8 @@ bool isNeuroglancer(const std::string& b) {
 }
 
 constexpr const char* kExportNeuroglancer =
-    "export it as NIfTI, NRRD or MetaImage, for example with CloudVolume and SimpleITK in Python";
+    "convert it to OME-Zarr 0.4, NRRD or NIfTI, for example with CloudVolume and SimpleITK in "
+    "Python";
 
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
@@ -228,25 +230,42 @@ bool isText(const std::string& bytes) {
   });
 }
 
-void refuseZarr(const std::filesystem::path& folder) {
+/// Returns true for the folder of a Zarr array or group of version 2.
+bool isZarr(const std::filesystem::path& folder) {
   std::error_code error;
-  for (const char* name : {".zarray", ".zgroup", "zarr.json"}) {
-    if (!std::filesystem::exists(folder / name, error)) continue;
-    throw VolumeError(
-        folder.string(), "the folder is a Zarr store, which palpate does not import",
-        "export the array as NIfTI or NRRD; a scene reads palpate's own bricks without an import");
-  }
+  return std::filesystem::exists(folder / ".zarray", error) ||
+         std::filesystem::exists(folder / ".zgroup", error) ||
+         std::filesystem::exists(folder / ".zattrs", error);
 }
 
-void refuseNeuroglancer(const std::filesystem::path& folder) {
-  const std::filesystem::path info = folder / "info";
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(info, ignored)) return;
-  if (!isNeuroglancer(firstBytesOf(info))) return;
-  throw VolumeError(
-      folder.string(),
-      "the folder is a neuroglancer precomputed volume, which palpate does not import",
-      kExportNeuroglancer);
+/// Throws VolumeError for folders of chunks in other formats than Zarr version 2.
+void refuseChunks(const std::filesystem::path& folder) {
+  const auto refuse = [&](const char* name, const char* remedy) {
+    throw VolumeError(folder.string(),
+                      fmt::format("the folder is {}, which palpate does not import", name), remedy);
+  };
+  std::error_code error;
+  const auto beginning = [&](const char* name) {
+    const bool is_file = std::filesystem::is_regular_file(folder / name, error);
+    return is_file ? firstBytesOf(folder / name) : std::string();
+  };
+  if (std::filesystem::exists(folder / "zarr.json", error)) {
+    refuse("a Zarr store of version 3",
+           "convert it to OME-Zarr 0.4 (Zarr version 2) or NRRD, for example with zarr-python");
+  }
+  if (isNeuroglancer(beginning("info"))) {
+    refuse("a neuroglancer precomputed volume", kExportNeuroglancer);
+  }
+  const std::string n5 = beginning("attributes.json");
+  if (n5.find("\"n5\"") != std::string::npos || n5.find("\"blockSize\"") != std::string::npos) {
+    refuse("an N5 container", "convert it to OME-Zarr 0.4 or NRRD, for example with Fiji");
+  }
+  if (folder.extension() == ".zarr") {
+    throw VolumeError(folder.string(),
+                      "the folder has none of the files .zarray, .zgroup and .zattrs, which "
+                      "describe a Zarr store",
+                      "copy the whole folder again, with the files whose names begin with a dot");
+  }
 }
 
 /// Throws VolumeError for a folder of slices as pictures. Pictures beside a DICOM file, or beside
@@ -279,6 +298,22 @@ void refusePictures(const std::filesystem::path& folder) {
   }
 }
 
+std::unique_ptr<Reader> openFolder(const Request& request) {
+  std::error_code error;
+  if (std::filesystem::exists(request.file / "system" / "controlDict", error)) {
+    refuseUnused(request, "an OpenFOAM case", "");
+    return openFoam(request);
+  }
+  if (isZarr(request.file)) {
+    refuseUnused(request, "Zarr", "--level");
+    return openZarr(request);
+  }
+  refuseChunks(request.file);
+  refusePictures(request.file);
+  refuseUnused(request, "a DICOM folder", "--series");
+  return openDicom(request);
+}
+
 }  // namespace
 
 std::unique_ptr<Reader> openAny(const Request& given) {
@@ -295,19 +330,11 @@ std::unique_ptr<Reader> openAny(const Request& given) {
     throw VolumeError(request.file.string(), "no such file", "check the path");
   }
   if (std::filesystem::is_directory(status)) {
-    if (std::filesystem::exists(request.file / "system" / "controlDict", error)) {
-      refuseUnused(request, "an OpenFOAM case", "");
-      return openFoam(request);
-    }
-    refuseZarr(request.file);
-    refuseNeuroglancer(request.file);
-    refusePictures(request.file);
-    refuseUnused(request, "a DICOM folder", "--series");
-    return openDicom(request);
+    return openFolder(request);
   }
   if (!std::filesystem::is_regular_file(status)) {
     throw VolumeError(request.file.string(), "the path is neither a file nor a folder",
-                      "give a file, a DICOM folder or an OpenFOAM case");
+                      "give a file, a DICOM folder, a Zarr folder or an OpenFOAM case");
   }
   if (!request.raw.empty()) {
     refuseUnused(request, "raw values", "");

@@ -391,6 +391,8 @@ void addReading(CLI::App& app, Options& options) {
   Request& request = options.request;
   app.add_option("--series", request.series,
                  "DICOM: select a series by its number, UID or description");
+  app.add_option("--level", request.level,
+                 "OME-Zarr: level of resolution, counted from 0, the finest; default: 0");
   app.add_option("--as", request.as,
                  "vector or tensor: the 3 or 6 volumes of a 4-D NIfTI, or channels of a MetaImage, "
                  "are components; displacement: the NIfTI, MetaImage or NRRD is the displacement "
@@ -400,9 +402,10 @@ void addReading(CLI::App& app, Options& options) {
                  "Direction for --as displacement: backward (default): from the fixed to the "
                  "moving image, as in ITK, ANTs and elastix; forward: the import inverts the field")
       ->check(CLI::IsMember({"backward", "forward"}));
-  app.add_flag("--follow", request.follow,
-               "NRRD, MetaImage, .pvd, .series: also read data files in other folders than the "
-               "header's");
+  app.add_flag(
+      "--follow", request.follow,
+      "NRRD, MetaImage, Zarr, .pvd, .series: also read data files in other folders than the "
+      "header's");
   app.add_option("--solution", request.solution, "PLOT3D: the solution (Q file) of the grid IN");
   app.add_option("--raw", request.raw,
                  "Layout of raw values: JSON, or the path of a JSON file; keys: size, type, "
@@ -422,8 +425,9 @@ int main(int argc, char** argv) {
   importer::Request& request = options.request;
   app.add_option(
          "IN", request.file,
-         "NIfTI, MetaImage, NRRD, MINC 1, a DICOM file or folder, VTK (legacy, XML, HDF5, .pvd or "
-         ".series), Exodus II, CGNS, an OpenFOAM case, netCDF (CF or WRF), PLOT3D with --solution, "
+         "NIfTI, MetaImage, NRRD, an OME-Zarr or Zarr folder, MINC 1, a DICOM file or folder, VTK "
+         "(legacy, XML, HDF5, .pvd or .series), Exodus II, CGNS, an OpenFOAM case, netCDF (CF or "
+         "WRF), PLOT3D with --solution, "
          "or raw values with --raw")
       ->required();
   app.add_option("OUT", options.out, "The .vdb to write, or the folder with --bricks")->required();

@@ -197,6 +197,7 @@ class OmeParser {
 
   /// Converts positions to the unit of x.
   void unifyUnits() {
+    if (out_.time >= 0) out_.time_unit = units_[static_cast<std::size_t>(out_.time)];
     const std::string& unit = units_[out_.space[0]];
     const OmeUnit* known = unitNamed(unit);
     out_.unit = known == nullptr ? unit : known->brief;

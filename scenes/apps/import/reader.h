@@ -124,6 +124,7 @@ struct Request {
   std::filesystem::path solution;  ///< For PLOT3D: solution file of the grid file.
   std::string raw;                 ///< Layout of a file without header: JSON, or the path of JSON.
   std::string series;              ///< For DICOM: number, UID or description of the series.
+  std::optional<std::size_t> level;  ///< For OME-Zarr: number of the level; 0 is the finest.
   /// Meaning of 3 or 6 steps or channels: "vector" or "tensor"; empty: steps are time steps.
   /// "displacement": vectors as ITK writes them, along LPS, which a reader converts like positions.
   std::string as;
@@ -185,5 +186,7 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openVtkSeries(const Request& request);
 /// Opens VTK's XML formats, and ParaView's collections of XML files (.pvd).
 [[nodiscard]] std::unique_ptr<Reader> openVtkXml(const Request& request);
+/// Opens the folder of an OME-Zarr image, or of an array in Zarr version 2.
+[[nodiscard]] std::unique_ptr<Reader> openZarr(const Request& request);
 
 }  // namespace palpate::importer
