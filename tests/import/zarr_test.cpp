@@ -92,7 +92,8 @@ Json imageOf(const Json& axes, const Json& transformations) {
 
 TEST_CASE("axes of an OME-Zarr image are found by name, else the last is x", "[zarr]") {
   const auto axis = [](const char* name, const char* type) {
-    return Json{{"name", name}, {"type", type}, {"unit", "micrometer"}};
+    const bool is_time = std::string(type) == "time";
+    return Json{{"name", name}, {"type", type}, {"unit", is_time ? "second" : "micrometer"}};
   };
   const Json scale = Json::array({{{"type", "scale"}, {"scale", {1, 2, 3, 4}}}});
   std::vector<std::string> notes;
@@ -112,6 +113,7 @@ TEST_CASE("axes of an OME-Zarr image are found by name, else the last is x", "[z
       ".zattrs", notes);
   CHECK(other.space == std::array<std::size_t, 3>{3, 2, 1});
   CHECK(other.time == 0);
+  CHECK(other.time_unit == "second");
   CHECK_THAT(notes.at(0), Contains("the axes in space are a, b and d"));
 }
 
