@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstdio>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string_view>
 #include <type_traits>
@@ -225,6 +226,11 @@ class Sum {
   std::uint64_t hash_ = 0xCBF29CE484222325U;
 };
 
+/// Number of leaves in a brick without its apron.
+template <class GridT>
+constexpr std::size_t kBrickLeaves =
+    std::size_t{kBrickSide} * kBrickSide* kBrickSide / GridT::TreeType::LeafNodeType::SIZE;
+
 struct LeafSum {
   VoxelAt origin{};
   std::uint64_t sum = 0;
@@ -243,31 +249,77 @@ void sortAsTree(std::vector<LeafSum>& leaves) {
             [&](const LeafSum& a, const LeafSum& b) { return key(a) < key(b); });
 }
 
-/// Sets the identity, extent, background, metadata and fill function of an input from a grid. Each
-/// rank of `group` adds the leaves in its own share (BrickInput::share).
+template <class Leaf>
+LeafSum sumOf(const Leaf& leaf) {
+  const auto values = brickChecksum(std::as_bytes(std::span(leaf.buffer().data(), Leaf::SIZE)));
+  std::array<std::uint64_t, Leaf::SIZE / 64> words{};
+  for (openvdb::Index w = 0; w < words.size(); ++w) {
+    words[w] = leaf.valueMask().template getWord<openvdb::Index64>(w);
+  }
+  return {voxelOf(leaf.origin()),
+          (std::uint64_t{values} << 32U) | brickChecksum(std::as_bytes(std::span(words)))};
+}
+
 template <class GridT>
-void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInput& input) {
+std::vector<LeafSum> sumsOf(const GridT& grid) {
+  const openvdb::tree::LeafManager<const typename GridT::TreeType> leaves(grid.tree());
+  std::vector<LeafSum> sums(leaves.leafCount());
+  inParallel(sums.size(), [&](std::size_t n) { sums[n] = sumOf(leaves.leaf(n)); });
+  return sums;
+}
+
+/// Returns the bricks that a share may have in the box of the grid's voxels.
+std::vector<CoordBBox> bricksOf(const CoordBBox& box, const Share& share) {
+  std::vector<CoordBBox> bricks;
+  CoordBBox range(box.min() >> kBrickShift, box.max() >> kBrickShift);
+  range.min().z() = std::max(range.min().z(), static_cast<int>(share.first));
+  range.max().z() = std::min(range.max().z(), static_cast<int>(share.end) - 1);
+  if (range.empty()) return bricks;
+  for (auto brick = range.begin(); brick; ++brick) {
+    const Coord lower = *brick << kBrickShift;
+    bricks.emplace_back(lower, lower.offsetBy(kBrickSide - 1));
+  }
+  return bricks;
+}
+
+[[noreturn]] void refuse(const GridInfo& info) {
+  const auto colon = info.refusal.find(": ");
+  throw VolumeError("grid \"" + info.name + "\"", info.refusal.substr(0, colon),
+                    info.refusal.substr(colon + 2));
+}
+
+/// Returns the checksums of all leaves of all ranks, as the whole tree would store the leaves.
+template <class GridT>
+std::vector<LeafSum> sumsOf(const GridParts& parts, ProcessGroup& group) {
+  std::vector<LeafSum> sums;
+  std::size_t most = 0;
+  for (const Share& share : parts.shares) most += bricksOf(parts.box, share).size();
+  sums.reserve(most * kBrickLeaves<GridT>);
+  std::mutex adding;
+  for (std::size_t p = 0; p < parts.shares.size(); ++p) {
+    const GridBox make = parts.open(p);
+    const std::vector<CoordBBox> bricks = bricksOf(parts.box, parts.shares[p]);
+    inParallel(bricks.size(), [&](std::size_t n) {
+      const openvdb::GridBase::Ptr grid = make(bricks[n]);
+      const Prepared prepared = prepare(parts.grid->getName(), grid, {});
+      // A part of the grid may be empty although the whole grid is not.
+      if (!prepared.info.refusal.empty() && prepared.info.active_voxels > 0) refuse(prepared.info);
+      const auto own = sumsOf(*openvdb::gridConstPtrCast<GridT>(grid));
+      const std::lock_guard lock(adding);
+      sums.insert(sums.end(), own.begin(), own.end());
+    });
+  }
+  if (group.size() > 1) sums = gatherAll(group, sums);
+  sortAsTree<typename GridT::TreeType>(sums);
+  return sums;
+}
+
+/// Sets the identity, extent, background and metadata of an input from a grid and the checksums of
+/// its leaves.
+template <class GridT>
+void lookAt(const GridT& grid, const std::vector<LeafSum>& sums, BrickInput& input) {
   using Tree = typename GridT::TreeType;
   using Leaf = typename Tree::LeafNodeType;
-  const openvdb::tree::LeafManager<const Tree> leaves(grid->tree());
-  std::vector<LeafSum> sums(leaves.leafCount());
-  inParallel(sums.size(), [&](std::size_t n) {
-    const Leaf& leaf = leaves.leaf(n);
-    const auto values = brickChecksum(std::as_bytes(std::span(leaf.buffer().data(), Leaf::SIZE)));
-    std::array<std::uint64_t, Leaf::SIZE / 64> words{};
-    for (openvdb::Index w = 0; w < words.size(); ++w) {
-      words[w] = leaf.valueMask().template getWord<openvdb::Index64>(w);
-    }
-    sums[n] = {voxelOf(leaf.origin()),
-               (std::uint64_t{values} << 32U) | brickChecksum(std::as_bytes(std::span(words)))};
-  });
-  if (input.share) {
-    std::erase_if(sums, [&](const LeafSum& leaf) {
-      return !input.share->has(std::int64_t{leaf.origin[2]} >> kBrickShift);
-    });
-    sums = gatherAll(group, sums);
-    sortAsTree<Tree>(sums);
-  }
   Sum sum;
   CoordBBox extent;
   for (const LeafSum& leaf : sums) {
@@ -276,10 +328,10 @@ void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInpu
     sum.add(leaf.sum);
     extent.expand(CoordBBox(origin, origin.offsetBy(Leaf::DIM - 1)));
   }
-  auto tile = grid->tree().cbeginValueAll();
+  auto tile = grid.tree().cbeginValueAll();
   tile.setMaxDepth(Tree::ValueAllCIter::LEAF_DEPTH - 1);
   for (; tile; ++tile) {
-    if (!tile.isValueOn() && *tile == grid->background()) continue;
+    if (!tile.isValueOn() && *tile == grid.background()) continue;
     CoordBBox box;
     tile.getBoundingBox(box);
     sum.add(box.min());
@@ -287,14 +339,13 @@ void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInpu
     sum.addValue(*tile);
     extent.expand(box);
   }
-  sum.addValue(grid->background());
-  input.identity = std::string(grid->valueType()) + " " + sum.text();
+  sum.addValue(grid.background());
+  input.identity = std::string(grid.valueType()) + " " + sum.text();
   if (extent.empty()) extent = CoordBBox(Coord(0), Coord(0));
   input.lower = voxelOf(extent.min());
   input.upper = voxelOf(extent.max());
-  copyValue(grid->background(), input.background.data());
-  input.metadata = metadataOf(*grid);
-  input.fill = GridBoxes<GridT>(grid);
+  copyValue(grid.background(), input.background.data());
+  input.metadata = metadataOf(grid);
 }
 
 template <class GridT>
@@ -418,8 +469,8 @@ openvdb::GridClass classOf(GridClass grid_class) {
   return openvdb::GRID_UNKNOWN;
 }
 
-BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& parts, bool half,
-                   ProcessGroup& group, const std::optional<Share>& share) {
+/// Returns an input without `fill` and what depends on the values.
+BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& parts, bool half) {
   if (parts.size() != 1) {
     throw VolumeError(
         "\"" + info.name + "\"", "its components are separate grids or staggered",
@@ -432,35 +483,54 @@ BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& 
   input.linear = parts[0].linear;
   input.origin = parts[0].origin;
   input.source = info.source;
-  input.share = share;
-  std::visit(
-      [&](const auto& grid) {
-        using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
-        lookAt<GridT>(grid, group, input);
-      },
-      parts[0].data);
   return input;
+}
+
+template <class GridT>
+void takeParts(const GridParts& parts, ProcessGroup& group, BrickInput& input) {
+  lookAt(*openvdb::gridConstPtrCast<GridT>(parts.grid), sumsOf<GridT>(parts, group), input);
+  input.share = {parts.shares.front().first, parts.shares.back().end};
+  input.parts = parts.shares;
+  const auto make = std::make_shared<GridBox>();
+  input.open = [make, open = parts.open](std::size_t part) {
+    *make = nullptr;  // frees the last part before the next one is made
+    *make = open(part);
+  };
+  input.fill = [make](const BrickBox& box) {
+    const Coord lower = coordOf(box.lower);
+    const auto grid = (*make)(CoordBBox(lower, lower.offsetBy(kBrickEdge - 1)));
+    return GridBoxes<GridT>(openvdb::gridConstPtrCast<GridT>(grid))(box);
+  };
 }
 
 }  // namespace
 
 BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half) {
-  SingleProcess alone;
-  BrickInput input = inputOf(volume->info(), volume->grid().parts, half, alone, std::nullopt);
-  // The function object keeps the volume alive as long as the writer requests boxes.
-  input.fill = [volume, boxes = std::move(input.fill)](const BrickBox& box) { return boxes(box); };
+  BrickInput input = inputOf(volume->info(), volume->grid().parts, half);
+  std::visit(
+      [&](const auto& grid) {
+        using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
+        lookAt(*grid, sumsOf(*grid), input);
+        // The function object keeps the volume alive as long as the writer requests boxes.
+        input.fill = [volume, boxes = GridBoxes<GridT>(grid)](const BrickBox& box) {
+          return boxes(box);
+        };
+      },
+      volume->grid().parts[0].data);
   return input;
 }
 
-BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& group, const Share& share) {
-  const Prepared prepared = prepare(part->getName(), part, {});
-  // A part of the grid may be empty although the whole grid is not.
-  if (!prepared.info.refusal.empty() && prepared.info.active_voxels > 0) {
-    const auto colon = prepared.info.refusal.find(": ");
-    throw VolumeError("grid \"" + prepared.info.name + "\"", prepared.info.refusal.substr(0, colon),
-                      prepared.info.refusal.substr(colon + 2));
+BrickInput brickInput(const GridParts& parts, ProcessGroup& group) {
+  const Prepared prepared = prepare(parts.grid->getName(), parts.grid, {});
+  const GridInfo& info = prepared.info;
+  if (info.refusal != kNoActiveVoxel) refuse(info);
+  BrickInput input = inputOf(info, prepared.grid->parts, false);
+  if (info.vector) {
+    takeParts<openvdb::Vec3SGrid>(parts, group, input);
+  } else {
+    takeParts<openvdb::FloatGrid>(parts, group, input);
   }
-  return inputOf(prepared.info, prepared.grid->parts, false, group, share);
+  return input;
 }
 
 std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder, std::int32_t level) {

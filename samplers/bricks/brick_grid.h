@@ -1,5 +1,10 @@
-/// Private to samplers and scenes: input of writeBricks from a grid in a process group.
+/// Private to samplers and scenes: input of writeBricks from a grid whose voxels are made on
+/// request.
 #pragma once
+
+#include <cstddef>
+#include <functional>
+#include <vector>
 
 #include <openvdb/Grid.h>
 
@@ -7,13 +12,27 @@
 
 namespace palpate {
 
-/// Returns one rank's part of a grid as input of writeBricks. All ranks must call this function.
-/// The part consists of the bricks in the rank's share (BrickInput::share) and two more voxels
-/// around them, as leaves without tiles. A part may be empty if another rank's part is not. Except
-/// for `fill` and `share`, the result equals brickInput of the whole grid. The part is not copied:
-/// do not write to it afterwards. Throws VolumeError, with the grid's name, if the volume is
-/// unusable. Slow: reads every value.
-[[nodiscard]] BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& group,
-                                    const Share& share);
+/// Makes a grid that has the voxels of a box, as leaves without tiles. Thread-safe.
+using GridBox = std::function<openvdb::GridBase::Ptr(const openvdb::CoordBBox& box)>;
+
+/// A grid of leaves without tiles, which are made on request, so that they need not be in memory
+/// together.
+struct GridParts {
+  /// Name, class, type, transform, background and metadata of the grid, without its voxels.
+  openvdb::GridBase::Ptr grid;
+  openvdb::CoordBBox box;  ///< Box of all voxels.
+  /// Consecutive parts of the grid: indices of the bricks along the last axis (BrickInput::share).
+  /// In a process group, those of this rank.
+  std::vector<Share> shares;
+  /// Prepares shares[part]. The result makes boxes in these bricks and two voxels around them. It
+  /// is used only until the next call.
+  std::function<GridBox(std::size_t part)> open;
+};
+
+/// Returns a grid as input of writeBricks. All ranks of the group must call this function. Except
+/// for `fill` and the shares, the result equals brickInput of the whole grid in memory. Throws
+/// VolumeError, with the grid's name, if the volume is unusable. Slow: makes every voxel. Memory:
+/// 24 bytes for each leaf.
+[[nodiscard]] BrickInput brickInput(const GridParts& parts, ProcessGroup& group);
 
 }  // namespace palpate

@@ -212,16 +212,28 @@ class Writer {
       own = shareOf(group_, count[2]);
       own = {own.first + first[2], own.end + first[2]};
     }
-    const std::int64_t low = std::clamp(own.first, all.first, all.end) - first[2];
     const auto along = [&](std::size_t a) { return static_cast<std::size_t>(count[a]); };
-    const auto deep =
-        static_cast<std::size_t>(std::clamp(own.end, all.first, all.end) - first[2] - low);
-    forEach(along(0) * along(1) * deep, [&](std::size_t n) {
-      const VoxelAt at{static_cast<std::int32_t>(n / (along(1) * deep)),
-                       static_cast<std::int32_t>(n / deep % along(1)),
-                       static_cast<std::int32_t>(n % deep) + static_cast<std::int32_t>(low)};
-      make({0, at}, [&](Space& space) { return fill(at, space); });
-    });
+    const auto layers = [&](const Share& of) {
+      return static_cast<std::size_t>(std::clamp(of.end, all.first, all.end) -
+                                      std::clamp(of.first, all.first, all.end));
+    };
+    const auto write_part = [&](const Share& part) {
+      const std::int64_t low = std::clamp(part.first, all.first, all.end) - first[2];
+      const std::size_t deep = layers(part);
+      forEach(along(0) * along(1) * deep, along(0) * along(1) * layers(own), [&](std::size_t n) {
+        const VoxelAt at{static_cast<std::int32_t>(n / (along(1) * deep)),
+                         static_cast<std::int32_t>(n / deep % along(1)),
+                         static_cast<std::int32_t>(n % deep) + static_cast<std::int32_t>(low)};
+        make({0, at}, [&](Space& space) { return fill(at, space); });
+      });
+    };
+    for (std::size_t p = 0; p < input_.parts.size(); ++p) {
+      // The background may fill a whole part.
+      if (layers(input_.parts[p]) == 0) continue;
+      input_.open(p);
+      write_part(input_.parts[p]);
+    }
+    if (input_.parts.empty()) write_part(own);
   }
 
   void writeCoarser(std::int32_t l) {
@@ -230,7 +242,8 @@ class Writer {
     const bool level_set = input_.grid_class == GridClass::kLevelSet && !input_.format.vector;
     const std::vector<VoxelAt> places = coarserPlaces(facts_.manifest(), l - 1);
     const Share own = shareOf(group_, static_cast<std::int64_t>(places.size()));
-    forEach(static_cast<std::size_t>(own.end - own.first), [&](std::size_t n) {
+    const auto count = static_cast<std::size_t>(own.end - own.first);
+    forEach(count, count, [&](std::size_t n) {
       const VoxelAt& at = places[static_cast<std::size_t>(own.first) + n];
       make({l, at}, [&](Space& space) {
         return coarserBrick(finer, at, level_set, space.coarser, space.values, space.active);
@@ -238,11 +251,13 @@ class Writer {
     });
   }
 
+  /// Calls body(0) to body(count - 1) in parallel.
+  /// @param all  Number of calls in the level, for the progress.
   template <class Body>
-  void forEach(std::size_t count, Body body) {
+  void forEach(std::size_t count, std::size_t all, Body body) {
     inParallel(count, [&](std::size_t n) {
       body(n);
-      told(static_cast<double>(++done_) / static_cast<double>(count));
+      told(static_cast<double>(++done_) / static_cast<double>(all));
     });
   }
 

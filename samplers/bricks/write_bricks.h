@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -9,6 +10,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "palpate/engine/types.h"
 #include "palpate/samplers/bricks/bricks.h"
@@ -52,6 +54,11 @@ struct BrickInput {
   /// Indices of the bricks along the last axis that `fill` can provide on this rank of a group.
   /// Brick 0 begins at index 0. Each brick belongs to exactly one rank. If not set: all bricks.
   std::optional<Share> share;
+  /// Consecutive parts of `share`, if `fill` can provide only one part at a time. Empty: `fill` can
+  /// provide all bricks at any time.
+  std::vector<Share> parts;
+  /// Prepares `fill` for parts[part]. The writer calls it for each part in turn.
+  std::function<void(std::size_t part)> open;
 };
 
 /// Options of writeBricks.

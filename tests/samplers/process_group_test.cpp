@@ -89,19 +89,28 @@ openvdb::FloatGrid::Ptr scattered() {
   return grid;
 }
 
-/// Returns the part of a grid that a rank needs for its bricks.
-openvdb::FloatGrid::Ptr partOf(const openvdb::FloatGrid& grid, const Share& share) {
-  auto part = openvdb::FloatGrid::create(grid.background());
-  part->setName(grid.getName());
-  const auto first = share.first * kBrickSide - kBrickApron;
-  const auto end = share.end * kBrickSide + kBrickApron;
-  for (auto value = grid.cbeginValueOn(); value; ++value) {
-    const Coord c = value.getCoord();
-    if (share.first < share.end && c.z() >= first && c.z() < end) {
-      part->tree().setValueOn(c, *value);
-    }
-  }
-  return part;
+/// Returns the parts of a grid with these shares. A box that is not in the open part is empty.
+GridParts partsOf(const openvdb::FloatGrid::ConstPtr& grid, const std::vector<Share>& shares) {
+  GridParts parts;
+  parts.grid = openvdb::FloatGrid::create(grid->background());
+  parts.grid->setName(grid->getName());
+  parts.box = grid->evalActiveVoxelBoundingBox();
+  parts.shares = shares;
+  parts.open = [=](std::size_t part) -> GridBox {
+    return [grid, first = shares[part].first * kBrickSide - kBrickApron,
+            end = shares[part].end * kBrickSide + kBrickApron](const openvdb::CoordBBox& box) {
+      auto out = openvdb::FloatGrid::create(grid->background());
+      if (box.min().z() < first || box.max().z() >= end) return openvdb::GridBase::Ptr(out);
+      using Leaf = openvdb::FloatTree::LeafNodeType;
+      const openvdb::CoordBBox leaves(box.min() >> Leaf::LOG2DIM, box.max() >> Leaf::LOG2DIM);
+      for (auto at = leaves.begin(); at; ++at) {
+        const Leaf* leaf = grid->tree().probeConstLeaf(*at << Leaf::LOG2DIM);
+        if (leaf != nullptr) out->tree().addLeaf(new Leaf(*leaf));
+      }
+      return openvdb::GridBase::Ptr(out);
+    };
+  };
+  return parts;
 }
 
 std::string errorOf(const std::function<void()>& call) {
@@ -184,10 +193,22 @@ TEST_CASE("a grid that is split among ranks gives the same bricks as the whole g
             const Share share{of_seven.first - 3, of_seven.end - 3};
             BrickOptions options;
             options.group = &group;
-            (void)writeBricks(out, brickInput(partOf(*grid, share), group, share), options);
+            (void)writeBricks(out, brickInput(partsOf(grid, {share}), group), options);
           }) == 0);
     CHECK(allIn(out) == whole);
   }
+}
+
+TEST_CASE("a grid that is made part by part gives the same bricks as the whole grid",
+          "[bricks][process_group]") {
+  const TemporaryFolder folder;
+  const auto grid = scattered();
+  (void)writeBricks(folder / "alone", brickInput(makeVolume(*grid)));
+  SingleProcess alone;
+  // The last part has no voxel.
+  const GridParts parts = partsOf(grid, {{-3, -2}, {-2, 2}, {2, 4}, {4, 6}});
+  (void)writeBricks(folder / "parts", brickInput(parts, alone));
+  CHECK(allIn(folder / "parts") == allIn(folder / "alone"));
 }
 
 TEST_CASE("a failing rank ends all ranks with one message, and the next process group resumes",

@@ -57,7 +57,7 @@ struct Ends {
 /// Returns the outermost values of component c in all ranks.
 Ends endsOf(const Values& values, std::size_t c, const Shared& shared) {
   const auto width = static_cast<std::size_t>(values.components());
-  const Ends own = visit(values, [&](const auto* data) {
+  const auto compute = [&](const auto* data) {
     return tbb::parallel_reduce(
         tbb::blocked_range<std::size_t>(0, values.tuples(), 4096), Ends(),
         [=](const tbb::blocked_range<std::size_t>& part, Ends ends) {
@@ -70,7 +70,8 @@ Ends endsOf(const Values& values, std::size_t c, const Shared& shared) {
           a.add(b);
           return a;
         });
-  });
+  };
+  const Ends own = shared.isKnown() ? Ends() : visit(values, compute);
   Ends all;
   for (const Ends& one : gatherOne(shared.group(), own)) all.add(one);
   return all;

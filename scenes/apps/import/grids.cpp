@@ -74,11 +74,19 @@ struct Surroundings {
   float spread = 0.0F;
 };
 
+Surroundings surroundingsOfFaces(std::vector<float> faces) {
+  Surroundings out;
+  out.middle = quantile(faces, 0.5);
+  for (float& value : faces) value = std::abs(value - out.middle);
+  out.spread = quantile(faces, 0.99);
+  return out;
+}
+
 template <class T>
 Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values, const Shared& shared) {
   std::vector<float> faces;
   const auto& n = image.size;
-  const Slab own = shared.own(n[2]);
+  const Slab own = shared.isKnown() ? Slab() : shared.own(n[2]);
   for (int k = own.first; k < own.end(); ++k) {
     for (int j = 0; j < n[1]; ++j) {
       const bool outer = k == 0 || k == n[2] - 1 || j == 0 || j == n[1] - 1;
@@ -90,12 +98,7 @@ Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values, cons
       }
     }
   }
-  faces = gatherAll(shared.group(), faces);
-  Surroundings out;
-  out.middle = quantile(faces, 0.5);
-  for (float& value : faces) value = std::abs(value - out.middle);
-  out.spread = quantile(faces, 0.99);
-  return out;
+  return shared.reduced(faces, &surroundingsOfFaces);
 }
 
 enum class Found : std::uint8_t { kValue, kHole, kOutside };
@@ -167,8 +170,9 @@ struct Cubes {
 template <class T, int C>
 bool hasHoles(const Piece& image, const Native<T, C>& values, std::size_t count,
               const Shared& shared) {
+  const std::size_t to_search = shared.isKnown() ? 0 : count;
   const bool own = tbb::parallel_reduce(
-      tbb::blocked_range<std::size_t>(0, count, 65536), false,
+      tbb::blocked_range<std::size_t>(0, to_search, 65536), false,
       [&](const tbb::blocked_range<std::size_t>& part, bool found) {
         for (std::size_t i = part.begin(); i < part.end() && !found; ++i) {
           found = !isFinite(values[i]) || isHidden(image, i);
@@ -232,14 +236,9 @@ struct Counts {
   }
 };
 
-struct Made {
-  Slab all;      ///< Slices to make.
-  Slab counted;  ///< Slices of `all` that count in the report.
-};
-
 template <class Leaf, class Voxels, class Value>
-std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Made& slices,
-                               const Background<Value>& background, Counts& all) {
+std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Slab& slices,
+                               const Background<Value>& background, Counts& counts) {
   auto leaf = std::make_unique<Leaf>(origin, background.value);
   bool used = false;
   Coord end;
@@ -247,11 +246,9 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
     end[a] =
         std::min(origin[a] + static_cast<int>(Leaf::DIM), voxels.size[static_cast<std::size_t>(a)]);
   }
-  end.z() = std::min(end.z(), slices.all.end());
+  end.z() = std::min(end.z(), slices.end());
   Coord c;
-  Counts none;
-  for (c.z() = std::max(origin.z(), slices.all.first); c.z() < end.z(); ++c.z()) {
-    Counts& counts = c.z() >= slices.counted.first && c.z() < slices.counted.end() ? all : none;
+  for (c.z() = std::max(origin.z(), slices.first); c.z() < end.z(); ++c.z()) {
     for (c.y() = origin.y(); c.y() < end.y(); ++c.y()) {
       for (c.x() = origin.x(); c.x() < end.x(); ++c.x()) {
         Value value;
@@ -286,17 +283,18 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
   return leaf;
 }
 
-template <class GridT, class Voxels, class Value>
-Gridded build(const Voxels& voxels, const Made& slices, const Background<Value>& background,
-              const Progress& progress, ProcessGroup& group) {
-  using Leaf = typename GridT::TreeType::LeafNodeType;
+/// Makes all leaves in the slices, and counts their voxels. The first slice is the first of a leaf.
+/// @param rows  Receives the leaves; null: they are freed.
+template <class Leaf, class Voxels, class Value>
+Counts makeLeaves(const Voxels& voxels, const Slab& slices, const Background<Value>& background,
+                  const Progress& progress, std::vector<std::vector<std::unique_ptr<Leaf>>>* made) {
   constexpr int kEdge = static_cast<int>(Leaf::DIM);
   std::array<int, 3> leaves{};
   for (std::size_t a = 0; a < 3; ++a) leaves[a] = (voxels.size[a] + kEdge - 1) / kEdge;
-  const int first = slices.all.first / kEdge;
-  leaves[2] = slices.all.count == 0 ? 0 : (slices.all.end() + kEdge - 1) / kEdge - first;
+  const int first = slices.first / kEdge;
+  leaves[2] = (slices.count + kEdge - 1) / kEdge;
   const int rows = leaves[0] * leaves[2];
-  std::vector<std::vector<std::unique_ptr<Leaf>>> made(static_cast<std::size_t>(rows));
+  if (made != nullptr) made->resize(static_cast<std::size_t>(rows));
   SharedProgress shared(progress, rows);
   Counts counts;
   std::mutex adding;
@@ -305,7 +303,8 @@ Gridded build(const Voxels& voxels, const Made& slices, const Background<Value>&
     for (int y = 0; y < leaves[1]; ++y) {
       const Coord origin((row % leaves[0]) * kEdge, y * kEdge, (first + row / leaves[0]) * kEdge);
       auto leaf = makeLeaf<Leaf>(voxels, origin, slices, background, own);
-      if (leaf) made[static_cast<std::size_t>(row)].push_back(std::move(leaf));
+      if (leaf && made != nullptr)
+        (*made)[static_cast<std::size_t>(row)].push_back(std::move(leaf));
     }
     {
       const std::lock_guard lock(adding);
@@ -313,14 +312,11 @@ Gridded build(const Voxels& voxels, const Made& slices, const Background<Value>&
     }
     shared.step();
   });
+  return counts;
+}
 
-  auto grid = GridT::create(background.value);
-  for (auto& row : made) {
-    for (auto& leaf : row) grid->tree().addLeaf(leaf.release());
-    row.clear();
-  }
-  const Counts mine = std::exchange(counts, {});
-  for (const Counts& one : gatherOne(group, mine)) counts.add(one);
+template <class Value>
+Gridded griddedOf(const Counts& counts, const Background<Value>& background) {
   Gridded out;
   out.voxels = counts.voxels;
   out.active = counts.active;
@@ -343,7 +339,58 @@ Gridded build(const Voxels& voxels, const Made& slices, const Background<Value>&
     out.quieter_tolerance = spread;
     out.quieter_share = static_cast<double>(counts.loud) / static_cast<double>(counts.voxels);
   }
+  return out;
+}
+
+template <class GridT, class Voxels, class Value>
+Gridded build(const Voxels& voxels, const Background<Value>& background, const Progress& progress) {
+  using Leaf = typename GridT::TreeType::LeafNodeType;
+  std::vector<std::vector<std::unique_ptr<Leaf>>> made;
+  const Counts counts = makeLeaves(voxels, Slab{0, voxels.size[2]}, background, progress, &made);
+  auto grid = GridT::create(background.value);
+  for (auto& row : made) {
+    for (auto& leaf : row) grid->tree().addLeaf(leaf.release());
+    row.clear();
+  }
+  Gridded out = griddedOf(counts, background);
   out.grid = grid;
+  return out;
+}
+
+/// Returns a grid without voxels, and a function that makes them.
+/// @param array  Owns the numbers of voxels.values.
+template <class GridT, class Voxels, class Value>
+Gridded onRequest(const Voxels& voxels, const Array& array, const Background<Value>& background,
+                  const Progress& progress, const Shared& shared) {
+  using Leaf = typename GridT::TreeType::LeafNodeType;
+  const Piece& image = voxels.image;
+  Counts counts;
+  if (!shared.isKnown()) {
+    counts = makeLeaves<Leaf>(voxels, shared.own(image.size[2]), background, progress, nullptr);
+  }
+  const std::vector<Counts> all = gatherOne(shared.group(), counts);
+  counts = {};
+  for (const Counts& one : all) counts.add(one);
+  Gridded out = griddedOf(counts, background);
+  out.grid = GridT::create(background.value);
+  out.make = [own = std::make_shared<const Piece>(image), values = array.values,
+              native = voxels.values, background](const openvdb::CoordBBox& box) {
+    const Voxels here{*own, native};
+    auto grid = GridT::create(background.value);
+    openvdb::CoordBBox inside(Coord(0),
+                              Coord(own->size[0] - 1, own->size[1] - 1, own->size[2] - 1));
+    inside.intersect(box);
+    if (inside.empty()) return openvdb::GridBase::Ptr(grid);
+    constexpr std::size_t kShift = Leaf::LOG2DIM;
+    Counts uncounted;
+    const openvdb::CoordBBox leaves(inside.min() >> kShift, inside.max() >> kShift);
+    for (auto at = leaves.begin(); at; ++at) {
+      auto leaf = makeLeaf<Leaf>(here, *at << kShift, Slab{inside.min().z(), inside.dim().z()},
+                                 background, uncounted);
+      if (leaf) grid->tree().addLeaf(leaf.release());
+    }
+    return openvdb::GridBase::Ptr(grid);
+  };
   return out;
 }
 
@@ -351,6 +398,7 @@ struct Lattice {
   std::array<int, 3> size{};
   Affine index_from_cube;
   bool cubes = false;
+  bool on_request = false;  ///< True to make voxels on request; only without cubes.
 };
 
 template <class T, int C>
@@ -369,13 +417,12 @@ Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, 
     background.value = openvdb::Vec3f(0.0F);
   }
   if (lattice.cubes) {
-    const Slab all{0, lattice.size[2]};
     return build<GridT>(Cubes<T, C>{image, values, lattice.size, lattice.index_from_cube},
-                        {all, all}, background, progress, shared.group());
+                        background, progress);
   }
-  const int slices = image.size[2];
-  return build<GridT>(OwnVoxels<T, C>{image, values}, {shared.inBricks(slices), shared.own(slices)},
-                      background, progress, shared.group());
+  const OwnVoxels<T, C> voxels{image, values};
+  return lattice.on_request ? onRequest<GridT>(voxels, array, background, progress, shared)
+                            : build<GridT>(voxels, background, progress);
 }
 
 template <int C>
@@ -469,9 +516,20 @@ std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel, 
 }
 
 Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
+                      const std::string& file, const Progress& progress) {
+  const auto transform = transformOf(image.file_from_index, file);
+  SingleProcess alone;  // in a process group, every rank makes the whole grid
+  Gridded out = buildOnLattice({}, image, array, tolerance, progress, Shared(alone));
+  out.grid->setTransform(transform);
+  return out;
+}
+
+Gridded gridOnRequest(const Piece& image, const Array& array, double tolerance,
                       const std::string& file, const Progress& progress, const Shared& shared) {
   const auto transform = transformOf(image.file_from_index, file);
-  Gridded out = buildOnLattice({}, image, array, tolerance, progress, shared);
+  Lattice lattice;
+  lattice.on_request = true;
+  Gridded out = buildOnLattice(lattice, image, array, tolerance, progress, shared);
   out.grid->setTransform(transform);
   return out;
 }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string>
 
+#include "palpate/samplers/bricks/brick_grid.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/shared.h"
@@ -14,7 +15,9 @@ namespace palpate::importer {
 /// A grid, and numbers for the report in the unit of the values; for vectors, of their magnitudes.
 struct Gridded {
   openvdb::GridBase::Ptr grid;  ///< FloatGrid or Vec3SGrid, named, with its transform.
-  std::uint64_t voxels = 0;     ///< Number of voxels in the image, or inside the mesh.
+  /// Makes the voxels in a box. Empty: all voxels are in `grid`.
+  GridBox make;
+  std::uint64_t voxels = 0;  ///< Number of voxels in the image, or inside the mesh.
   std::uint64_t active = 0;
   std::uint64_t holes = 0;  ///< Number of these without data: not finite, or hidden.
   double lowest = 0.0;      ///< Range of the active values.
@@ -42,9 +45,15 @@ struct Gridded {
 /// parallel. Needs memory only for the grid. Throws VolumeError, which names `file`, if the
 /// transform is singular or the values are not numbers.
 /// @param tolerance  Tolerance of the background, in the array's unit, >= 0.
-/// @param shared     Process group. Each rank gets the grid in its own bricks and their aprons. All
-///                   other results are of the whole image.
 [[nodiscard]] Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
+                                    const std::string& file, const Progress& progress);
+
+/// Makes a grid as gridFromImage does, but without its voxels. Gridded::make makes them in boxes,
+/// and keeps the image in memory.
+/// @param shared  Process group. A rank makes boxes in its bricks and their aprons. All other
+/// results
+///                are of the whole image.
+[[nodiscard]] Gridded gridOnRequest(const Piece& image, const Array& array, double tolerance,
                                     const std::string& file, const Progress& progress,
                                     const Shared& shared);
 

@@ -1,13 +1,10 @@
 #include "palpate/scenes/apps/import/importer.h"
 
 #include <algorithm>
-#include <cerrno>
+#include <array>
+#include <cstddef>
 #include <cstdint>
-#include <cstring>
-#include <malloc.h>
-#include <span>
-#include <string_view>
-#include <unistd.h>
+#include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
@@ -16,7 +13,6 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
 #include "palpate/samplers/bricks/brick_grid.h"
-#include "palpate/samplers/bricks/write_bricks.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
@@ -28,8 +24,6 @@
 #include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/metadata.h"
 #include "palpate/scenes/guess/suggest.h"
-#include "palpate/scenes/library/new_file.h"
-#include "palpate/scenes/library/write_grids.h"
 
 namespace palpate::importer {
 namespace {
@@ -48,7 +42,10 @@ void prepareValues(Array& array, EarlierSteps& earlier, std::vector<std::string>
                    const Shared& shared) {
   hideFillValues(array, notes, shared);
   subtractOffset(array, earlier.value_offsets[array.name], shared);
-  if (const Loss loss = shared.worst(floatLoss(array.values)); !loss.empty()) {
+  // Floats hold all numbers of 1 and 2 bytes.
+  if (array.values.bytesEach() < 4) return;
+  const Loss own = shared.isKnown() ? Loss() : floatLoss(array.values);
+  if (const Loss loss = shared.worst(own); !loss.empty()) {
     notes.push_back(fmt::format("{}: {}", array.name, loss));
   }
 }
@@ -100,10 +97,6 @@ bool keepsVoxelsInBricks(const Options& options) {
   return options.bricks && !options.iso && !(options.voxel > 0.0);
 }
 
-bool isInParts(const Options& options, ProcessGroup& group) {
-  return group.size() > 1 && keepsVoxelsInBricks(options);
-}
-
 /// Returns the slices that this rank reads: those of its bricks and their aprons, one more on each
 /// side for the values beside voxels without data, and those that the smoothing filter reads.
 Slab neededOf(const Options& options, const Shared& shared, int slices, const Affine& map) {
@@ -151,7 +144,6 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
   Imported imported;
   Piece piece = withoutArrays(whole);
   if (!piece.depths.empty()) imported.resampling = evenSlices(piece, array);
-  if (keepsVoxelsInBricks(options)) imported.share = shared.bricks(piece.size[2]);
   if (!shared.isAlone()) {
     // Takes the slices of this rank: the reader may have read the whole image.
     const Slab needed = neededOf(options, shared, piece.size[2], piece.file_from_index);
@@ -174,8 +166,10 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
   }
   const bool on_cubes = options.voxel > 0.0 && !options.iso;
   const auto make = [&](double within) {
-    return on_cubes ? gridOnCubes(piece, array, options.voxel, within, in, telling.progress)
-                    : gridFromImage(piece, array, within, in, telling.progress, shared);
+    if (on_cubes) return gridOnCubes(piece, array, options.voxel, within, in, telling.progress);
+    return keepsVoxelsInBricks(options)
+               ? gridOnRequest(piece, array, within, in, telling.progress, shared)
+               : gridFromImage(piece, array, within, in, telling.progress);
   };
   imported.made = make(isDisplacement(options) ? kKeepAll : tolerance);
   if (!isDisplacement(options) && imported.made.active == 0 && keepsConstant(options, array)) {
@@ -204,6 +198,12 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
   } else {
     imported.image =
         openvdb::CoordBBox(0, 0, 0, piece.size[0] - 1, piece.size[1] - 1, piece.size[2] - 1);
+  }
+  if (imported.made.make) {
+    imported.parts = GridParts{imported.made.grid,
+                               *imported.image,
+                               {shared.bricks(piece.size[2])},
+                               [make = imported.made.make](std::size_t) { return make; }};
   }
   if (isDisplacement(options)) {
     // This follows errorOf(), which compares the given vectors with the array, not an inverse.
@@ -336,33 +336,26 @@ void checkAsked(const Request& request, const Content& content) {
               "omit this option");
 }
 
-}  // namespace
-
-bool hasContrast(const Step& step) {
-  return std::any_of(step.grids.begin(), step.grids.end(), [](const Imported& imported) {
-    return imported.level_set ? imported.made.active > 0
-                              : imported.made.lowest < imported.made.highest;
-  });
-}
-
-std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
-                                ProcessGroup& group) {
-  Request request = options.request;
-  request.progress = telling.progress;
-  request.timed = !options.time.empty();
-  if (isInParts(options, group)) {
-    request.slices = [&options, shared = Shared(group)](const std::array<int, 3>& size,
-                                                        const Affine& map) {
-      return neededOf(options, shared, size[2], map);
+/// Returns a Telling that is silent while the group is divided, because each slab repeats all
+/// stages.
+Telling unlessDivided(const Telling& telling, const SlabGroup& group) {
+  Telling out;
+  out.stage = [stage = telling.stage, &group](const std::string& what) {
+    if (!group.isDivided()) stage(what);
+  };
+  if (telling.progress) {
+    out.progress = [progress = telling.progress, &group](double done) {
+      if (!group.isDivided()) progress(done);
     };
   }
-  return openAny(request);
+  return out;
 }
 
-Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
-                ProcessGroup& group, EarlierSteps& earlier) {
+/// Imports a step in one rank of the group (importStep).
+Step importRank(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
+                SlabGroup& group, EarlierSteps& earlier) {
   SingleProcess alone;
-  const Shared shared(isInParts(options, group) ? group : alone);
+  const Shared shared = keepsVoxelsInBricks(options) ? Shared(group) : Shared(alone);
   const std::string in = options.request.file.string();
   telling.stage("reading");
   Content content = reader.read(step);
@@ -420,79 +413,55 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
   return out;
 }
 
-void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in) {
-  const std::size_t count = step.grids.size();
-  {
-    openvdb::GridCPtrVec grids;
-    for (const Imported& imported : step.grids) {
-      // If voxels are missing, the background is active (grids.h). Replaces leaves of one value by
-      // tiles.
-      if (imported.image && !imported.level_set && imported.made.holes > 0) {
-        imported.made.grid->pruneGrid();
-      }
-      grids.push_back(imported.made.grid);
-    }
-    const int descriptor = createNewFile(file);
-    if (descriptor < 0) {
-      throw Error(file.string(),
-                  fmt::format("the file cannot be written ({})", std::strerror(errno)),
-                  "choose another path, or free space on the disk");
-    }
-    writeGrids(nameOfOpen(descriptor, file), grids);
-    close(descriptor);
-  }
-  const bool is_empty = std::any_of(
-      step.grids.begin(), step.grids.end(),
-      [](const Imported& imported) { return imported.level_set && imported.made.active == 0; });
-  step.grids.clear();
-  if (is_empty || count == 0) return;  // a scene plays this frame as background
-  const auto refused = [&](const std::string& what, const std::string& refusal) {
-    throw VolumeError(
-        in, fmt::format("{} cannot be used in a scene ({})", what, refusal),
-        "check the sizes, positions and values in the file, or choose arrays with --field");
-  };
-  malloc_trim(0);  // returns free memory to the system: describeGrids needs memory for one grid
-  std::vector<GridInfo> read;
-  try {
-    read = describeGrids(file);
-  } catch (const VolumeError& e) {
-    const std::string_view why = e.what();
-    refused("the result", std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
-  }
-  // After the grids, describeGrids lists components of vectors, which are ignored here.
-  for (std::size_t i = 0; i < std::min(read.size(), count); ++i) {
-    if (!read[i].refusal.empty()) refused("array \"" + read[i].name + "\"", read[i].refusal);
-  }
+}  // namespace
+
+bool hasContrast(const Step& step) {
+  return std::any_of(step.grids.begin(), step.grids.end(), [](const Imported& imported) {
+    return imported.level_set ? imported.made.active > 0
+                              : imported.made.lowest < imported.made.highest;
+  });
 }
 
-void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
-                   ProcessGroup& group) {
-  if (step.grids.size() != 1) {
-    std::vector<std::string> names;
-    names.reserve(step.grids.size());
-    for (const Imported& imported : step.grids) names.push_back(imported.made.grid->getName());
-    throw Error("--bricks",
-                fmt::format("{} arrays are imported, and --bricks writes only one: {}",
-                            names.size(), fmt::join(names, ", ")),
-                "choose one with --field");
+std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling, SlabGroup& group) {
+  Request request = options.request;
+  request.progress = unlessDivided(telling, group).progress;
+  request.timed = !options.time.empty();
+  if (keepsVoxelsInBricks(options)) {
+    request.slices = [&options, &group](const std::array<int, 3>& size, const Affine& map,
+                                        bool is_packed) {
+      if (!is_packed) group.divide(size, /*is_slow=*/options.smooth.sigma > 0.0);
+      return neededOf(options, Shared(group), size[2], map);
+    };
   }
-  BrickOptions options;
-  options.progress = progress;
-  options.group = &group;
-  openvdb::GridBase::Ptr grid = step.grids.front().made.grid;
-  const std::optional<Share> share = step.grids.front().share;
-  step.grids.clear();
-  if (share) {
-    (void)writeBricks(folder, brickInput(grid, group, *share), options);
-    return;
+  return openAny(request);
+}
+
+Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
+                SlabGroup& group, EarlierSteps& earlier) {
+  const auto work = [&options, &reader, step, quiet = unlessDivided(telling, group), &group,
+                     before = earlier] {
+    EarlierSteps now = before;
+    Step out = importRank(options, reader, step, quiet, group, now);
+    return std::pair(std::move(out), std::move(now));
+  };
+  const auto turn = [&](int pass) {
+    if (group.rank() == 0) telling.stage(fmt::format("reading, pass {}", pass + 1));
+    if (telling.progress) telling.progress(static_cast<double>(group.rank()) / group.size());
+  };
+  Step out;
+  std::tie(out, earlier) = group.run(work, turn);
+  if (!group.isDivided()) return out;
+  for (std::size_t n = 0; n < out.grids.size(); ++n) {
+    Imported& imported = out.grids[n];
+    if (!imported.parts) continue;
+    imported.made.make = nullptr;  // frees the first slab
+    const int layers = (imported.image->dim().z() + kBrickSide - 1) / kBrickSide;
+    imported.parts->shares = group.sharesOf(layers);
+    imported.parts->open = [&group, work, n](std::size_t part) {
+      return group.runAgain(static_cast<int>(part), work).first.grids[n].made.make;
+    };
   }
-  BrickInput input = brickInput(makeVolume(*grid));
-  grid.reset();
-  // Numbers in the metadata may differ in the last digit between machines, so all ranks use the
-  // metadata of rank 0.
-  const ProcessGroup::Bytes text = group.gather(std::as_bytes(std::span(input.metadata))).front();
-  input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
-  (void)writeBricks(folder, input, options);
+  return out;
 }
 
 namespace {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "palpate/samplers/bricks/brick_grid.h"
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/samplers/process_group.h"
 #include "palpate/scenes/apps/import/displacement.h"
@@ -16,6 +17,7 @@
 #include "palpate/scenes/apps/import/level_set.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/resample.h"
+#include "palpate/scenes/apps/import/slab_group.h"
 
 namespace palpate::importer {
 
@@ -49,9 +51,9 @@ struct Imported {
   /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled.
   /// No value for a mesh.
   std::optional<openvdb::CoordBBox> image;
-  /// Bricks all of whose voxels are in the grid (BrickInput::share), so that the importer writes
-  /// them without a copy of the grid. No value: the importer copies the grid.
-  std::optional<Share> share;
+  /// The grid for --bricks, if it has the image's own voxels: they are not in `made.grid`. `open`
+  /// uses the reader and the group.
+  std::optional<GridParts> parts;
 };
 
 /// Returns true if --as states that the file is the displacement field of a registration.
@@ -71,9 +73,11 @@ struct Telling {
   Progress progress;
 };
 
-/// Opens the file. In a process group, a rank reads only its part, if the format allows this.
+/// Opens the file. In a process group, a rank reads only its part, if the format allows this. For
+/// bricks of a large image, a single process divides the group into slabs if the reader can go to
+/// any slice. All arguments must outlive the reader.
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
-                                              ProcessGroup& group);
+                                              SlabGroup& group);
 
 /// Data that a step of a series needs from earlier steps, by the name of a scalar array.
 struct EarlierSteps {
@@ -93,9 +97,10 @@ struct EarlierSteps {
 /// Reads a step, makes its grids and sets their metadata. Leaves out constant scalars, unless
 /// --time is "all". With --iso and --time all, a step without the surface gets an empty level set,
 /// except with --bricks. If no grid remains, the notes state the reason. Throws Error. In a process
-/// group, each rank gets its part of an image's grid (Imported::share), and other grids completely.
+/// group, each rank gets its parts of an image's grid (Imported::parts), and other grids
+/// completely. In a divided group, reads the image once for each value that all slabs share.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
-                              const Telling& telling, ProcessGroup& group, EarlierSteps& earlier);
+                              const Telling& telling, SlabGroup& group, EarlierSteps& earlier);
 
 /// Writes the grids, or an empty frame without a grid, with Blosc compression, frees them, and
 /// reads them back as a scene does. Throws Error, which names `in`, if a grid is then rejected; the
@@ -105,7 +110,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
 /// Writes the only grid as bricks and frees it. Throws Error for several grids. All ranks must call
 /// this function.
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
-                   ProcessGroup& group);
+                   ProcessGroup& processes);
 
 /// Adds the region of the largest body (guess/body.h) of each CT that has several bodies. An image
 /// in `earlier` gets a region in any case: if it has a single body, the whole image.

@@ -173,7 +173,8 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     telling = {[&](const std::string& what) { teller.stage(what); },
                [&](double done) { teller.progress(done); }};
   }
-  const std::unique_ptr<Reader> reader = openFor(options, telling, group);
+  SlabGroup slabs(group);
+  const std::unique_ptr<Reader> reader = openFor(options, telling, slabs);
   const std::size_t count = std::max<std::size_t>(reader->times().size(), 1);
   const std::vector<std::size_t> steps = stepsOf(options.time, count);
   openvdb::initialize();
@@ -189,7 +190,7 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
   PlayedSteps played{reader->times(), reader->timeUnit(), 0, ""};
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
-    Step step = importStep(options, *reader, number, telling, group, earlier);
+    Step step = importStep(options, *reader, number, telling, slabs, earlier);
     const fs::path out = outputOf(options, number);
     if (step.grids.empty()) {
       if (steps.size() == 1) {

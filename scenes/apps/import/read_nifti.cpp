@@ -192,7 +192,7 @@ class NiftiReader final : public Reader {
     Piece image;
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(header_.size[a + 1]);
     image.file_from_index = place(content.notes);
-    const Slab slices = slicesToRead(request_, image);
+    const Slab slices = slicesToRead(request_, image, isGzip(dataFile()));
     Values values =
         rescaled(readValues(series_ ? step : 0, slices), header_.slope, header_.intercept);
     if (meaning_ == Meaning::kTensor) {

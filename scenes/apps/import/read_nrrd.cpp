@@ -101,7 +101,8 @@ class NrrdReader final : public Reader {
     for (std::size_t a = 0; a < 3; ++a) {
       image.size[a] = static_cast<int>(axisAt(space_[a]).size);
     }
-    const Slab slices = isInOrder() ? slicesToRead(request_, image) : image.slices();
+    const bool is_packed = state_->encoding != nrrdEncodingRaw;
+    const Slab slices = isInOrder() ? slicesToRead(request_, image, is_packed) : image.slices();
     Values values = readValues(step, slices);
     if (meaning_ == Meaning::kMaskedTensor) image.hidden = hiddenOf(values);
     values = inSpace(values, content);

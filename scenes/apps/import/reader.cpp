@@ -42,8 +42,8 @@ std::optional<double> secondsIn(const std::string& unit) {
   return found == units.end() ? std::nullopt : std::optional(found->second);
 }
 
-Slab slicesToRead(const Request& request, Piece& image) {
-  if (request.slices) image.held = request.slices(image.size, image.file_from_index);
+Slab slicesToRead(const Request& request, Piece& image, bool is_packed) {
+  if (request.slices) image.held = request.slices(image.size, image.file_from_index, is_packed);
   return image.slices();
 }
 

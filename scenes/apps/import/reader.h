@@ -132,8 +132,10 @@ struct Request {
   bool timed = false;   ///< True if the user chose time steps: DICOM series may then be steps.
   Progress progress;
   /// Returns the slices of an image that are needed. Empty: all. Readers that can read a part of a
-  /// file read only these slices (Piece::held).
-  std::function<Slab(const std::array<int, 3>& size, const Affine& file_from_index)> slices;
+  /// file read only these slices (Piece::held). `is_packed`: the reader must unpack the file from
+  /// its beginning each time it reads slices.
+  std::function<Slab(const std::array<int, 3>& size, const Affine& file_from_index, bool is_packed)>
+      slices;
 };
 
 class Reader {
@@ -157,7 +159,7 @@ class Reader {
 
 /// Sets `image.held` to the slices to read (Request::slices), and returns them. Size and transform
 /// of `image` must be set. For readers that can read a part of a file.
-[[nodiscard]] Slab slicesToRead(const Request& request, Piece& image);
+[[nodiscard]] Slab slicesToRead(const Request& request, Piece& image, bool is_packed = false);
 
 [[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,
                                               Content (*read)(const Request&));

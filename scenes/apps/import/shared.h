@@ -9,6 +9,7 @@
 #include "palpate/samplers/bricks/bricks.h"
 #include "palpate/samplers/process_group.h"
 #include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/slab_group.h"
 
 namespace palpate::importer {
 
@@ -16,9 +17,17 @@ namespace palpate::importer {
 class Shared {
  public:
   explicit Shared(ProcessGroup& group) : group_(&group) {}
+  explicit Shared(SlabGroup& slabs) : group_(&slabs), slabs_(&slabs) {}
 
   [[nodiscard]] ProcessGroup& group() const { return *group_; }
   [[nodiscard]] bool isAlone() const { return group_->size() == 1; }
+  /// Returns true if all ranks' bytes for the next gather() are known (SlabGroup::isKnown).
+  [[nodiscard]] bool isKnown() const { return slabs_ != nullptr && slabs_->isKnown(); }
+  /// Returns of(list), where `list` joins the lists of all ranks in order (SlabGroup::reduced).
+  template <class T, class Item>
+  [[nodiscard]] T reduced(const std::vector<Item>& own, T (*of)(std::vector<Item> list)) const {
+    return slabs_ == nullptr ? of(gatherAll(*group_, own)) : slabs_->reduced(own, of);
+  }
 
   [[nodiscard]] Share bricks(int slices) const {
     return shareOf(*group_, (slices + kBrickSide - 1) / kBrickSide);
@@ -36,13 +45,13 @@ class Shared {
     const int first = std::max(mine.first - by, 0);
     return {first, std::min(mine.end() + by, slices) - first};
   }
-  [[nodiscard]] Slab inBricks(int slices) const { return own(slices, kBrickApron); }
 
   /// Returns the most serious loss of all ranks. Every rank gets the same result.
   [[nodiscard]] Loss worst(const Loss& own) const;
 
  private:
   ProcessGroup* group_;
+  SlabGroup* slabs_ = nullptr;
 };
 
 /// Returns the part of `values` for the slices. `values` has a tuple for each point of

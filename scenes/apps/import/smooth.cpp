@@ -91,45 +91,52 @@ void smoothAlong(std::size_t axis, const Piece& image, const Values& values, dou
       });
 }
 
+/// Sum of the squared changes of a slice, and its range after smoothing.
+struct SliceChange {
+  double squares = 0.0;
+  double low = std::numeric_limits<double>::infinity();
+  double high = -std::numeric_limits<double>::infinity();
+};
+
+SliceChange changeOfSlice(const float* from, const float* to, std::size_t count, int components) {
+  SliceChange out;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double change = static_cast<double>(to[i]) - static_cast<double>(from[i]);
+    out.squares += change * change;
+  }
+  if (components == 1) {
+    for (std::size_t i = 0; i < count; ++i) {
+      out.low = std::min(out.low, static_cast<double>(to[i]));
+      out.high = std::max(out.high, static_cast<double>(to[i]));
+    }
+  } else {
+    out.low = 0.0;
+    for (std::size_t i = 0; i + 2 < count; i += 3) {
+      out.high = std::max(out.high, Vec3(to[i], to[i + 1], to[i + 2]).norm());
+    }
+  }
+  return out;
+}
+
 Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
                   const Shared& shared) {
   const Slab own = shared.own(image.size[2]);
   const Values old = slicesOf(image, before, own);
   const Values now = slicesOf(image, after, own);
-  const auto* from = old.as<float>();
-  const auto* to = now.as<float>();
   // Sums each slice first, so that the total does not depend on the number of ranks.
-  const std::size_t each = own.count == 0 ? 0 : now.size() / static_cast<std::size_t>(own.count);
-  std::vector<double> sums;
-  for (std::size_t i = 0; i < now.size();) {
-    double sum = 0.0;
-    for (const std::size_t end = i + each; i < end; ++i) {
-      const double change = static_cast<double>(to[i]) - static_cast<double>(from[i]);
-      sum += change * change;
-    }
-    sums.push_back(sum);
+  std::vector<SliceChange> changes(shared.isKnown() ? 0 : static_cast<std::size_t>(own.count));
+  for (std::size_t k = 0; k < changes.size(); ++k) {
+    const std::size_t each = now.size() / changes.size();
+    changes[k] = changeOfSlice(old.as<float>() + k * each, now.as<float>() + k * each, each,
+                               now.components());
   }
-  constexpr double kEndless = std::numeric_limits<double>::infinity();
-  std::pair<double, double> low_high{kEndless, -kEndless};
-  if (now.components() == 1) {
-    for (std::size_t i = 0; i < now.size(); ++i) {
-      low_high.first = std::min(low_high.first, static_cast<double>(to[i]));
-      low_high.second = std::max(low_high.second, static_cast<double>(to[i]));
-    }
-  } else {
-    low_high.first = 0.0;
-    for (std::size_t i = 0; i + 2 < now.size(); i += 3) {
-      low_high.second = std::max(low_high.second, Vec3(to[i], to[i + 1], to[i + 2]).norm());
-    }
-  }
-
   double squares = 0.0;
-  for (const double sum : gatherAll(shared.group(), sums)) squares += sum;
-  double low = kEndless;
-  double high = -kEndless;
-  for (const auto& one : gatherOne(shared.group(), std::array{low_high.first, low_high.second})) {
-    low = std::min(low, one[0]);
-    high = std::max(high, one[1]);
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for (const SliceChange& one : gatherAll(shared.group(), changes)) {
+    squares += one.squares;
+    low = std::min(low, one.low);
+    high = std::max(high, one.high);
   }
   double count = 1.0;
   for (const int size : image.size) count *= size;

@@ -33,7 +33,7 @@ ValueRange widened(const ValueRange& a, const ValueRange& b) {
 
 /// Returns the range of all finite values of all ranks.
 ValueRange rangeOf(const Values& values, const Shared& shared) {
-  const ValueRange own = visit(values, [&](const auto* data) {
+  const auto compute = [&](const auto* data) {
     return tbb::parallel_reduce(
         tbb::blocked_range<std::size_t>(0, values.size(), 4096), ValueRange(),
         [=](const tbb::blocked_range<std::size_t>& part, ValueRange range) {
@@ -46,7 +46,8 @@ ValueRange rangeOf(const Values& values, const Shared& shared) {
           return range;
         },
         widened);
-  });
+  };
+  const ValueRange own = shared.isKnown() ? ValueRange() : visit(values, compute);
   ValueRange all;
   for (const ValueRange& one : gatherOne(shared.group(), own)) all = widened(all, one);
   return all;
