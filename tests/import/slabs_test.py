@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests that `palpate import --bricks` works on a large image slab by slab, in bounded memory: slabs_test.py BIN_DIR."""
+"""Tests that `palpate import --bricks` imports a large image in bounded memory: slabs_test.py BIN_DIR."""
 import gzip
 import json
 import os
