@@ -117,6 +117,12 @@ struct Content {
   std::vector<std::string> notes;  ///< Assumptions and losses, one line each.
 };
 
+/// Edges of the voxels of an image along x, y and z.
+struct Spacing {
+  Vec3 edges = Vec3::Zero();
+  std::string unit;  ///< "m", "cm", "mm" or "um"; empty: not stated.
+};
+
 /// The user's options for readers.
 struct Request {
   std::filesystem::path file;  ///< A file, or a folder of files.

@@ -1,0 +1,38 @@
+/// Private to the importer: the spacing of slices, as the user or the description of a TIFF states
+/// it.
+#pragma once
+
+#include <string>
+
+#include "palpate/scenes/apps/import/reader.h"
+
+namespace palpate::importer {
+
+/// Parses the option --spacing: three positive lengths and an optional unit, as in 10,10,20um.
+/// Converts nm to um. Throws Error.
+[[nodiscard]] Spacing spacingOf(const std::string& text);
+
+/// Tags of a TIFF page.
+struct TiffTags {
+  std::string description;    ///< ImageDescription; empty: none.
+  double x_resolution = 0.0;  ///< Pixels per unit; 0: not stated.
+  double y_resolution = 0.0;
+  int resolution_unit = 1;  ///< 1: none, 2: inch, 3: cm.
+};
+
+/// Facts that the tags of a TIFF state about the whole stack. Counts are 0 if they are not stated.
+struct StatedStack {
+  /// Edges of a voxel; 0 along an axis: not stated. The unit is empty only if all edges are 0.
+  Spacing spacing;
+  std::string source;  ///< Origin of the spacing, for messages.
+  double pictures = 0.0;
+  double channels = 0.0;
+  double times = 0.0;
+};
+
+/// Reads OME-XML, ImageJ's description or the resolution. ImageJ does not write a distance of 1
+/// between slices, so this distance is stated if the description has several images and a unit.
+/// Lengths become m, cm, mm or um. Never throws: text that it does not understand states nothing.
+[[nodiscard]] StatedStack statedBy(const TiffTags& tags);
+
+}  // namespace palpate::importer
