@@ -1252,16 +1252,6 @@ class OtherFormats(Case):
         (folder / "info").write_text("{}")
         self.refused(folder, "")
 
-    def test_a_folder_of_pictures_is_refused_with_a_remedy(self):
-        for name, content in (("PNG", b"\x89PNG\r\n\x1a\n"), ("TIFF", b"II*\0"), ("TIFF", b"MM\0*"),
-                              ("TIFF", b"II+\0"), ("JPEG", b"\xff\xd8\xff\xe0")):
-            with tempfile.TemporaryDirectory(dir=self.dir) as slices:
-                (Path(slices) / "notes.txt").write_text("made by a test")
-                for n in range(3):
-                    (Path(slices) / f"slice{n}.x").write_bytes(content + bytes(200))
-                self.refused(slices, f"has {name} pictures and no DICOM file")
-                self.refused(slices, "convert the slices to one NRRD, NIfTI or MetaImage")
-
 
 if __name__ == "__main__":
     suite.main(sys.argv[2:])

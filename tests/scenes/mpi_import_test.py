@@ -22,6 +22,7 @@ import zlib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import pictures  # noqa: E402
 import suite  # noqa: E402
 
 IMPORT = str(Path(sys.argv[1]).resolve())
@@ -216,6 +217,25 @@ class Bytes(Case):
                           capture_output=True, timeout=PATIENCE).returncode != 0:
             self.skipTest("built without VTK")
         self.check([3], file, "--smooth", "1")
+
+    def test_imports_of_a_tiff_stack_and_of_its_slices_equal_those_of_a_single_process(self):
+        rows = [self.values[n:n + SIZE[0]].tobytes() for n in range(0, len(self.values), SIZE[0])]
+        pages = [rows[n:n + SIZE[1]] for n in range(0, len(rows), SIZE[1])]
+        how = {"bits": 32, "kind": pictures.FLOAT, "packing": pictures.DEFLATE}
+        tiff = pictures.Tiff(**how)
+        folder = self.dir / "slices"
+        folder.mkdir()
+        for k, page in enumerate(pages):
+            tiff.page(page, SIZE[0])
+            (folder / f"{k}.tif").write_bytes(pictures.Tiff(**how).page(page, SIZE[0]).bytes())
+        file = self.dir / "blob.tif"
+        file.write_bytes(tiff.bytes())
+        words = ["--spacing", "1,1,2mm", "--smooth", "2vx"]
+        if subprocess.run(command(0, file, self.dir / "slices.vdb", *words),
+                          capture_output=True, timeout=PATIENCE).returncode != 0:
+            self.skipTest("built without VTK")
+        self.check([2, 3], file, *words)
+        self.check([3], folder, *words)
 
     def test_imports_with_iso_values_and_voxel_sizes_equal_those_of_a_single_process(self):
         self.check([2], self.raw, *self.layout, "--iso", "30")

@@ -11,6 +11,7 @@
 #include "palpate/scenes/apps/import/dicom_bytes.h"
 #include "palpate/scenes/apps/import/header_checks.h"
 #include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/slice_names.h"
 #include "palpate/scenes/apps/import/unpacked.h"
 
 namespace palpate::importer {
@@ -71,6 +72,7 @@ void refuseUnused(const Request& request, const std::string& format, std::string
   refuse("--as", !request.as.empty());
   refuse("--solution", !request.solution.empty());
   refuse("--level", request.level.has_value());
+  refuse("--spacing", request.spacing.has_value());
 }
 
 bool isNetcdf(const std::string& b) {
@@ -120,14 +122,13 @@ bool isVtkSeries(const std::string& b) {
   return b.find("\"file-series-version\"") != std::string::npos;
 }
 bool isPng(const std::string& b) {
-  return has(b, 0, "\x89PNG");
+  return pictureKind(b) == PictureKind::kPng;
 }
 bool isTiff(const std::string& b) {
-  return has(b, 0, {"II*\0", 4}) || has(b, 0, {"MM\0*", 4}) || has(b, 0, {"II+\0", 4}) ||
-         has(b, 0, {"MM\0+", 4});
+  return pictureKind(b) == PictureKind::kTiff;
 }
 bool isJpeg(const std::string& b) {
-  return has(b, 0, "\xff\xd8\xff");
+  return pictureKind(b) == PictureKind::kJpeg;
 }
 /// Recognizes the file `info` of a neuroglancer precomputed volume. Old volumes have no "@type".
 bool isNeuroglancer(const std::string& b) {
@@ -139,6 +140,9 @@ bool isNeuroglancer(const std::string& b) {
 constexpr const char* kExportNeuroglancer =
     "convert it to OME-Zarr 0.4, NRRD or NIfTI, for example with CloudVolume and SimpleITK in "
     "Python";
+
+constexpr const char* kConvertJpeg =
+    "convert all slices of the volume to PNG, for example with ImageMagick, and give their folder";
 
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
@@ -152,6 +156,7 @@ const std::array kFormats = {
     Format{"netCDF or HDF5", isNetcdf, openNetcdf},
     Format{"CGNS", [](const std::string& b) { return b.find("ADF Database Version") < 32; },
            openCgns},
+    Format{"TIFF", isTiff, openSlices, nullptr, "--spacing"},
     // The importer recognizes these formats but cannot import them.
     Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
            "open it with palpate feel, without an import"},
@@ -181,12 +186,8 @@ const std::array kFormats = {
            nullptr, "convert it to NRRD or VTK, for example with ParaView"},
     Format{"the description of a neuroglancer precomputed volume", isNeuroglancer, nullptr,
            kExportNeuroglancer},
-    Format{"a PNG picture", isPng, nullptr,
-           "combine all slices of the volume into one NRRD or NIfTI file"},
-    Format{"a JPEG picture", isJpeg, nullptr,
-           "combine all slices of the volume into one NRRD or NIfTI file"},
-    Format{"a TIFF picture", isTiff, nullptr,
-           "combine all slices of the volume into one NRRD or NIfTI file"},
+    Format{"a PNG picture", isPng, nullptr, "give the folder of all slices of the volume"},
+    Format{"a JPEG picture", isJpeg, nullptr, kConvertJpeg},
     Format{"a zip archive", [](const std::string& b) { return has(b, 0, "PK\3\4"); }, nullptr,
            "unpack it"},
     Format{"a tar archive", [](const std::string& b) { return has(b, 257, "ustar"); }, nullptr,
@@ -268,34 +269,43 @@ void refuseChunks(const std::filesystem::path& folder) {
   }
 }
 
-/// Throws VolumeError for a folder of slices as pictures. Pictures beside a DICOM file, or beside
-/// folders that may have DICOM files, are previews.
-void refusePictures(const std::filesystem::path& folder) {
+/// Returns true if a folder, or a folder at most `levels` below it, has a DICOM file.
+bool hasDicom(const std::filesystem::path& folder, int levels) {
   std::error_code error;
   std::filesystem::directory_iterator entry(folder, error);
-  if (error) return;  // openDicom rejects an unreadable folder
-  std::array<bool, 3> found{};
   for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
     std::error_code ignored;
-    if (entry->is_directory(ignored)) return;
+    const bool is_folder = entry->is_directory(ignored) && !entry->is_symlink(ignored);
+    if (is_folder && levels > 0 && hasDicom(entry->path(), levels - 1)) return true;
+    if (entry->is_regular_file(ignored) && isDicom(firstBytesOf(entry->path()))) return true;
+  }
+  return false;
+}
+
+/// Returns true for a folder of slices as PNG or TIFF pictures. Pictures beside a DICOM file, or
+/// beside folders that have DICOM files, are previews. Throws VolumeError for a folder of JPEG
+/// pictures.
+bool hasSlices(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::directory_iterator entry(folder, error);
+  bool has_slices = false;
+  bool has_jpeg = false;
+  // openDicom rejects an unreadable folder.
+  for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
+    std::error_code ignored;
     if (!entry->is_regular_file(ignored)) continue;
     const std::string bytes = firstBytesOf(entry->path());
-    if (isDicom(bytes)) return;
-    found[0] = found[0] || isPng(bytes);
-    found[1] = found[1] || isTiff(bytes);
-    found[2] = found[2] || isJpeg(bytes);
+    if (isDicom(bytes)) return false;
+    has_slices = has_slices || isPng(bytes) || isTiff(bytes);
+    has_jpeg = has_jpeg || isJpeg(bytes);
   }
-  constexpr std::array<const char*, 3> kNames{"PNG", "TIFF", "JPEG"};
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    if (!found[i]) continue;
-    throw VolumeError(
-        folder.string(),
-        fmt::format("the folder has {} pictures and no DICOM file; palpate does not import slices "
-                    "from pictures, which do not state their spacing",
-                    kNames[i]),
-        "convert the slices to one NRRD, NIfTI or MetaImage file with their spacing, for example "
-        "with Fiji, 3D Slicer or ITK");
-  }
+  constexpr int kDeepest = 3;  // openDicom searches as many levels of folders
+  if ((!has_slices && !has_jpeg) || hasDicom(folder, kDeepest)) return false;
+  if (has_slices) return true;
+  throw VolumeError(folder.string(),
+                    "the folder has JPEG pictures, which palpate does not import: their "
+                    "compression changes the values",
+                    kConvertJpeg);
 }
 
 std::unique_ptr<Reader> openFolder(const Request& request) {
@@ -309,7 +319,10 @@ std::unique_ptr<Reader> openFolder(const Request& request) {
     return openZarr(request);
   }
   refuseChunks(request.file);
-  refusePictures(request.file);
+  if (hasSlices(request.file)) {
+    refuseUnused(request, "slices", "--spacing");
+    return openSlices(request);
+  }
   refuseUnused(request, "a DICOM folder", "--series");
   return openDicom(request);
 }
@@ -329,12 +342,10 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   if (!std::filesystem::exists(status)) {
     throw VolumeError(request.file.string(), "no such file", "check the path");
   }
-  if (std::filesystem::is_directory(status)) {
-    return openFolder(request);
-  }
+  if (std::filesystem::is_directory(status)) return openFolder(request);
   if (!std::filesystem::is_regular_file(status)) {
     throw VolumeError(request.file.string(), "the path is neither a file nor a folder",
-                      "give a file, a DICOM folder, a Zarr folder or an OpenFOAM case");
+                      "give a file, a folder of slices, a Zarr folder or an OpenFOAM case");
   }
   if (!request.raw.empty()) {
     refuseUnused(request, "raw values", "");

@@ -24,6 +24,7 @@
 #include "palpate/scenes/apps/import/mpi_group.h"
 #include "palpate/scenes/apps/import/play_scene.h"
 #include "palpate/scenes/apps/import/report.h"
+#include "palpate/scenes/apps/import/slice_spacing.h"
 #include "palpate/scenes/library/new_file.h"
 
 namespace palpate::importer {
@@ -394,6 +395,11 @@ void addReading(CLI::App& app, Options& options) {
                  "DICOM: select a series by its number, UID or description");
   app.add_option("--level", request.level,
                  "OME-Zarr: level of resolution, counted from 0, the finest; default: 0");
+  app.add_option_function<std::string>(
+         "--spacing", [&](const std::string& text) { request.spacing = spacingOf(text); },
+         "Slices (TIFF, PNG): edges of a voxel along x, y and z, with a unit (m, cm, mm, um, nm): "
+         "10,10,20um; default: as ImageJ's or OME's description in a TIFF states")
+      ->type_name("DX,DY,DZ");
   app.add_option("--as", request.as,
                  "vector or tensor: the 3 or 6 volumes of a 4-D NIfTI, or channels of a MetaImage, "
                  "are components; displacement: the NIfTI, MetaImage or NRRD is the displacement "
@@ -426,10 +432,11 @@ int main(int argc, char** argv) {
   importer::Request& request = options.request;
   app.add_option(
          "IN", request.file,
-         "NIfTI, MetaImage, NRRD, an OME-Zarr or Zarr folder, MINC 1, a DICOM file or folder, VTK "
-         "(legacy, XML, HDF5, .pvd or .series), Exodus II, CGNS, an OpenFOAM case, netCDF (CF or "
-         "WRF), PLOT3D with --solution, "
-         "or raw values with --raw")
+         "NIfTI, MetaImage, NRRD, an OME-Zarr or Zarr folder, MINC 1, a DICOM file or folder, a "
+         "TIFF "
+         "stack, a folder of TIFF or PNG slices, VTK (legacy, XML, HDF5, .pvd or .series), Exodus "
+         "II, CGNS, an OpenFOAM case, netCDF (CF or WRF), PLOT3D with --solution, or raw values "
+         "with --raw")
       ->required();
   app.add_option("OUT", options.out, "The .vdb to write, or the folder with --bricks")->required();
   app.add_option("--field", request.fields,
@@ -457,6 +464,7 @@ int main(int argc, char** argv) {
       "Examples:\n"
       "  palpate import head.nii.gz head.vdb --smooth 1 --scene head.json\n"
       "  palpate import dicom_folder/ ct.vdb --iso 300\n"
+      "  palpate import slices/ bone.vdb --spacing 18,18,18um\n"
       "  palpate import flow.ex2 flow.vdb --field V --field Pres --voxel 0.1\n"
       "  palpate import mri.raw mri.vdb --raw '{\"size\":[128,128,84],\"type\":\"uint8\"}'");
   // If there are several ranks, only rank 0 reports errors in the options.

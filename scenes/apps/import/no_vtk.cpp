@@ -1,4 +1,4 @@
-/// Replaces read_vtk.cpp and read_meshes.cpp in a build without VTK.
+/// Replaces read_vtk.cpp, read_meshes.cpp and read_slices.cpp in a build without VTK.
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/reader.h"
 
@@ -7,7 +7,8 @@ namespace {
 
 [[noreturn]] void refuse(const Request& request) {
   throw VolumeError(
-      request.file.string(), "this importer was built without VTK, which reads this format",
+      request.file.string(),
+      "this importer was built without VTK and the libraries that read this format",
       "install the package palpate-import, or install libvtk9-dev and build palpate again");
 }
 
@@ -23,6 +24,9 @@ std::unique_ptr<Reader> openNetcdf(const Request& request) {
   refuse(request);
 }
 std::unique_ptr<Reader> openPlot3d(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openSlices(const Request& request) {
   refuse(request);
 }
 std::unique_ptr<Reader> openVtkLegacy(const Request& request) {

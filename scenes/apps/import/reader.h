@@ -129,6 +129,7 @@ struct Request {
   std::vector<std::string> fields;
   std::filesystem::path solution;  ///< For PLOT3D: solution file of the grid file.
   std::string raw;                 ///< Layout of a file without header: JSON, or the path of JSON.
+  std::optional<Spacing> spacing;  ///< For slices as pictures; no value: as the files state.
   std::string series;              ///< For DICOM: number, UID or description of the series.
   std::optional<std::size_t> level;  ///< For OME-Zarr: number of the level; 0 is the finest.
   /// Meaning of 3 or 6 steps or channels: "vector" or "tensor"; empty: steps are time steps.
@@ -189,6 +190,8 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openFoam(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openPlot3d(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openRaw(const Request& request);
+/// Opens a folder of slices as PNG or TIFF pictures, or a TIFF with several pages, as one volume.
+[[nodiscard]] std::unique_ptr<Reader> openSlices(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openVtkLegacy(const Request& request);
 /// Opens ParaView's JSON lists of VTK files and their times (.vtu.series, .vtk.series, ...).
 [[nodiscard]] std::unique_ptr<Reader> openVtkSeries(const Request& request);
