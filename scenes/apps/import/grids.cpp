@@ -284,7 +284,7 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
 }
 
 /// Makes all leaves in the slices, and counts their voxels. The first slice is the first of a leaf.
-/// @param rows  Receives the leaves; null: they are freed.
+/// @param made  Receives the leaves, row by row; null: they are freed.
 template <class Leaf, class Voxels, class Value>
 Counts makeLeaves(const Voxels& voxels, const Slab& slices, const Background<Value>& background,
                   const Progress& progress, std::vector<std::vector<std::unique_ptr<Leaf>>>* made) {
