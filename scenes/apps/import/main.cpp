@@ -168,6 +168,20 @@ void writeStep(const Options& options, const fs::path& out, Step& step, Teller& 
   writeVdb(partial, step, options.request.file.string());
 }
 
+/// Adds the note of a step without grids. Throws Error if it is the only step.
+void noteSkipped(const Options& options, Step& step, std::size_t steps) {
+  if (steps == 1) {
+    throw Error(options.request.file.string(), step.notes.back(),
+                options.tolerance.value_or(0.0) > 0.0
+                    ? "give a smaller --tolerance, or import arrays whose values vary"
+                    : "import arrays whose values vary");
+  }
+  step.notes.emplace_back(
+      options.bricks ? "no folder for this step: all arrays were skipped"
+                     : "all arrays were skipped: this step's file has no grid, and a scene plays "
+                       "it as background");
+}
+
 int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
   Telling telling{[](const std::string& /*what*/) {}, nullptr};
   if (group.rank() == 0) {
@@ -194,16 +208,7 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     Step step = importStep(options, *reader, number, telling, slabs, earlier);
     const fs::path out = outputOf(options, number);
     if (step.grids.empty()) {
-      if (steps.size() == 1) {
-        throw Error(options.request.file.string(), step.notes.back(),
-                    options.tolerance.value_or(0.0) > 0.0
-                        ? "give a smaller --tolerance, or import arrays whose values vary"
-                        : "import arrays whose values vary");
-      }
-      step.notes.emplace_back(
-          options.bricks ? "no folder for this step: all arrays were skipped"
-                         : "all arrays were skipped: this step's file has no grid, and a scene "
-                           "plays it as background");
+      noteSkipped(options, step, steps.size());
     } else if (first.empty() || (!has_contrast && hasContrast(step))) {
       first = out;
       has_contrast = hasContrast(step);
