@@ -365,7 +365,7 @@ TEST_CASE("a VDB file that another program may change and that cannot be copied 
   (void)std::signal(SIGXFSZ, handled);
   CHECK_THAT(
       why,
-      Contains("may change it during the load, and it cannot be copied (File too large): free"));
+      Contains("may change it during the load, and it cannot be copied (File too large): raise"));
   CHECK(refusal(folder / "a.vdb") == "no error");
   close(ours);
 }

@@ -378,8 +378,8 @@ class Window(Case):
     def serve(cleanup, *words):
         """Starts a server, which the registered cleanup ends. Returns its display and its process."""
         ends = os.pipe()
-        # -noreset: the server continues after its last client has left.
-        server = subprocess.Popen(["Xvfb", "-displayfd", str(ends[1]), "-screen", "0", "1100x760x24", "-noreset",
+        # -noreset: the server continues after its last client has left. -r: keys do not repeat.
+        server = subprocess.Popen(["Xvfb", "-displayfd", str(ends[1]), "-screen", "0", "1100x760x24", "-noreset", "-r",
                                    "-nolisten", "tcp", *words], pass_fds=[ends[1]], stderr=subprocess.DEVNULL)
         cleanup(server.wait)
         cleanup(server.kill)
@@ -474,9 +474,15 @@ class Window(Case):
         self.assertEqual(done.returncode, 0, f"xdotool {words}: {done.stderr} {self.told()}")
         return done.stdout.split()
 
+    def keys(self, window, *names):
+        """Presses and releases keys. For a window that has the focus, xdotool presses the server's keys, for others it
+        sends events. If the focus changes in between, a key stays down, so this releases it by another command."""
+        for name in names:
+            self.do("key", "--window", window, name)
+            self.do("keyup", name)
+
     def close(self, window):
-        """Closes a window with the key q, and releases the key: a window that has the focus gets a real key, and it
-        closes before xdotool can release it. The server would repeat the key in the next window."""
+        """Closes a window with the key q. xdotool fails if the window closes before xdotool can release the key."""
         subprocess.run(["xdotool", "key", "--window", window, "q"], env=self.env, timeout=PATIENCE,
                        stderr=subprocess.DEVNULL, check=False)
         self.do("keyup", "q")
@@ -551,7 +557,7 @@ class Drawn(Window):
     def leave(self, window):
         """Releases the shared run with the first scene, all modes on, and the first view."""
         self.write_scene(self.COMMON)
-        self.do("key", "--window", window, "1", "key", "--window", window, "r")
+        self.keys(window, "1", "r")
         self.until("the first scene", lambda t: [(bar["name"], bar["dial"]) for bar in t["bars"]]
                    == [("skin", 1), ("pin", 1)] and t["legend"] == ["skin", "pin"] and t["sliced"] == "")
         type(self).busy = False
@@ -571,7 +577,7 @@ class Drawn(Window):
 
     def test_a_mouse_hand_is_held_by_a_ball_and_keys_have_their_documented_effect(self):
         window = self.join()
-        self.do("key", "--window", window, "Return")  # late ticks may have cut the force
+        self.keys(window, "Return")  # late ticks may have cut the force
         self.press(window)
         felt = lambda told: math.hypot(*told["force"]) > 0.2 and told["bars"][0]["state"] == "holds"
         told = self.until("a force", felt)
@@ -581,19 +587,19 @@ class Drawn(Window):
         # The panel shows a bar in the colour of "holds".
         self.until_shown("a bar", window, lambda image: near(image, (480, 330), HOLDS, 50) > 40)
         # Strengthens the skin, switches it off and on again.
-        self.do("key", "--window", window, "plus")
+        self.keys(window, "plus")
         self.until("a stronger skin", lambda t: abs(t["bars"][0]["strength"] - 3.75) < 1e-6)
-        self.do("key", "--window", window, "o")
+        self.keys(window, "o")
         self.until("no skin", lambda t: t["bars"][0]["dial"] == 0 and math.hypot(*t["force"]) < 0.05)
         self.until_shown("no bar", window, lambda image: near(image, (480, 330), HOLDS, 50) == 0)
-        self.do("key", "--window", window, "o")
+        self.keys(window, "o")
         self.until("a skin", lambda t: t["bars"][0]["dial"] == 1.25)
         # The force is off until Enter is pressed.
         cut_after = self.told()["time"]
-        self.do("key", "--window", window, "Escape")
+        self.keys(window, "Escape")
         off = self.until("the force off", lambda t: t["status"][0].startswith("FORCE OFF"))
         self.assertEqual(off["force"], [0, 0, 0])
-        self.do("key", "--window", window, "Return")
+        self.keys(window, "Return")
         self.until("the force on", lambda t: not t["status"][0].startswith("FORCE OFF"))
         self.end(window)
         words = {row["status"] for row in rows(self.dir / "t.csv") if float(row["t"]) >= cut_after}
@@ -666,7 +672,7 @@ class Drawn(Window):
         after = self.until("another view", lambda t: math.dist(t["pixels"]["centre"], before) > 30)
         self.assertAlmostEqual(after["pixels"]["centre"][0] - before[0], 60, delta=8)
         self.until("a fine backdrop again", lambda told: not told["coarse"])
-        self.do("key", "--window", window, "r")
+        self.keys(window, "r")
         self.until("the first view", lambda t: math.dist(t["pixels"]["centre"], before) < 2)
         self.until_shown("a picture", window, lambda image: image[..., :3].std() > 0.05)
         self.leave(window)
@@ -687,18 +693,18 @@ class Drawn(Window):
             return int(((part[..., 0] > 0.9) & (part[..., 1] > 0.7) & (part[..., 2] < 0.3)).sum())
 
         self.until_shown("a ball", window, lambda image: grey(image)[1] < 195 and skin(image) == 0)
-        self.do("key", "--window", window, "s")
+        self.keys(window, "s")
         self.until("slices", lambda told: told["sliced"] == "ball")
         self.until_shown("slices", window, lambda image: grey(image)[0] > 39 and grey(image)[1] > 1950
                          and skin(image) > 30)
-        self.do("key", "--window", window, "s")
+        self.keys(window, "s")
         self.until("none", lambda told: told["sliced"] == "")
         self.until_shown("no slices", window, lambda image: grey(image)[1] < 195)
         self.leave(window)
 
     def test_an_edited_scene_is_drawn_in_the_window_and_keeps_its_gains(self):
         window = self.join()
-        self.do("key", "--window", window, "o")
+        self.keys(window, "o")
         self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
         scene = json.loads(json.dumps(self.COMMON))
         scene["modes"].insert(0, {"name": "core", "mode": "isosurface", "of": "ball", "value": -0.25,
@@ -708,7 +714,7 @@ class Drawn(Window):
         self.assertEqual([(bar["name"], bar["dial"]) for bar in told["bars"]],
                          [("core", 1), ("skin", 0), ("pin", 1)])
         # Switched on again, the mode is still selected, at its new index.
-        self.do("key", "--window", window, "o")
+        self.keys(window, "o")
         self.until("a skin", lambda t: t["bars"][1]["dial"] == 1)
         self.leave(window)
 
@@ -716,20 +722,20 @@ class Drawn(Window):
         window = self.join()
         # While the loop is stopped, requests are pending.
         self.feel.send_signal(signal.SIGSTOP)
-        self.do("key", "--window", window, "o")
+        self.keys(window, "o")
         told = self.until("a wish", lambda t: t["bars"][0]["words"] == "skin: off (not yet)")
         self.assertEqual(told["bars"][0]["dial"], 1)
         self.feel.send_signal(signal.SIGCONT)
         told = self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
         self.assertEqual(told["bars"][0]["words"], "skin: off")
         # A refused request has no effect, and the panel stops showing it.
-        self.do("key", "--window", window, "2")
-        self.do("key", "--window", window, "plus")
+        self.keys(window, "2")
+        self.keys(window, "plus")
         self.until("a refusal", lambda t: any("change rejected" in note for note in t["notes"]))
         self.until("no wish", lambda t: [bar["words"] for bar in t["bars"]] == ["skin: off", "pin: idle"])
         self.assertRegex(self.said()[self.read:], "/modes/1/strength: .* N is beyond the limit of 1e.06 N: .*; "
                          "the previous scene stays active\n")
-        self.do("key", "--window", window, "1", "key", "--window", window, "o")
+        self.keys(window, "1", "o")
         self.leave(window)
 
     def test_a_window_responds_while_a_scene_is_read_again(self):
