@@ -25,7 +25,7 @@ SUITES = {"scenes/cli_test.py": ("volumes",), "scenes/record_test.py": ("volumes
           "scenes/sequence_test.py": (), "scenes/http_test.py": ("relay",), "scenes/rados_test.py": (),
           "scenes/plot_test.py": ("volumes",), "scenes/picture_test.py": ("volumes",), "scenes/igtl_test.py": ("--host",),
           "import/dicom_test.py": (), "import/images_test.py": (), "import/models_test.py": (),
-          "import/slices_test.py": (),
+          "import/slices_test.py": (), "import/zarr_test.py": (), "import/play_test.py": (), "import/slabs_test.py": (),
           "import/import_test.py": ("series",), "scenes/sites_test.py": ("relay", "Edits")}
 
 

@@ -57,15 +57,21 @@ TEST_CASE("a scene plays steps of hours and of microseconds at a speed that a ha
 
 TEST_CASE("times that do not increase, or without a unit, are reported", "[play]") {
   constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-  for (const std::vector<double>& times :
-       {std::vector{0.0, 1.0, 1.0}, {0.0, 2.0, 1.0}, {0.0, kNone, 1.0}}) {
+  for (const std::vector<double>& times : {std::vector{0.0, 1.0, 1.0},
+                                           {0.0, 2.0, 1.0},
+                                           {0.0, kNone, 1.0},
+                                           {0.0, 1e-314, 2e-314},
+                                           {0.0, 1e290, 1e300}}) {
     const Played one = played(stepsAt(times));
     CHECK(one.frames() == Json{{"rate", 1.0}});
     CHECK_THAT(one.notes.front(), Contains("the times of the steps do not increase"));
   }
   const Played unknown = played(stepsAt({0.0, 0.5, 1.0}, std::nullopt));
   CHECK(unknown.frames() == Json{{"rate", 2.0}});
-  CHECK_THAT(unknown.notes.front(), Contains("takes them as seconds"));
+  CHECK_THAT(unknown.notes.front(), Contains("states no unit of its times that palpate knows") &&
+                                        Contains("takes them as seconds"));
+  const Played fast = played(stepsAt({0.0, 5.0, 10.0}, std::nullopt));
+  CHECK(fast.scene["play"]["description"] == "about 5 steps a second");
 }
 
 TEST_CASE("a scene of large steps states the memory that play needs", "[play]") {
@@ -90,6 +96,19 @@ TEST_CASE("units of time are recognized by name, also before a date", "[play]") 
   CHECK(secondsIn("Days") == 86400.0);
   CHECK(secondsIn("ms") == 1e-3);
   CHECK(secondsIn("s") == 1.0);
+  CHECK(secondsIn("seconds") == 1.0);
+  CHECK(secondsIn("nanosecond") == 1e-9);
+  CHECK(secondsIn("hectosecond") == 100.0);
+  CHECK(secondsIn("Megaseconds since") == 1e6);
+  for (const char* unit :
+       {"attosecond",  "centisecond", "day",         "decisecond",  "exasecond",  "femtosecond",
+        "gigasecond",  "hectosecond", "hour",        "kilosecond",  "megasecond", "microsecond",
+        "millisecond", "minute",      "nanosecond",  "petasecond",  "picosecond", "second",
+        "terasecond",  "yoctosecond", "yottasecond", "zeptosecond", "zettasecond"}) {
+    CAPTURE(unit);
+    CHECK(secondsIn(unit).has_value());  // all of NGFF 0.4
+  }
+  CHECK_FALSE(secondsIn("lightsecond").has_value());
   CHECK_FALSE(secondsIn("mm").has_value());
   CHECK_FALSE(secondsIn("").has_value());
 }

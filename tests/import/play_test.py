@@ -113,6 +113,34 @@ class Scenes(Case):
         for ms, radius in ((100, 9), (200, 10), (300, 11), (400, 12), (900, 12)):
             self.assertAlmostEqual(rows[ms], radius, delta=0.3)
 
+    def test_the_scene_of_an_ome_zarr_image_plays_its_times_in_its_unit(self):
+        def imported(unit):
+            array = self.dir / "grow.zarr" / "0"
+            array.mkdir(parents=True, exist_ok=True)
+            axes = [{"name": "t", "type": "time", "unit": unit}, *({"name": a, "type": "space"} for a in "zyx")]
+            scale = [{"type": "scale", "scale": [50, 1, 1, 1]}]
+            (array.parent / ".zattrs").write_text(json.dumps({"multiscales": [{
+                "axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scale}]}]}))
+            (array / ".zarray").write_text(json.dumps({
+                "zarr_format": 2, "shape": [3, N, N, N], "chunks": [1, N, N, N], "dtype": "<i2", "order": "C",
+                "filters": None, "compressor": None, "fill_value": 0}))
+            for n in range(3):
+                (array / f"{n}.0.0.0").write_bytes(struct.pack(f"<{N ** 3}h", *ball(8 + n)))
+            scene, reports = self.played(array.parent)
+            self.assertEqual([r["time"] for r in reports], [0, 50, 100])
+            (volume,) = scene["volumes"].values()
+            return scene["play"], volume["frames"], "".join(n for r in reports for n in r["notes"])
+
+        play, frames, notes = imported("millisecond")
+        self.assertEqual((play, frames), ({"speed": 1, "repeat": True}, {"rate": 20}))
+        self.assertNotIn("unit of its times", notes)
+        play, frames, notes = imported("nanosecond")
+        self.assertEqual((play["speed"], frames), (2.5e-7, {"rate": 2e7}))
+        self.assertIn("as in reality", play["description"])
+        play, frames, notes = imported("fortnight")
+        self.assertEqual((play["speed"], play["description"]), (250, "about 5 steps a second"))
+        self.assertIn("states no unit of its times that palpate knows", notes)
+
     def test_a_scene_plays_uneven_steps_at_the_times_of_the_file(self):
         arrays = [{"s": [n * i for i in range(27)]} for n in range(4)]
         scene, reports = self.played(self.series([2, 2.1, 2.5, 3], arrays))

@@ -74,6 +74,58 @@ std::string bytesOf(const std::vector<T>& values) {
   return {reinterpret_cast<const char*>(values.data()), sizeof(T) * values.size()};
 }
 
+/// Returns a TIFF of 16-bit pages without compression, one for each slice.
+std::string tiffOf(const std::vector<std::uint16_t>& values) {
+  constexpr std::size_t kPlane = std::size_t{kSize[0]} * kSize[1];
+  constexpr std::uint32_t kTags = 8;
+  constexpr std::uint32_t kDirectory = 2 + 12 * kTags + 4;
+  std::string out("II*\0", 4);
+  const auto put = [&](auto value) {
+    out.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
+  put(std::uint32_t{8});
+  for (std::size_t k = 0; k < values.size() / kPlane; ++k) {
+    const auto data = static_cast<std::uint32_t>(out.size()) + kDirectory;
+    const auto bytes = static_cast<std::uint32_t>(2 * kPlane);
+    put(static_cast<std::uint16_t>(kTags));
+    const std::array<std::array<std::uint32_t, 2>, kTags> tags{{{256, kSize[0]},
+                                                                {257, kSize[1]},
+                                                                {258, 16},
+                                                                {259, 1},
+                                                                {262, 1},
+                                                                {273, data},
+                                                                {278, kSize[1]},
+                                                                {279, bytes}}};
+    for (const auto& [tag, value] : tags) {
+      put(static_cast<std::uint16_t>(tag));
+      put(std::uint16_t{4});  // LONG
+      put(std::uint32_t{1});
+      put(value);
+    }
+    put((k + 1) * kPlane < values.size() ? data + bytes : std::uint32_t{0});
+    out.append(reinterpret_cast<const char*>(&values[k * kPlane]), bytes);
+  }
+  return out;
+}
+
+/// Writes a Zarr array of bytes. Leaves out the chunk `missing`.
+void writeZarr(const fs::path& folder, const std::vector<std::uint8_t>& values, int depth,
+               int missing) {
+  fs::create_directory(folder);
+  std::ofstream(folder / ".zarray") << fmt::format(
+      R"({{"zarr_format": 2, "shape": [{2}, {1}, {0}], "chunks": [{3}, {1}, {0}], "dtype": "|u1",)"
+      R"("order": "C", "filters": null, "compressor": null, "fill_value": 7}})",
+      kSize[0], kSize[1], kSize[2], depth);
+  const std::string bytes = bytesOf(values);
+  const std::size_t each = std::size_t{kSize[0]} * kSize[1] * static_cast<std::size_t>(depth);
+  for (std::size_t n = 0; n * each < bytes.size(); ++n) {
+    if (static_cast<int>(n) == missing) continue;
+    std::string chunk = bytes.substr(n * each, each);
+    chunk.resize(each);
+    std::ofstream(folder / fmt::format("{}.0.0", n), std::ios::binary) << chunk;
+  }
+}
+
 struct Result {
   bool divided = false;
   std::string report;
@@ -197,6 +249,57 @@ TEST_CASE("a reduced list of all slabs is computed once, and its parts only in o
   CHECK(known == std::vector<char>{0, 0, 1, 1, 1, 1});
 }
 
+TEST_CASE("an image whose slices are decoded together is divided into fewer slabs",
+          "[import][process_group]") {
+  const auto slabs = [](int slices, int depth, double most_layers) {
+    SingleProcess alone;
+    SlabGroup group(alone, most_layers * 2 * 2 * kBrickSide);
+    group.divide({2, 2, slices}, /*is_slow=*/false, depth);
+    return group.size();
+  };
+  CHECK(slabs(640, 1, 1.0) == 10);
+  CHECK(slabs(640, 8, 1.0) == 10);
+  CHECK(slabs(640, 64, 1.0) == 5);      // two layers each: 10 + 8 decoded layers a pass
+  CHECK(slabs(640, 640, 8.0) == 1);     // the whole image is at most four slabs
+  CHECK(slabs(6400, 6400, 1.0) == 25);  // but a slab has at most four times the points
+  CHECK(slabs(640, 64, 0.1) == 10);
+}
+
+TEST_CASE("several arrays for bricks are refused before the first array is imported",
+          "[import][bricks]") {
+  Fixture fixture;
+  fixture.options.request.file = fixture.folder / "two.zarr";
+  fs::create_directories(fixture.options.request.file / "0");
+  std::ofstream(fixture.options.request.file / ".zattrs") << R"({"multiscales": [{"axes": [
+    {"name": "c", "type": "channel"}, {"name": "z", "type": "space"},
+    {"name": "y", "type": "space"}, {"name": "x", "type": "space"}],
+    "datasets": [{"path": "0", "coordinateTransformations": [
+      {"type": "scale", "scale": [1, 1, 1, 1]}]}]}]})";
+  std::ofstream(fixture.options.request.file / "0/.zarray")
+      << R"({"zarr_format": 2, "shape": [2, 250, 2, 2], "chunks": [1, 250, 2, 2], "dtype": "|u1",
+             "order": "C", "filters": null, "compressor": null, "fill_value": 7})";
+  for (const char* chunk : {"0.0.0.0", "1.0.0.0"}) {
+    std::string bytes(1000, '\1');
+    bytes[500] = '\3';
+    std::ofstream(fixture.options.request.file / "0" / chunk) << bytes;
+  }
+  openvdb::initialize();
+  SingleProcess alone;
+  SlabGroup group(alone, kOneLayer);
+  std::vector<std::string> stages;
+  const Telling telling{[&](const std::string& stage) { stages.push_back(stage); }, nullptr};
+  const auto reader = openFor(fixture.options, telling, group);
+  EarlierSteps earlier;
+  CHECK_THROWS_WITH(importStep(fixture.options, *reader, 0, telling, group, earlier),
+                    Catch::Contains("2 arrays are imported, and --bricks writes only one: "
+                                    "channel_0, channel_1") &&
+                        Catch::Contains("choose one with --field"));
+  CHECK(stages == std::vector<std::string>{"reading"});
+  fixture.options.request.fields = {"channel_1"};
+  const Result one = import(fixture.options, fixture.folder / "one", 1e9);
+  CHECK(one.files.count("palpate.bricks") == 1);
+}
+
 TEST_CASE("an error in one slab ends the work of a process that works on slabs in turn",
           "[import][process_group]") {
   SingleProcess alone;
@@ -296,6 +399,16 @@ TEST_CASE("headers imported slab by slab give the same bricks as the whole image
     put(108, 352.0F);
     std::memcpy(header.data() + 344, "n+1", 4);
     fixture.write("rod.nii", header + bytesOf(rod()));
+  }
+  SECTION("Zarr with a missing chunk") {
+    fixture.options.request.file = fixture.folder / "rod.zarr";
+    writeZarr(fixture.options.request.file, rodAs<std::uint8_t>(), 20, 4);
+    CHECK_THAT(fixture.check(), Catch::Contains("1 of 13 chunks are missing"));
+    return;
+  }
+  SECTION("TIFF with pages") {
+    fixture.write("rod.tif", tiffOf(rodAs<std::uint16_t>()));
+    fixture.options.request.spacing = Spacing{Vec3(1.0, 1.0, 2.0), "mm"};
   }
   (void)fixture.check();
 }

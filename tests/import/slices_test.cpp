@@ -44,8 +44,8 @@ TEST_CASE("slices are in the order of the one number that differs between their 
 }
 
 TEST_CASE("numbers of slices that increase by unequal steps are missing slices", "[slices]") {
-  CHECK(ordered({"1.tif", "2.tif", "3.tif"}).notes.empty());
-  CHECK_THAT(ordered({"1.tif", "3.tif", "5.tif"}).notes.at(0), Contains("increase by 2"));
+  CHECK(ordered({"1.tif", "2.tif", "3.tif"}).step == 1);
+  CHECK(ordered({"1.tif", "3.tif", "5.tif"}).step == 2);
   CHECK_THROWS_WITH(ordered({"1.tif", "3.tif", "4.tif"}), Contains("after 1.tif comes 3.tif"));
   CHECK_THROWS_WITH(ordered({"0.tif", "999999999999999999.tif", "1.tif"}),
                     Contains("after 1.tif comes 999999999999999999.tif"));

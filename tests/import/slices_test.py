@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
 """Tests imports of slices as pictures, which this test writes: slices_test.py BIN_DIR."""
+import os
 import struct
+import subprocess
 import sys
 import zlib
 from pathlib import Path
@@ -126,6 +128,17 @@ class Reading(Case):
             path = self.write("a.tif", stack(letter, _262=[0]))
             self.is_stack(path, of=lambda i, j, k, most=most: most - value(i, j, k))
             self.assertIn("0 is white in the file", self.notes(path, *WORDS))
+        folder = self.folder({f"a_{k}.tif": picture(k, _262=[0]) for k in range(COUNT)})
+        self.is_stack(folder, of=lambda i, j, k: 255 - value(i, j, k))
+        self.assertEqual(self.notes(folder, *WORDS).count("0 is white in the file"), 1)
+
+    def test_a_folder_has_the_notes_of_all_its_files(self):
+        preview = Tiff(_254=[1]).page(rows_of(3, shape=(2, 2)), 2)
+        preview.tags = {}
+        files = {f"a_{k}.tif": picture(k) for k in range(COUNT)}
+        folder = self.folder(files | {"a_3.tif": preview.page(rows_of(3), WIDTH).bytes()})
+        self.is_stack(folder)
+        self.assertIn("skipped 1 pages that are previews", self.notes(folder, *WORDS))
 
     def test_previews_among_the_pages_are_skipped_with_a_note(self):
         tiff = Tiff()
@@ -180,6 +193,24 @@ class Names(Case):
         self.assertIn("increase by 10: the spacing along z is the distance between two files",
                       self.notes(folder, *WORDS))
 
+    def test_every_second_slice_of_a_described_stack_requires_a_spacing(self):
+        text = IMAGEJ + "unit=um\nspacing=2\n"
+        tags = {"_270": text, "_282": [(2, 1)], "_283": [(4, 1)], "_296": [1]}
+        folder = self.folder({f"s{2 * k}.tif": picture(k, **tags) for k in range(COUNT)})
+        self.refused(folder, "the numbers of the slices increase by 2, so the distance of 2 um that ImageJ's "
+                             "description states may not be that between two files: add --spacing 0.5,0.25,DISTANCEum")
+        self.is_stack(folder)
+
+    def test_a_note_states_that_the_folder_has_another_number_of_slices_than_the_description(self):
+        ome = '<OME><Pixels SizeZ="6" SizeC="1" SizeT="1"/></OME>'
+        for text in (IMAGEJ, ome):
+            for count, says in ((3, True), (COUNT, False)):
+                folder = self.folder({f"s{k}.tif": picture(k, _270=text) for k in range(count)})
+                note = "the folder has 3 slices, but s0.tif states 6 pictures: check that none is missing"
+                self.assertEqual(note in self.notes(folder, *WORDS), says)
+        folder = self.folder({f"s{k}.tif": picture(k, _270="ImageJ=1.54f\nimages=1\n") for k in range(3)})
+        self.assertNotIn("missing", self.notes(folder, *WORDS))
+
     def test_pictures_without_numbers_are_refused(self):
         self.refused(self.folder({"a.tif": picture(0), "b.tif": picture(1)}), "names differ only in a number", *WORDS)
 
@@ -220,12 +251,14 @@ class Spacing(Case):
         for text in (IMAGEJ, IMAGEJ + "unit=pixel\nspacing=3\n", IMAGEJ + "unit=um\nspacing=nan\n", "<OME><Pixels",
                      "ImageJ=", "a sample"):
             self.refused(self.write("a.tif", stack(_270=text)), "as in --spacing 10,10,20um")
-        for unit, words in ((2, "0.254,0.254,DISTANCEmm"), (3, "0.1,0.1,DISTANCEmm"), (1, "10,10,20um")):
+        for unit in (1, 2, 3):
             path = self.write("a.tif", stack(_282=[(100, 1)], _283=[(100, 1)], _296=[unit]))
-            self.refused(path, f"--spacing {words}")
+            self.refused(path, "as in --spacing 10,10,20um")
+        path = self.write("a.tif", stack(_270="ImageJ=1\nunit=mm\n", _282=[(2, 1)], _283=[(4, 1)]))
+        self.refused(path, "add --spacing 0.5,0.25,DISTANCEmm")
         folder = self.folder({f"a_{k}.tif": picture(k, _282=[(50, 1)], _283=[(25, 1)], _296=[3]) for k in range(3)})
-        self.refused(folder, "pixels of 0.2 x 0.4 mm, but no file states the distance of the slices: "
-                             "add --spacing 0.2,0.4,DISTANCEmm")
+        self.refused(folder, "the resolution of the TIFF gives pixels of 0.2 x 0.4 mm, but no file states the distance "
+                             "of the slices: add the edges of a voxel along x, y and z, as in --spacing 10,10,20um")
         self.refused(self.folder({f"a_{k}.png": png(rows_of(k), WIDTH) for k in range(3)}), "add the edges of a voxel")
 
     def test_the_option_takes_three_positive_lengths_and_a_unit(self):
@@ -249,6 +282,16 @@ class Refusals(Case):
         self.refused(self.write("a.tif", tiff.bytes()), "page 3 is 4 x 4 uint8, but page 1 is 4 x 5 uint8", *WORDS)
         self.refused(self.folder({"a_1.tif": picture(1), "a_2.tif": stack()}), "the file has 6 pages", *WORDS)
 
+    def test_slices_of_unlike_photometric_interpretation_are_refused_by_name(self):
+        files = {f"s{k}.tif": picture(k) for k in range(COUNT)}
+        self.refused(self.folder(files | {"s3.tif": picture(3, _262=[0])}),
+                     "s3.tif is 4 x 5 uint8 with 0 as white, but s0.tif is 4 x 5 uint8: give slices of equal size, "
+                     "number type and PhotometricInterpretation", *WORDS)
+        tiff = Tiff(_262=[0]).page(rows_of(0), WIDTH)
+        tiff.tags = {}
+        self.refused(self.write("a.tif", tiff.page(rows_of(1), WIDTH).bytes()), "page 2 is 4 x 5 uint8, but page 1 is",
+                     *WORDS)
+
     def test_colours_are_refused_with_a_remedy(self):
         says = "has colours, a colour map or transparency, not grey values: convert the slices to grey"
         for colour, each, extra in ((2, 3, b""), (3, 1, palette()), (4, 2, b""), (6, 4, b"")):
@@ -269,12 +312,20 @@ class Refusals(Case):
         self.refused(self.folder({"a_1.png": one}), "the folder has no two TIFF or PNG pictures", *WORDS)
 
     def test_pages_that_are_not_one_volume_are_refused(self):
-        for text, says in ((IMAGEJ + "channels=2\n", "2 channels and 1 times"),
-                           (IMAGEJ + "frames=3\n", "1 channels and 3 times"),
+        for text, says in ((IMAGEJ + "channels=2\n", "channels: 2, times: 1"),
+                           (IMAGEJ + "frames=3\n", "channels: 1, times: 3"),
                            (IMAGEJ.replace("=6", "=9"), "states 9 pictures, but the file has 6 pages: copy"),
                            ('<OME><Pixels SizeZ="4" SizeC="1" SizeT="1"/></OME>', "states 4 pictures")):
             self.refused(self.write("a.tif", stack(_270=text)), says, *WORDS)
         self.refused(self.write("a.tif", picture(0, _270=IMAGEJ)), "save an image sequence", *WORDS)
+
+    def test_files_of_a_folder_that_state_several_channels_or_times_are_refused(self):
+        for text, says in ((IMAGEJ + "channels=2\n", "channels: 2, times: 1"),
+                           (IMAGEJ + "frames=6\n", "channels: 1, times: 6"),
+                           ('<OME><Pixels SizeZ="3" SizeC="2" SizeT="1"/></OME>', "channels: 2, times: 1")):
+            files = {f"s{k}.tif": picture(k, _270=text) for k in range(COUNT)}
+            self.refused(self.folder(files), "s0.tif: the description " + says, *WORDS)
+            self.refused(self.folder(files | {"s0.tif": picture(0)}), "s1.tif: the description " + says, *WORDS)
 
     def test_pages_that_cannot_be_read_are_refused_by_number(self):
         for tags, says in (({"_259": [7]}, "page 1 has the compression 7"),
@@ -282,6 +333,37 @@ class Refusals(Case):
                            ({"_258": [12]}, "page 1 has numbers of 12 bits"),
                            ({"_339": [6]}, "page 1 has numbers of 8 bits in the sample format 6")):
             self.refused(self.write("a.tif", stack(**tags)), says, *WORDS)
+
+
+class Memory(Case):
+    def run_limited(self, path, *words):
+        """Returns the one line of an import whose address space is limited."""
+        done = subprocess.run(["bash", "-c", 'ulimit -v 1500000; exec "$0" "$@"', str(images.BIN / "palpate-import"),
+                               str(path), str(self.dir / ("out" if "--bricks" in words else "out.vdb")), *words],
+                              capture_output=True, text=True, timeout=120, check=False)
+        self.assertNotEqual(done.returncode, 0)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        return done.stderr
+
+    def test_slices_that_do_not_fit_in_memory_are_refused_by_name_with_a_remedy(self):
+        size = 8000
+        folder = self.folder({"a_1.png": png([bytes(size)] * size, size)})
+        for k in range(2, 71):
+            os.link(folder / "a_1.png", folder / f"a_{k}.png")
+        says = f"{folder}: the slices need more memory than is free: "
+        self.assertIn(says + "import them with --bricks, without --voxel and --iso", self.run_limited(folder, *WORDS))
+        for k in range(31, 71):
+            (folder / f"a_{k}.png").unlink()
+        # A slab of bricks has 64 slices: --bricks would not help.
+        for words in ((), ("--bricks",)):
+            self.assertIn(says + "end other programs, or scale", self.run_limited(folder, *words, *WORDS))
+
+    def test_the_message_that_memory_ran_out_names_the_file_and_bricks(self):
+        path = self.dir / "zeros.raw"
+        with path.open("wb") as file:
+            file.truncate(4 * 10 ** 9)
+        self.assertIn(f"{path}: memory ran out: choose fewer arrays with --field, a larger --voxel or, for an image, "
+                      "--bricks", self.run_limited(path, "--raw", '{"size":[1000,1000,1000],"type":"float32"}'))
 
 
 class Damage(Case):

@@ -56,6 +56,74 @@ TEST_CASE("the fill value of a Zarr array has the array's type", "[zarr]") {
   refuses("<i4", "NaN");
   refuses("<i8", UINT64_MAX);
   refuses("<f4", "many");
+  Json nested = 1;
+  for (int n = 0; n < 50; ++n) nested = Json::array({nested});
+  CHECK_THROWS_WITH(importer::parseZarray(arrayOf("<f4", nested), "a/.zarray"),
+                    Contains("\"fill_value\" is a structure, which is not a value"));
+}
+
+TEST_CASE("the files of a Zarr array's chunks are checked once", "[zarr]") {
+  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
+  REQUIRE(mkdtemp(name.data()) != nullptr);
+  const fs::path folder = name;
+  std::ofstream(folder / ".zarray") << arrayOf("|u1", 9);
+  std::ofstream(folder / "0.0.0") << std::string(40, '\5');
+  importer::Request request;
+  request.file = folder;
+  importer::ZarrArray array(request, folder);
+  const importer::ZarrBox whole{{0, 0, 0}, {6, 5, 4}};
+  (void)array.read(whole, whole, nullptr);
+  std::ofstream(folder / "1.0.0") << "too small";
+  CHECK(array.read(whole, whole, nullptr).at(50, 0) == 9.0);
+  CHECK(array.checkedChunks() == 6);
+  CHECK(array.missingChunks() == 4);
+  // Another box is checked.
+  CHECK_THROWS_WITH(array.read({{0, 0, 0}, {4, 5, 4}}, {{0, 0, 0}, {1, 5, 4}}, nullptr),
+                    Contains("1.0.0"));
+  fs::remove_all(folder);
+}
+
+TEST_CASE("an array of too many values names the options that help", "[zarr]") {
+  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
+  REQUIRE(mkdtemp(name.data()) != nullptr);
+  const fs::path folder = name;
+  Json json = arrayOf("|u1", 9);
+  json["shape"] = {2000, 2000, 2000};
+  json["chunks"] = {1000, 1000, 1000};
+  std::ofstream(folder / ".zarray") << json;
+  importer::Request request;
+  const importer::ZarrBox whole{{0, 0, 0}, {2000, 2000, 2000}};
+  const auto message = [&](bool has_coarser) -> std::string {
+    importer::ZarrArray array(request, folder, has_coarser);
+    try {
+      (void)array.read(whole, whole, nullptr);
+    } catch (const VolumeError& e) {
+      return e.what();
+    }
+    return "";
+  };
+  CHECK_THAT(message(false), Contains("add --bricks") && !Contains("--level"));
+  CHECK_THAT(message(true), Contains("add --bricks") && Contains("or choose a coarser level"));
+  // A caller that asks for slices has no limit of its own: next are the missing files.
+  request.slices = [](const std::array<int, 3>&, const importer::Affine&, bool, int) {
+    return importer::Slab{};
+  };
+  CHECK_THAT(message(false), Contains("has only 0 of its 8 chunks"));
+  fs::remove_all(folder);
+}
+
+TEST_CASE("metadata of Zarr that are nested too deeply are refused", "[zarr]") {
+  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
+  REQUIRE(mkdtemp(name.data()) != nullptr);
+  const fs::path file = fs::path(name) / ".zattrs";
+  const auto write = [&](std::size_t depth) {
+    std::ofstream(file) << "{\"a\": " << std::string(depth, '[') << std::string(depth, ']') << "}";
+  };
+  write(60);
+  CHECK(importer::readZarrJson(file).contains("a"));
+  write(1'000'000);
+  CHECK_THROWS_WITH(importer::readZarrJson(file), Contains("have more than 64 levels"));
+  fs::remove_all(name);
 }
 
 TEST_CASE("a part of a Zarr array is read from its own chunks", "[zarr]") {

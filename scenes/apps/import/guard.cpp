@@ -43,7 +43,11 @@ bool writeAll(int file, const char* data, std::size_t count) {
   return true;
 }
 
-[[noreturn]] void runChild(int pipe, const std::function<int(Teller&)>& work) {
+constexpr const char* kNeedLess =
+    "choose fewer arrays with --field, a larger --voxel or, for an image, --bricks";
+
+[[noreturn]] void runChild(const std::string& what, int pipe,
+                           const std::function<int(Teller&)>& work) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   signal(SIGINT, SIG_IGN);  // a terminal sends SIGINT to both processes; the parent kills the child
   signal(SIGTERM, SIG_DFL);
@@ -68,7 +72,7 @@ bool writeAll(int file, const char* data, std::size_t count) {
                     e.path1().string(), e.code().message()));
     status = cli::kBadInput;
   } catch (const std::bad_alloc&) {
-    complain("memory ran out: choose fewer arrays with --field or a larger --voxel");
+    complain(fmt::format("{}: memory ran out: {}", what, kNeedLess));
     status = cli::kEndedEarly;
   } catch (const std::exception& e) {
     complain(fmt::format("internal error: {}: please report this message and your command line",
@@ -197,7 +201,7 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
   }
   if (child == 0) {
     close(ends[0]);
-    runChild(ends[1], work);
+    runChild(what, ends[1], work);
   }
   child_of_signals = child;
   if (was_interrupted != 0) kill(child, SIGKILL);
@@ -230,9 +234,8 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
   if (!ended) {
     const int signal = WTERMSIG(result);
     if (signal == SIGKILL) {
-      cli::complain(what +
-                    ": the system ended the import, probably because memory ran out: choose fewer "
-                    "arrays with --field or a larger --voxel");
+      cli::complain(fmt::format(
+          "{}: the system ended the import, probably because memory ran out: {}", what, kNeedLess));
       return cli::kEndedEarly;
     }
     cli::complain(fmt::format(

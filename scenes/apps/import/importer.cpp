@@ -336,6 +336,21 @@ void checkAsked(const Request& request, const Content& content) {
               "omit this option");
 }
 
+/// Throws Error if --bricks would have to write several arrays. takeSurface() checks those of
+/// --iso.
+void checkOneForBricks(const Options& options, const std::vector<Piece>& pieces) {
+  if (!options.bricks || options.iso) return;
+  std::vector<std::string> names;
+  for (const Piece& piece : pieces) {
+    for (const Array& array : piece.arrays) names.push_back(array.name);
+  }
+  if (names.size() <= 1) return;
+  throw Error("--bricks",
+              fmt::format("{} arrays are imported, and --bricks writes only one: {}", names.size(),
+                          fmt::join(names, ", ")),
+              "choose one with --field");
+}
+
 /// Returns a Telling that is silent while the group is divided, because each slab repeats all
 /// stages.
 Telling unlessDivided(const Telling& telling, const SlabGroup& group) {
@@ -368,6 +383,7 @@ Step importRank(const Options& options, Reader& reader, std::size_t step, const 
   std::vector<Piece> pieces = makeReady(content, in, out.notes);
   joinComponents(pieces, options.request.fields, out.notes);
   select(pieces, options.request.fields, in);
+  checkOneForBricks(options, pieces);
   std::vector<Imported> constant;
 
   for (Piece& piece : pieces) {
@@ -428,8 +444,8 @@ std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling, 
   request.timed = !options.time.empty();
   if (keepsVoxelsInBricks(options)) {
     request.slices = [&options, &group](const std::array<int, 3>& size, const Affine& map,
-                                        bool is_packed) {
-      if (!is_packed) group.divide(size, /*is_slow=*/options.smooth.sigma > 0.0);
+                                        bool is_packed, int depth) {
+      if (!is_packed) group.divide(size, /*is_slow=*/options.smooth.sigma > 0.0, depth);
       return neededOf(options, Shared(group), size[2], map);
     };
   }

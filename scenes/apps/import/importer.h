@@ -96,9 +96,10 @@ struct EarlierSteps {
 
 /// Reads a step, makes its grids and sets their metadata. Leaves out constant scalars, unless
 /// --time is "all". With --iso and --time all, a step without the surface gets an empty level set,
-/// except with --bricks. If no grid remains, the notes state the reason. Throws Error. In a process
-/// group, each rank gets its parts of an image's grid (Imported::parts), and other grids
-/// completely. In a divided group, reads the image once for each value that all slabs share.
+/// except with --bricks. Throws Error if --bricks would get several arrays. If no grid remains, the
+/// notes state the reason. Throws Error. In a process group, each rank gets its parts of an image's
+/// grid (Imported::parts), and other grids completely. In a divided group, reads the image once for
+/// each value that all slabs share.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, SlabGroup& group, EarlierSteps& earlier);
 
@@ -107,8 +108,7 @@ struct EarlierSteps {
 /// file remains.
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
-/// Writes the only grid as bricks and frees it. Throws Error for several grids. All ranks must call
-/// this function.
+/// Writes the only grid as bricks and frees it. All ranks must call this function.
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
                    ProcessGroup& processes);
 

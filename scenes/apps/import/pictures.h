@@ -16,6 +16,7 @@ struct PictureFormat {
   int width = 0;   ///< [pixels]
   int height = 0;  ///< [pixels]
   Type type = Type::kUint8;
+  bool is_inverted = false;  ///< True if 0 is white in the file, and the numbers are unsigned.
 
   [[nodiscard]] bool operator==(const PictureFormat&) const = default;
 };

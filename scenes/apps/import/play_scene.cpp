@@ -15,26 +15,33 @@ double rounded(double value, int digits) {
   return std::stod(fmt::format("{:.{}g}", value, digits));
 }
 
-/// Returns the times after the first one [s], which increase. If the file's times do not, the steps
-/// get a distance of 1 s.
+/// Returns the times after the first one [s], which increase. If the file's times do not, or are
+/// too close or too far apart, the steps get a distance of 1 s.
 std::vector<double> playTimes(const PlayedSteps& steps, std::vector<std::string>& notes) {
   const std::vector<double>& given = steps.times;
-  const bool is_finite = std::isfinite(given.back() - given.front());
+  const double unit = steps.unit.value_or(1.0);
+  constexpr double kLeast = 1e-30;  // [s]
+  constexpr double kMost = 1e30;    // [s]; beyond, rates and speeds could not be computed
+  const bool is_finite = unit * (given.back() - given.front()) <= kMost;
   const bool ascends =
-      is_finite && std::adjacent_find(given.begin(), given.end(),
-                                      [](double a, double b) { return !(a < b); }) == given.end();
+      is_finite && std::adjacent_find(given.begin(), given.end(), [&](double a, double b) {
+                     return !(unit * (b - a) >= kLeast);
+                   }) == given.end();
   if (!ascends) {
-    notes.emplace_back("the times of the steps do not increase: the scene plays one step a second");
+    notes.emplace_back(
+        fmt::format("the times of the steps do not increase, or their distances are not from {:g} "
+                    "s to {:g} s: the scene plays one step a second",
+                    kLeast, kMost));
   } else if (!steps.unit) {
     notes.emplace_back(
-        "the file does not state the unit of its times: the scene takes them as seconds");
+        "the file states no unit of its times that palpate knows: the scene takes them as "
+        "seconds");
   }
   constexpr int kDigits = 9;
   std::vector<double> times;
   for (std::size_t i = 0; i < given.size(); ++i) {
-    times.push_back(ascends
-                        ? rounded((given[i] - given.front()) * steps.unit.value_or(1.0), kDigits)
-                        : static_cast<double>(i));
+    times.push_back(ascends ? rounded((given[i] - given.front()) * unit, kDigits)
+                            : static_cast<double>(i));
   }
   return times;
 }
@@ -99,7 +106,8 @@ std::string playScene(const std::string& scene, const PlayedSteps& steps,
   json["play"] = guess::Json{{"speed", speed}, {"repeat", true}};
   if (speed != 1.0) {
     json["play"]["description"] =
-        "about 5 steps a second; with the speed 1, the data change as in reality";
+        std::string("about 5 steps a second") +
+        (steps.unit ? "; with the speed 1, the data change as in reality" : "");
   }
   return guess::indented(json) + "\n";
 }

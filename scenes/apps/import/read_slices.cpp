@@ -2,12 +2,15 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdint>
+#include <new>
 #include <system_error>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks/bricks.h"
 #include "palpate/scenes/apps/import/header_checks.h"
 #include "palpate/scenes/apps/import/pictures.h"
 #include "palpate/scenes/apps/import/reader.h"
@@ -26,8 +29,9 @@ std::unique_ptr<Pictures> openPictures(const fs::path& file) {
 std::string describeFormat(const PictureFormat& format) {
   constexpr std::array<const char*, 10> kTypes{"int8",   "uint8", "int16",  "uint16",  "int32",
                                                "uint32", "int64", "uint64", "float32", "float64"};
-  return fmt::format("{} x {} {}", format.width, format.height,
-                     kTypes[static_cast<std::size_t>(format.type)]);
+  return fmt::format("{} x {} {}{}", format.width, format.height,
+                     kTypes[static_cast<std::size_t>(format.type)],
+                     format.is_inverted ? " with 0 as white" : "");
 }
 
 /// A slice: a page of a file.
@@ -40,6 +44,8 @@ struct SliceStack {
   std::vector<SlicePage> slices;
   PictureFormat format;
   StatedStack stated;
+  std::uint64_t step = 1;           ///< Difference of the numbers in the names of two slices.
+  std::unique_ptr<Pictures> pages;  ///< The open file of all slices; null for a folder.
   std::vector<std::string> notes;
 };
 
@@ -50,7 +56,19 @@ void checkAlike(const fs::path& subject, const PictureFormat& first, const std::
   throw VolumeError(subject.string(),
                     fmt::format("{} is {}, but {} is {}", other_name, describeFormat(other),
                                 first_name, describeFormat(first)),
-                    "give slices of equal size and number type");
+                    first.is_inverted == other.is_inverted
+                        ? "give slices of equal size and number type"
+                        : "give slices of equal size, number type and PhotometricInterpretation");
+}
+
+/// Throws VolumeError if the description in a file states several channels or times.
+void checkSingle(const fs::path& file, const StatedStack& stated) {
+  if (stated.channels <= 1.0 && stated.times <= 1.0) return;
+  throw VolumeError(
+      file.string(),
+      fmt::format("the description states several volumes (channels: {:.0f}, times: {:.0f})",
+                  std::max(stated.channels, 1.0), std::max(stated.times, 1.0)),
+      "save one channel at one time, for example with Fiji's Image > Duplicate");
 }
 
 SliceStack stackOfFolder(const fs::path& folder) {
@@ -70,6 +88,7 @@ SliceStack stackOfFolder(const fs::path& folder) {
   SliceNames names = orderSlices(folder.string(), std::move(files));
   SliceStack out;
   out.notes = std::move(names.notes);
+  out.step = names.step;
   for (const std::string& name : names.slices) {
     const fs::path file = folder / name;
     const std::unique_ptr<Pictures> pictures = openPictures(file);
@@ -84,22 +103,28 @@ SliceStack stackOfFolder(const fs::path& folder) {
     if (out.slices.empty()) {
       out.format = formats.front();
       out.stated = pictures->stated();
-      for (std::string& note : pictures->notes()) out.notes.push_back(std::move(note));
     }
     checkAlike(folder, out.format, names.slices.front(), formats.front(), name);
+    checkSingle(file, pictures->stated());
+    for (std::string& note : pictures->notes()) {
+      const bool is_known = std::find(out.notes.begin(), out.notes.end(), note) != out.notes.end();
+      if (!is_known) out.notes.push_back(std::move(note));
+    }
     out.slices.push_back({file, 0});
+  }
+  const auto count = static_cast<double>(out.slices.size());
+  if (out.stated.pictures > 1.0 && out.stated.pictures != count) {
+    out.notes.push_back(
+        fmt::format("the folder has {} slices, but {} states {:.0f} pictures: check "
+                    "that none is missing",
+                    out.slices.size(), names.slices.front(), out.stated.pictures));
   }
   return out;
 }
 
 /// Throws VolumeError unless the file's description agrees with its pages.
 void checkPages(const fs::path& file, const StatedStack& stated, std::size_t pages) {
-  if (stated.channels > 1.0 || stated.times > 1.0) {
-    throw VolumeError(file.string(),
-                      fmt::format("the file has {:.0f} channels and {:.0f} times, not one volume",
-                                  std::max(stated.channels, 1.0), std::max(stated.times, 1.0)),
-                      "save one channel at one time, for example with Fiji's Image > Duplicate");
-  }
+  checkSingle(file, stated);
   const auto count = static_cast<double>(pages);
   if (stated.pictures > 0.0 && stated.pictures != count) {
     throw VolumeError(
@@ -116,12 +141,12 @@ void checkPages(const fs::path& file, const StatedStack& stated, std::size_t pag
 }
 
 SliceStack stackOfPages(const fs::path& file) {
-  const std::unique_ptr<Pictures> pictures = openTiff(file);
-  const std::vector<PictureFormat>& formats = pictures->formats();
   SliceStack out;
+  out.pages = openTiff(file);
+  const std::vector<PictureFormat>& formats = out.pages->formats();
   out.format = formats.front();
-  out.stated = pictures->stated();
-  out.notes = pictures->notes();
+  out.stated = out.pages->stated();
+  out.notes = out.pages->notes();
   checkPages(file, out.stated, formats.size());
   for (std::size_t page = 0; page < formats.size(); ++page) {
     checkAlike(file, out.format, "page 1", formats[page], fmt::format("page {}", page + 1));
@@ -132,13 +157,30 @@ SliceStack stackOfPages(const fs::path& file) {
 
 /// Returns the spacing of --spacing, or else that of the files, with a note. Throws VolumeError if
 /// neither is complete.
-Spacing chooseSpacing(const Request& request, const StatedStack& stated,
-                      std::vector<std::string>& notes) {
-  if (request.spacing) return *request.spacing;
+Spacing chooseSpacing(const Request& request, SliceStack& stack) {
+  if (request.spacing) {
+    if (stack.step > 1) {
+      stack.notes.push_back(
+          fmt::format("the numbers of the slices increase by {}: the spacing along z is the "
+                      "distance between two files",
+                      stack.step));
+    }
+    return *request.spacing;
+  }
+  const StatedStack& stated = stack.stated;
   const Spacing& spacing = stated.spacing;
   const Vec3& edges = spacing.edges;
+  if (edges.minCoeff() > 0.0 && stack.step > 1) {
+    throw VolumeError(
+        request.file.string(),
+        fmt::format("the numbers of the slices increase by {}, so the distance of {:.6g} {} that "
+                    "{} states may not be that between two files",
+                    stack.step, edges.z(), spacing.unit, stated.source),
+        fmt::format("add --spacing {:.6g},{:.6g},DISTANCE{} with the distance between two files",
+                    edges.x(), edges.y(), spacing.unit));
+  }
   if (edges.minCoeff() > 0.0) {
-    notes.push_back(
+    stack.notes.push_back(
         fmt::format("the spacing is {:.6g} x {:.6g} x {:.6g} {}, as {} states: "
                     "--spacing replaces it",
                     edges.x(), edges.y(), edges.z(), spacing.unit, stated.source));
@@ -151,9 +193,10 @@ Spacing chooseSpacing(const Request& request, const StatedStack& stated,
                                "distance of the slices",
                                stated.source, edges.x(), edges.y(), spacing.unit)
                  : "the pictures do not state the spacing of the voxels",
-      has_pixels ? fmt::format("add --spacing {:.6g},{:.6g},DISTANCE{}", edges.x(), edges.y(),
-                               spacing.unit)
-                 : "add the edges of a voxel along x, y and z, as in --spacing 10,10,20um");
+      has_pixels && !stated.from_resolution
+          ? fmt::format("add --spacing {:.6g},{:.6g},DISTANCE{}", edges.x(), edges.y(),
+                        spacing.unit)
+          : "add the edges of a voxel along x, y and z, as in --spacing 10,10,20um");
 }
 
 class PictureReader final : public Reader {
@@ -161,7 +204,7 @@ class PictureReader final : public Reader {
   PictureReader(Request request, SliceStack stack)
       : request_(std::move(request)),
         stack_(std::move(stack)),
-        spacing_(chooseSpacing(request_, stack_.stated, stack_.notes)) {}
+        spacing_(chooseSpacing(request_, stack_)) {}
 
   Content read(std::size_t /*step*/) override {
     Piece image;
@@ -173,7 +216,17 @@ class PictureReader final : public Reader {
     const Slab slab = slicesToRead(request_, image);
     const std::size_t plane =
         static_cast<std::size_t>(image.size[0]) * static_cast<std::size_t>(image.size[1]);
-    const Values values(stack_.format.type, 1, plane * static_cast<std::size_t>(slab.count));
+    Values values;
+    try {
+      values = Values(stack_.format.type, 1, plane * static_cast<std::size_t>(slab.count));
+    } catch (const std::bad_alloc&) {
+      // A brick has kBrickSide slices, so --bricks reads at least as many together.
+      const bool bricks_help = !request_.slices && image.size[2] > kBrickSide;
+      throw VolumeError(request_.file.string(), "the slices need more memory than is free",
+                        bricks_help ? "import them with --bricks, without --voxel and --iso: then "
+                                      "only a part is in memory"
+                                    : "end other programs, or scale the slices down");
+    }
     readSlab(slab, values, plane * values.bytesEach());
 
     Content content;
@@ -186,21 +239,19 @@ class PictureReader final : public Reader {
 
  private:
   void readSlab(const Slab& slab, const Values& values, std::size_t bytes) const {
-    std::unique_ptr<Pictures> pictures;
-    fs::path open;
     for (int k = slab.first; k < slab.end(); ++k) {
       const SlicePage& slice = stack_.slices[static_cast<std::size_t>(k)];
-      if (pictures == nullptr || open != slice.file) {
-        pictures = openPictures(slice.file);
-        open = slice.file;
-      }
-      const std::vector<PictureFormat>& formats = pictures->formats();
+      // To open a file of many pages again would read the tags of all pages again.
+      const std::unique_ptr<Pictures> opened =
+          stack_.pages == nullptr ? openPictures(slice.file) : nullptr;
+      Pictures& pictures = opened == nullptr ? *stack_.pages : *opened;
+      const std::vector<PictureFormat>& formats = pictures.formats();
       if (slice.page >= formats.size() || formats[slice.page] != stack_.format) {
         throw VolumeError(slice.file.string(), "the file changed during the import",
                           "repeat the import when no program writes the file");
       }
       const auto done = static_cast<std::size_t>(k - slab.first);
-      pictures->read(slice.page, values.as<char>() + done * bytes);
+      pictures.read(slice.page, values.as<char>() + done * bytes);
       if (request_.progress) request_.progress(static_cast<double>(done + 1) / slab.count);
     }
   }

@@ -73,7 +73,8 @@ class ZarrReader final : public Reader {
       piece.file_from_index.linear(d, static_cast<Eigen::Index>(a)) = level_.scale[axes[a]];
       piece.file_from_index.origin[d] = level_.translation[axes[a]];
     }
-    const Slab slices = slicesToRead(request_, piece);
+    const Slab slices =
+        slicesToRead(request_, piece, /*is_packed=*/false, array_->layout().chunks[axes[2]]);
     ZarrBox whole{std::vector<int>(image_.axes), std::vector<int>(image_.axes, 1)};
     for (std::size_t a = 0; a < 3; ++a) whole.count[axes[a]] = piece.size[a];
     if (image_.time >= 0)
@@ -128,7 +129,7 @@ class ZarrReader final : public Reader {
     level_ = image_.levels[number];
     const std::filesystem::path folder = request_.file / level_.path;
     static_cast<void>(sizeOfData(request_.file / ".zattrs", folder / ".zarray", request_.follow));
-    array_.emplace(request_, folder);
+    array_.emplace(request_, folder, /*has_coarser=*/number + 1 < count);
     if (shape().size() != image_.axes) {
       throw VolumeError(
           array_->header().string(),

@@ -140,8 +140,10 @@ struct Request {
   Progress progress;
   /// Returns the slices of an image that are needed. Empty: all. Readers that can read a part of a
   /// file read only these slices (Piece::held). `is_packed`: the reader must unpack the file from
-  /// its beginning each time it reads slices.
-  std::function<Slab(const std::array<int, 3>& size, const Affine& file_from_index, bool is_packed)>
+  /// its beginning each time it reads slices. `depth`: the number of consecutive slices that the
+  /// reader decodes together.
+  std::function<Slab(const std::array<int, 3>& size, const Affine& file_from_index, bool is_packed,
+                     int depth)>
       slices;
 };
 
@@ -160,13 +162,14 @@ class Reader {
   [[nodiscard]] virtual Content read(std::size_t step) = 0;
 };
 
-/// Returns the length of a unit of time [s], such as "ms" or "hours since 2000-01-01"; no value if
-/// the unit is unknown.
+/// Returns the length of a unit of time [s], such as "ms", "nanosecond" or "hours since
+/// 2000-01-01"; no value if the unit is unknown.
 [[nodiscard]] std::optional<double> secondsIn(const std::string& unit);
 
 /// Sets `image.held` to the slices to read (Request::slices), and returns them. Size and transform
 /// of `image` must be set. For readers that can read a part of a file.
-[[nodiscard]] Slab slicesToRead(const Request& request, Piece& image, bool is_packed = false);
+[[nodiscard]] Slab slicesToRead(const Request& request, Piece& image, bool is_packed = false,
+                                int depth = 1);
 
 [[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,
                                               Content (*read)(const Request&));

@@ -14,12 +14,18 @@ std::vector<ProcessGroup::Bytes> SlabGroup::gather(std::span<const std::byte> ow
   throw Postponed();
 }
 
-void SlabGroup::divide(const std::array<int, 3>& size, bool is_slow) noexcept {
+void SlabGroup::divide(const std::array<int, 3>& size, bool is_slow, int depth) noexcept {
   if (processes_.size() > 1 || slabs_ > 0) return;
   if (is_slow && 1.0 * size[0] * size[1] * size[2] <= 4.0 * most_points_) return;
   const double layer = static_cast<double>(size[0]) * size[1] * kBrickSide;
   const int layers = (size[2] + kBrickSide - 1) / kBrickSide;
-  const double each = std::clamp(std::floor(most_points_ / layer), 1.0, 1.0 * layers);
+  double each = std::clamp(std::floor(most_points_ / layer), 1.0, 1.0 * layers);
+  // Each border between slabs decodes up to two more blocks, because slabs overlap.
+  const int blocks = (size[2] - 1) / depth + 1;
+  const double wanted = std::ceil(layers / (1.0 + std::floor(blocks / 2.0)));
+  if (wanted > each) {
+    each = std::clamp(std::floor(4.0 * most_points_ / layer), each, wanted);
+  }
   slabs_ = static_cast<int>(std::ceil(layers / each));
 }
 

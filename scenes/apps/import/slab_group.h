@@ -78,7 +78,9 @@ class SlabGroup final : public ProcessGroup {
   /// nothing in a group of several processes, and after the first call in a run.
   /// @param size     Number of the image's points along each axis.
   /// @param is_slow  True if a pass is slow. Then an image of up to four slabs is not divided.
-  void divide(const std::array<int, 3>& size, bool is_slow = false) noexcept;
+  /// @param depth    Number of slices that the reader decodes together. Slabs are up to four times
+  ///                 as large, so that a pass decodes a slice at most twice on average.
+  void divide(const std::array<int, 3>& size, bool is_slow = false, int depth = 1) noexcept;
 
   /// Undivides the group and runs `work`, which may divide it. Returns the result of rank 0.
   /// @param turn  The function calls it before each turn of a divided group's rank, with the number

@@ -162,16 +162,10 @@ SliceNames orderSlices(const std::string& folder, std::vector<FolderFile> files)
                    [which](const NumberedName& a, const NumberedName& b) {
                      return a.numbers[which] < b.numbers[which];
                    });
-  const std::uint64_t step = evenStep(folder, series, which);
 
   SliceNames out;
+  out.step = evenStep(folder, series, which);
   for (const NumberedName& one : series) out.slices.push_back(one.name);
-  if (step > 1) {
-    out.notes.push_back(fmt::format(
-        "the numbers of the slices increase by {}: the spacing along z is the distance between two "
-        "files",
-        step));
-  }
   if (series.size() == files.size()) return out;
   std::vector<std::string> kept = out.slices;
   std::sort(kept.begin(), kept.end());

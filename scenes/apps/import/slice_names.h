@@ -19,7 +19,8 @@ struct FolderFile {
 
 struct SliceNames {
   std::vector<std::string> slices;  ///< File names in the order of their numbers, at least 2.
-  std::vector<std::string> notes;   ///< Ignored files, and numbers that are not consecutive.
+  std::uint64_t step = 1;           ///< Difference of the numbers of two neighbouring slices.
+  std::vector<std::string> notes;   ///< Ignored files.
 };
 
 /// Selects the files of a volume's slices, and orders them by number (2 before 10). A series is a

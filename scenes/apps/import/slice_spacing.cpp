@@ -133,6 +133,7 @@ void readResolution(const TiffTags& tags, StatedStack& out) {
   if (out.spacing.edges.isZero(0.0)) return;
   out.spacing.unit = "mm";
   out.source = "the resolution of the TIFF";
+  out.from_resolution = true;
 }
 
 }  // namespace

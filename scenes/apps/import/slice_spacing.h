@@ -24,7 +24,8 @@ struct TiffTags {
 struct StatedStack {
   /// Edges of a voxel; 0 along an axis: not stated. The unit is empty only if all edges are 0.
   Spacing spacing;
-  std::string source;  ///< Origin of the spacing, for messages.
+  std::string source;            ///< Origin of the spacing, for messages.
+  bool from_resolution = false;  ///< True: the edges may be those of a print, such as 72 per inch.
   double pictures = 0.0;
   double channels = 0.0;
   double times = 0.0;

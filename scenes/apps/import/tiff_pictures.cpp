@@ -81,7 +81,6 @@ struct Page {
   PictureFormat format;
   std::uint64_t offset = 0;  ///< Place of the page's tags in the file.
   int bits = 0;              ///< Bits per pixel: 1, 8, 16, 32 or 64.
-  bool is_inverted = false;  ///< True if 0 is white and the numbers are unsigned.
 };
 
 template <class T>
@@ -135,7 +134,8 @@ class TiffPictures final : public Pictures {
       notes.push_back(
           fmt::format("skipped {} pages that are previews or masks of other pages", skipped_));
     }
-    if (std::any_of(pages_.begin(), pages_.end(), [](const Page& p) { return p.is_inverted; })) {
+    const auto is_inverted = [](const PictureFormat& format) { return format.is_inverted; };
+    if (std::any_of(formats_.begin(), formats_.end(), is_inverted)) {
       notes.emplace_back(
           "0 is white in the file (PhotometricInterpretation): the values are inverted, so that a "
           "larger value is brighter");
@@ -161,12 +161,12 @@ class TiffPictures final : public Pictures {
     if (page.bits == 1) {
       const auto width = static_cast<std::size_t>(page.format.width);
       auto* values = static_cast<unsigned char*>(to);
-      const unsigned flip = page.is_inverted ? 1U : 0U;
+      const unsigned flip = page.format.is_inverted ? 1U : 0U;
       for (std::size_t i = 0; i < count; ++i) {
         const unsigned byte = packed[i / width * row + i % width / 8];
         values[i] = static_cast<unsigned char>((byte >> (7 - i % width % 8) & 1U) ^ flip);
       }
-    } else if (page.is_inverted) {
+    } else if (page.format.is_inverted) {
       invertValues(page.format.type, to, count);
     }
   }
@@ -245,7 +245,7 @@ class TiffPictures final : public Pictures {
     page.format.width = static_cast<int>(width);
     page.format.height = static_cast<int>(height);
     readType(page, which);
-    page.is_inverted = photometric == PHOTOMETRIC_MINISWHITE && isUnsigned(page.format.type);
+    page.format.is_inverted = photometric == PHOTOMETRIC_MINISWHITE && isUnsigned(page.format.type);
     checkBytes(page, which);
     page.offset = last_;
     if (pages_.empty()) stated_ = statedBy(tagsOfPage());

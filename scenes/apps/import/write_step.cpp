@@ -13,7 +13,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/brick_grid.h"
@@ -74,15 +73,6 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
 
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
                    ProcessGroup& processes) {
-  if (step.grids.size() != 1) {
-    std::vector<std::string> names;
-    names.reserve(step.grids.size());
-    for (const Imported& imported : step.grids) names.push_back(imported.made.grid->getName());
-    throw Error("--bricks",
-                fmt::format("{} arrays are imported, and --bricks writes only one: {}",
-                            names.size(), fmt::join(names, ", ")),
-                "choose one with --field");
-  }
   BrickOptions options;
   options.progress = progress;
   options.group = &processes;

@@ -8,6 +8,7 @@
 #include <new>
 #include <optional>
 #include <type_traits>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -208,8 +209,11 @@ class ZarrayParser {
     const Json& fill = at("fill_value");
     const Values one(layout.type, 1, 1, std::shared_ptr<void>(layout.fill.data(), [](void*) {}));
     if (!visit(one, [&](auto* value) { return numberFrom(fill, *value); })) {
-      refuse(fmt::format("\"fill_value\" is {}, which is not a value of the array's type",
-                         fill.dump(-1, ' ', true, Json::error_handler_t::replace).substr(0, 40)),
+      const std::string text =
+          fill.is_structured()
+              ? "a structure"
+              : fill.dump(-1, ' ', true, Json::error_handler_t::replace).substr(0, 40);
+      refuse(fmt::format("\"fill_value\" is {}, which is not a value of the array's type", text),
              kCorrectMetadata);
     }
     layout.fill_text = visit(one, [](const auto* value) { return fmt::format("{}", *value); });
@@ -266,6 +270,16 @@ struct BoxCopy {
   }
 };
 
+constexpr double kMostChunks = 4e6;
+
+/// Advances `index` to the next one in `box`, the last axis fastest.
+void advance(std::vector<int>& index, const ZarrBox& box) {
+  for (std::size_t a = index.size(); a-- > 0;) {
+    if (++index[a] < box.first[a] + box.count[a] || a == 0) break;
+    index[a] = box.first[a];
+  }
+}
+
 double productOf(const std::vector<int>& counts) {
   double product = 1.0;
   for (const int count : counts) product *= count;
@@ -284,7 +298,16 @@ Json readZarrJson(const std::filesystem::path& file) {
   }
   const std::string text = readText<VolumeError>(file, kRemedy);
   try {
-    Json json = Json::parse(text);
+    // Limits the depth of nesting, so that recursion does not exhaust the stack.
+    Json json = Json::parse(text, [&](int depth, Json::parse_event_t /*event*/, Json& /*parsed*/) {
+      constexpr int kDeepest = 64;
+      if (depth > kDeepest) {
+        throw VolumeError(file.string(),
+                          fmt::format("the metadata have more than {} levels", kDeepest),
+                          kCorrectMetadata);
+      }
+      return true;
+    });
     if (json.is_object()) return json;
   } catch (const Json::parse_error& e) {
     throw VolumeError(file.string(), fmt::format("the metadata are not JSON (byte {})", e.byte),
@@ -299,15 +322,11 @@ ZarrLayout parseZarray(const Json& json, const std::filesystem::path& file) {
   return ZarrayParser(json, file).parse();
 }
 
-/// A chunk of the array, whose file may be missing.
-struct ZarrArray::Chunk {
-  std::vector<int> index;  ///< Position along each axis, in chunks.
-  std::size_t held = 0;    ///< Size of the file [bytes]; 0: the file is missing.
-};
-
-ZarrArray::ZarrArray(const Request& request, const std::filesystem::path& folder)
+ZarrArray::ZarrArray(const Request& request, const std::filesystem::path& folder, bool has_coarser)
     : header_(folder / ".zarray"),
       follow_(request.follow),
+      is_sliced_(request.slices != nullptr),
+      has_coarser_(has_coarser),
       layout_(parseZarray(readZarrJson(header_), header_)) {}
 
 void ZarrArray::refuse(const std::string& why, const std::string& remedy) const {
@@ -334,55 +353,64 @@ std::size_t ZarrArray::heldBy(const std::filesystem::path& chunk) const {
   return static_cast<std::size_t>(held);
 }
 
-/// Finds the chunks of a box. Throws VolumeError, before values are allocated, if the files are too
-/// small for the values that the header states.
-std::vector<ZarrArray::Chunk> ZarrArray::findChunks(const ZarrBox& whole) {
-  const std::size_t axes = layout_.shape.size();
-  std::vector<int> first(axes);
-  std::vector<int> end(axes);
-  double count = 1.0;
-  for (std::size_t a = 0; a < axes; ++a) {
-    first[a] = whole.first[a] / layout_.chunks[a];
-    end[a] = (whole.first[a] + whole.count[a] - 1) / layout_.chunks[a] + 1;
-    count *= end[a] - first[a];
+/// Returns a remedy, or its alternative of a coarser level if there is one.
+std::string ZarrArray::orCoarser(const std::string& remedy) const {
+  return has_coarser_ ? remedy + ", or choose a coarser level with --level" : remedy;
+}
+
+/// Returns the indices of the chunks that have values of a box.
+ZarrBox ZarrArray::chunksOf(const ZarrBox& box) const {
+  ZarrBox chunks;
+  for (std::size_t a = 0; a < box.count.size(); ++a) {
+    const int side = layout_.chunks[a];
+    chunks.first.push_back(box.first[a] / side);
+    const std::int64_t last = std::int64_t{box.first[a]} + box.count[a] - 1;
+    chunks.count.push_back(box.count[a] == 0 ? 0
+                                             : static_cast<int>(last / side) - chunks.first[a] + 1);
   }
-  constexpr double kMostChunks = 4e6;
+  return chunks;
+}
+
+/// Finds the chunks of a box once. Throws VolumeError, before values are allocated, if the files
+/// are too small for the values that the header states.
+const ZarrArray::Found& ZarrArray::findChunks(const ZarrBox& whole) {
+  const auto key = std::pair(whole.first, whole.count);
+  if (const auto known = found_.find(key); known != found_.end()) return known->second;
+  const ZarrBox chunks = chunksOf(whole);
+  const double count = productOf(chunks.count);
   if (count > kMostChunks) {
     refuse(fmt::format("the image has {:.3g} chunks, more than the limit of {:.0g}", count,
                        kMostChunks),
-           "write the array with larger chunks, or choose a coarser level with --level");
+           orCoarser("write the array with larger chunks"));
   }
-  std::vector<Chunk> chunks;
-  chunks.reserve(static_cast<std::size_t>(count));
-  std::size_t missing = 0;
-  for (std::vector<int> index = first; index[0] < end[0];) {
-    const std::size_t held = heldBy(nameOf(index));
-    missing += held == 0 ? 1 : 0;
-    chunks.push_back({index, held});
-    for (std::size_t a = axes; a-- > 0;) {
-      if (++index[a] < end[a] || a == 0) break;
-      index[a] = first[a];
-    }
+  Found found;
+  found.held.resize(static_cast<std::size_t>(count));
+  std::vector<int> index = chunks.first;
+  for (std::size_t& held : found.held) {
+    held = heldBy(nameOf(index));
+    found.missing += held == 0 ? 1 : 0;
+    advance(index, chunks);
   }
   const double bytes = productOf(whole.count) * bytesOfType(layout_.type);
   // A few chunks may stand for a large, sparse image, but not for any size that a header states.
   constexpr double kAlways = 1U << 28U;  // [bytes]
   constexpr double kLeastShare = 1e-3;
-  const std::size_t there = chunks.size() - missing;
+  const std::size_t there = found.held.size() - found.missing;
   if (bytes > kAlways && static_cast<double>(there) < kLeastShare * count) {
     refuse(fmt::format("the image needs {:.3g} bytes, but the folder has only {} of its {:.0f} "
                        "chunks",
                        bytes, there, count),
-           "copy the whole folder again, or choose a coarser level with --level");
+           orCoarser("copy the whole folder again"));
   }
-  checked_ += chunks.size();
-  missing_ += missing;
-  return chunks;
+  double kept = count;
+  for (const auto& [box, other] : found_) kept += static_cast<double>(other.held.size());
+  if (kept > kMostChunks) found_.clear();  // limits the memory: an image may have many steps
+  return found_.emplace(key, std::move(found)).first->second;
 }
 
 /// Copies the values of a chunk that are in `part`.
 /// @param values  All values of the chunk; null: all have the fill value.
-void ZarrArray::copyChunk(const Chunk& chunk, const char* values, const ZarrBox& part,
+void ZarrArray::copyChunk(const std::vector<int>& index, const char* values, const ZarrBox& part,
                           char* to) const {
   const std::size_t axes = layout_.shape.size();
   const int bytes = bytesOfType(layout_.type);
@@ -394,7 +422,7 @@ void ZarrArray::copyChunk(const Chunk& chunk, const char* values, const ZarrBox&
   for (std::size_t a = 0; a < axes; ++a) {
     copy.from_stride[a] *= values == nullptr ? 0 : bytes;
     copy.to_stride[a] *= bytes;
-    const std::int64_t origin = std::int64_t{chunk.index[a]} * layout_.chunks[a];
+    const std::int64_t origin = std::int64_t{index[a]} * layout_.chunks[a];
     const std::int64_t first = std::max<std::int64_t>(origin, part.first[a]);
     const std::int64_t end = std::min<std::int64_t>(origin + layout_.chunks[a],
                                                     std::int64_t{part.first[a]} + part.count[a]);
@@ -406,43 +434,42 @@ void ZarrArray::copyChunk(const Chunk& chunk, const char* values, const ZarrBox&
 }
 
 Values ZarrArray::read(const ZarrBox& whole, const ZarrBox& part, const Progress& progress) {
-  if (productOf(part.count) > kMostVoxels) {
+  if (!is_sliced_ && productOf(part.count) > kMostVoxels) {
     refuse(fmt::format("the image has {:.3g} values, more than the limit of {:.0g}",
                        productOf(part.count), kMostVoxels),
-           "choose a coarser level with --level, or share the import of bricks by mpirun");
+           orCoarser("add --bricks, without --iso and --voxel, to read a part at a time"));
   }
-  const std::vector<Chunk> chunks = findChunks(whole);
-  const auto is_needed = [&](const Chunk& chunk) {
-    for (std::size_t a = 0; a < part.count.size(); ++a) {
-      const std::int64_t origin = std::int64_t{chunk.index[a]} * layout_.chunks[a];
-      if (origin >= std::int64_t{part.first[a]} + part.count[a]) return false;
-      if (origin + layout_.chunks[a] <= part.first[a]) return false;
-    }
-    return true;
-  };
+  const Found& found = findChunks(whole);
+  checked_ += found.held.size();
+  missing_ += found.missing;
+  const ZarrBox all = chunksOf(whole);
+  const ZarrBox needed = chunksOf(part);
+  const std::vector<std::ptrdiff_t> strides = stridesOf(all.count, false);
   try {
     Values values(layout_.type, 1, static_cast<std::size_t>(productOf(part.count)));
     std::vector<char> buffer;
-    std::size_t done = 0;
-    for (const Chunk& chunk : chunks) {
-      if (progress) progress(static_cast<double>(done++) / static_cast<double>(chunks.size()));
-      if (!is_needed(chunk)) continue;
-      if (chunk.held == 0) {
-        copyChunk(chunk, nullptr, part, values.as<char>());
+    const double count = productOf(needed.count);
+    std::vector<int> index = needed.first;
+    for (double done = 0.0; done < count; ++done, advance(index, needed)) {
+      if (progress) progress(done / count);
+      std::ptrdiff_t n = 0;
+      for (std::size_t a = 0; a < index.size(); ++a) n += strides[a] * (index[a] - all.first[a]);
+      const std::size_t held = found.held[static_cast<std::size_t>(n)];
+      if (held == 0) {
+        copyChunk(index, nullptr, part, values.as<char>());
         continue;
       }
       buffer.resize(static_cast<std::size_t>(chunkBytes()));
-      readChunk(header_, nameOf(chunk.index), layout_.codec, chunk.held, buffer);
+      readChunk(header_, nameOf(index), layout_.codec, held, buffer);
       if (layout_.big_endian != (std::endian::native == std::endian::big)) {
         const auto width = static_cast<std::size_t>(bytesOfType(layout_.type));
         swapBytes(buffer.data(), buffer.size() / width, width);
       }
-      copyChunk(chunk, buffer.data(), part, values.as<char>());
+      copyChunk(index, buffer.data(), part, values.as<char>());
     }
     return values;
   } catch (const std::bad_alloc&) {
-    refuse("the values need more memory than is free",
-           "choose a coarser level with --level, or export a smaller part");
+    refuse("the values need more memory than is free", orCoarser("export a smaller part"));
   }
 }
 

@@ -6,7 +6,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -17,8 +19,8 @@
 
 namespace palpate::importer {
 
-/// Reads a file of JSON metadata. Throws VolumeError if it is unreadable, larger than 16 MiB, or
-/// not a JSON object.
+/// Reads a file of JSON metadata. Throws VolumeError if it is unreadable, larger than 16 MiB,
+/// nested too deeply, or not a JSON object.
 [[nodiscard]] nlohmann::json readZarrJson(const std::filesystem::path& file);
 
 /// Content of a file .zarray.
@@ -48,32 +50,45 @@ struct ZarrBox {
 class ZarrArray {
  public:
   /// Reads the metadata of an array in `folder`. Throws VolumeError.
-  ZarrArray(const Request& request, const std::filesystem::path& folder);
+  /// @param has_coarser  True if the image has a coarser level, which messages then suggest.
+  ZarrArray(const Request& request, const std::filesystem::path& folder, bool has_coarser = false);
 
   [[nodiscard]] const std::filesystem::path& header() const { return header_; }
   [[nodiscard]] const ZarrLayout& layout() const { return layout_; }
 
-  /// Reads the values of `part`, the last axis fastest. Reads only the chunks of `part`, but checks
-  /// the files of all chunks of `whole`, which contains `part`. Throws VolumeError.
+  /// Reads the values of `part`, the last axis fastest. Reads only the chunks of `part`. The first
+  /// call for a box `whole`, which contains `part`, checks the files of all its chunks. Throws
+  /// VolumeError.
   [[nodiscard]] Values read(const ZarrBox& whole, const ZarrBox& part, const Progress& progress);
 
-  /// Return the numbers of chunks that all calls of read() have checked, and that were missing.
+  /// Return the sum over all calls of read(): the chunks of `whole`, and those that are missing.
   [[nodiscard]] std::size_t checkedChunks() const { return checked_; }
   [[nodiscard]] std::size_t missingChunks() const { return missing_; }
 
  private:
-  struct Chunk;
+  /// Sizes of the files of a box's chunks [bytes], the last axis fastest. 0: the chunk is missing.
+  struct Found {
+    std::vector<std::size_t> held;
+    std::size_t missing = 0;
+  };
 
   [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const;
   [[nodiscard]] double chunkBytes() const;
   [[nodiscard]] std::filesystem::path nameOf(const std::vector<int>& index) const;
   [[nodiscard]] std::size_t heldBy(const std::filesystem::path& chunk) const;
-  [[nodiscard]] std::vector<Chunk> findChunks(const ZarrBox& whole);
-  void copyChunk(const Chunk& chunk, const char* values, const ZarrBox& part, char* to) const;
+  [[nodiscard]] std::string orCoarser(const std::string& remedy) const;
+  [[nodiscard]] ZarrBox chunksOf(const ZarrBox& box) const;
+  [[nodiscard]] const Found& findChunks(const ZarrBox& whole);
+  void copyChunk(const std::vector<int>& index, const char* values, const ZarrBox& part,
+                 char* to) const;
 
   std::filesystem::path header_;
   bool follow_ = false;
+  bool is_sliced_ = false;  ///< True if the caller asks for a part of the image at a time.
+  bool has_coarser_ = false;
   ZarrLayout layout_;
+  /// Results of findChunks(), by the first index and the number of values along each axis.
+  std::map<std::pair<std::vector<int>, std::vector<int>>, Found> found_;
   std::size_t checked_ = 0;
   std::size_t missing_ = 0;
 };
