@@ -324,8 +324,9 @@ class Refusals(Case):
                            (IMAGEJ + "frames=6\n", "channels: 1, times: 6"),
                            ('<OME><Pixels SizeZ="3" SizeC="2" SizeT="1"/></OME>', "channels: 2, times: 1")):
             files = {f"s{k}.tif": picture(k, _270=text) for k in range(COUNT)}
-            self.refused(self.folder(files), "s0.tif: the description " + says, *WORDS)
-            self.refused(self.folder(files | {"s0.tif": picture(0)}), "s1.tif: the description " + says, *WORDS)
+            self.refused(self.folder(files), says, *WORDS)
+            files["s0.tif"] = picture(0)
+            self.refused(self.folder(files), f"s1.tif: the description states several volumes ({says}", *WORDS)
 
     def test_pages_that_cannot_be_read_are_refused_by_number(self):
         for tags, says in (({"_259": [7]}, "page 1 has the compression 7"),
