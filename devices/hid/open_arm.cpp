@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::string_view kEnding = ".json";
 
-// [N m/A]: arms have motors of at most about 0.3 N m/A.
+// A larger torque constant is probably in mN m/A: arms have motors of at most about 0.3 N m/A.
 constexpr double kLargestConstant = 1.0;
 
 bool matches(const HidMatch& match, const HidDeviceName& device) {

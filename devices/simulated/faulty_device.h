@@ -18,7 +18,7 @@ enum class Trouble : std::uint8_t {
   kFrozen,     ///< The last position repeats as if it were new; no encoder count changes.
   kJumping,    ///< A count was lost: all positions are shifted by kJump.
   kNotFinite,  ///< Positions that are not finite.
-  kRunaway,    ///< The position moves away with speed kRun, independent of the hand.
+  kRunaway,    ///< Adds a drift with speed kRun along z to the position of the hand.
   kUnwritten,  ///< Writes fail: the motors keep their force.
   kBlocked,    ///< Writes take kHang.
   kHung,       ///< Reads take kHang.

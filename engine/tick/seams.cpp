@@ -13,7 +13,7 @@ namespace {
 
 /// Largest number of other surfaces that replace samples of one surface.
 constexpr std::size_t kMostOthers = 8;
-/// Largest distance of a surface that replaces samples [steps of FieldFrame::reach].
+/// Largest height above a surface that replaces samples [longest step of FieldFrame::reach].
 constexpr double kNearSteps = 2.0;
 /// A gradient below this share of the cell's slope does not give the scale of the surface.
 constexpr double kFlat = 0.1;

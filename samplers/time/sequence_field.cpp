@@ -30,7 +30,7 @@ constexpr int kTries = 1000;
 /// Largest number of frames in a reading: two around the play position, and two from which the
 /// reading fades.
 constexpr std::size_t kFrames = 4;
-/// Largest number of readers in ticks at the same time.
+/// Largest number of readers within a tick at the same time. A further reader counts as late.
 constexpr std::size_t kSeats = 16;
 constexpr std::size_t kNoSeat = kSeats;
 

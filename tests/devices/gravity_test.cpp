@@ -42,8 +42,8 @@ ReportField int32(const char* name, std::size_t i) {
   return field;
 }
 
-/// Returns a profile with the geometry of a WoodenHaptics arm and with 32-bit fields for input and
-/// output.
+/// Returns a profile with the kinematics and about the lengths of WoodenHaptics, and with 32-bit
+/// fields for input and output.
 HidProfile woody() {
   HidProfile profile;
   profile.name = "heavy";

@@ -69,9 +69,8 @@ TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[moti
   }
 }
 
-TEST_CASE(
-    "a stream beside another mode waits if the readings are used up, and the status reports it",
-    "[motion]") {
+TEST_CASE("beside another mode a proxy lags on its stream if the sub-steps are used up and says so",
+          "[motion]") {
   // Each tick has one reading, and the hand moves by 1.28 voxels per tick. Beside another mode, a
   // reading of a stream is valid for one voxel. A stream alone is traced along the whole path.
   StepParams step;

@@ -168,7 +168,7 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
 
 }  // namespace
 
-TEST_CASE("a breathing and a growing body carry the proxy along on their surface",
+TEST_CASE("a breathing and a growing and a bending body carry the proxy along on their surface",
           "[motion][warp][release]") {
   // The requirement is 0.05 voxel at 0.2 m/s.
   const auto ball = std::get<0>(sphereMotion("level set", kRadius, 2.56).field);

@@ -356,7 +356,7 @@ TEST_CASE("gains stay with their modes if the scene file is edited", "[dial]") {
   REQUIRE(cli::fitToAll(spec, devices));
   SceneCache cache;
   cli::Watcher watcher(spec, file, cli::writtenAt(file), true, devices, cache);
-  /// Waits for a new scene. Returns nullopt if the watcher refused a request.
+  /// Waits for a new scene, for a minute. Returns nullopt if none comes or a request is refused.
   const auto look = [&]() -> std::optional<BuiltScene> {
     const std::uint64_t refused = watcher.refused();
     for (int i = 0; i < 60000; ++i) {

@@ -340,7 +340,7 @@ class Wrong(Case):
         if secret is not None:
             server.socket = secret.wrap_socket(server.socket, server_side=True)
         server.daemon_threads = True
-        server.handle_error = lambda request, address: None  # a client closed its connection
+        server.handle_error = lambda request, address: None  # no traceback if a client has gone
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         self.addCleanup(thread.join)

@@ -337,7 +337,7 @@ class IgtlTest(unittest.TestCase):
             self.assertGreater(force[0], 0.5, which)
         self.assertEqual(run.end()["igtl"]["images"], 6)
 
-    def test_a_client_s_cut_does_not_wait_for_the_run_or_for_images(self):
+    def test_a_client_can_cut_the_force_before_the_run_begins_and_while_an_image_loads(self):
         # A cut works before the run has begun.
         run = self.start()
         early = self.connect(run)

@@ -289,7 +289,7 @@ class Recorded(Case):
         self.assertIn("ball.vdb: the file has changed since the recording", done.stderr)
 
     @suite.smoke
-    def test_invalid_recording_options_are_refused_in_one_line(self):
+    def test_invalid_uses_of_recordings_are_refused_in_one_line_and_keep_files(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
 
         def refused(*words, says):

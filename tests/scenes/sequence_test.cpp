@@ -183,7 +183,8 @@ TEST_CASE("a scene is rejected if a field of a sequence has to be computed at lo
 }
 
 TEST_CASE(
-    "an edit of a scene keeps its sequence, and a coarse scene has the sequence's first frame",
+    "an edit of a scene keeps a sequence of unchanged frames and a coarse scene has the first "
+    "frame",
     "[scene][sequence]") {
   const TemporaryFolder folder;
   writeBalls(folder.path());

@@ -265,7 +265,7 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   if (!known && options.watch && !options.own_scene) {
     complain(
         "feel: edits of the scene are neither sent nor received, because --with is given without "
-        "--site-keys: add --site-keys");
+        "--site-keys: add --site-keys FOLDER");
   } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }

@@ -199,7 +199,8 @@ void check(const StabilityOptions& options) {
   }
   if (options.size < 9 || options.size > 257 || options.size % 8 != 1) {
     throw Error("--size",
-                fmt::format("{} is not 9 to 257 and one more than a multiple of 8", options.size),
+                fmt::format("{} is not one of 9, 17, 25, ... 257, one more than a multiple of 8",
+                            options.size),
                 "use 65");
   }
 }

@@ -207,7 +207,7 @@ std::optional<Value> meanBeside(const Voxels& voxels, const Coord& c) {
   }
 }
 
-/// The values that count as surroundings.
+/// The background of an image: voxels within `tolerance` of `value`, inactive unless is_active.
 template <class Value>
 struct Background {
   Value value{};

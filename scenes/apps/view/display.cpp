@@ -154,7 +154,10 @@ void needDisplay(bool picture) {
   std::atexit(endServer);
   setenv("DISPLAY", (":" + number).c_str(), 1);
   why = problem();
-  if (!why.empty()) throw Error("display", why, "reinstall xvfb and libgl1-mesa-dri");
+  if (!why.empty()) {
+    throw Error("display", "the display of Xvfb, which palpate started, fails: " + why,
+                "install or reinstall xvfb and libgl1-mesa-dri");
+  }
 }
 
 Sight::Sight(unsigned long window) {
