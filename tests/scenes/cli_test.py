@@ -1134,7 +1134,7 @@ class Interrupted(Case):
         os.remove(trace)
 
     def test_a_terminal_shows_the_progress_until_ctrl_c(self):
-        terminal = Terminal([PALPATE, "stability", "--size", 257, "--rate", 4000, "--map",
+        terminal = Terminal([PALPATE, "stability", "--size", 257, "--rate", 20000, "--map",
                              "a.json"], self.place)
         self.assertTrue(terminal.until("mapping: "), terminal.drawn)
         terminal.press(b"\x03")
