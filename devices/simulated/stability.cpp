@@ -100,8 +100,7 @@ double passiveStiffness(const ArmParams& arm, double rate, double damping) {
   const double part = arm.lag > 0.0 ? 0.5 : inPeriods(arm.delay, rate).part;
   const double late = 0.5 / rate + arm.delay + arm.lag;
   const double q = part * (1.0 - part) / (rate * rate * 4.0 * arm.viscous);
-  if (q * left < 1e-12 * late * late) return left / late;
-  return (std::sqrt(late * late + 4.0 * q * left) - late) / (2.0 * q);
+  return 2.0 * left / (late + std::sqrt(late * late + 4.0 * q * left));
 }
 
 double quietStiffness(const ArmParams& arm, double rate, double damping, double rate_time) {
@@ -122,7 +121,8 @@ CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, 
   room.passive = passiveStiffness(arm, rate, damping);
   room.stable = stableStiffness(arm, grip, rate, damping);
   room.amplitude = holdingAmplitude(arm, rate, stiffness);
-  // Searches step by step, because the delay's fraction of a period depends on the rate.
+  // Searches in steps of 1 %. The delay's fraction of a period changes with the rate, so there is
+  // no closed form.
   constexpr double kFastest = 1e5;  // [Hz]
   double faster = rate;
   while (faster <= kFastest && passiveStiffness(arm, faster, damping) < stiffness) faster *= 1.01;

@@ -15,7 +15,7 @@ using Catch::Contains;
 
 namespace {
 
-/// A port whose reads return the reports that the test queued. Ignores writes.
+/// A port whose reads return the reports that the test queued. Counts the writes.
 class Says final : public ReportPort {
  public:
   [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {

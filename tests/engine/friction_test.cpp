@@ -351,7 +351,7 @@ TEST_CASE("if a search for frictions ends early each friction keeps at least its
   const long cases = test::cases(3000);
   long limited = 0;
   long stopped = 0;
-  long weaker = 0;  // number of frictions whose strength was limited by the last balance's value
+  long weaker = 0;  // number of frictions with the least strength that this test allows
   Balance b;
   for (long i = 0; i < cases; ++i) {
     b.restart();

@@ -1014,7 +1014,7 @@ class Others(Case):
             source.write_bytes(begin + bytes(100))
             self.refused(source, "convert it to netCDF, for example with ecCodes' grib_to_netcdf or cdo -f nc copy")
 
-    def test_a_medical_image_given_as_a_vdb_is_refused_with_the_import_command(self):
+    def test_the_message_that_refuses_a_medical_image_as_a_scene_states_the_import_command(self):
         source = self.dir / "head.nii.gz"
         source.write_bytes(b"\x1f\x8b\x08" + bytes(100))
         for verb in (("feel",), ("info",), ("scene",), ("check",)):

@@ -380,8 +380,9 @@ TEST_CASE("a tick on a free path reads nothing and has the results of a tick tha
   }
 }
 
-TEST_CASE("a tick of a hand that rests or trembles on a surface without friction reads nothing",
-          "[scale][motion]") {
+TEST_CASE(
+    "on a surface without friction a tick reads nothing at rest and rarely if the hand trembles",
+    "[scale][motion]") {
   openvdb::initialize();
   Placement placement;
   placement.scale = 1e-3;

@@ -120,8 +120,8 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
   }
 }
 
-/// Returns the scene of the first tick that has a scene. Throws Error if the recording lacks this
-/// scene.
+/// Returns the scene of the first tick that has a scene, or else the first recorded scene. Throws
+/// Error if the recording lacks this scene.
 const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
   const auto& scenes = recording.scenes();
   std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;

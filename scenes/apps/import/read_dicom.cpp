@@ -151,7 +151,7 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
     }
     Values floats(Type::kFloat32, 1, stored.tuples());
     fill(values, floats.as<float>());
-    // The slopes with the smallest and the largest magnitude have the greatest loss.
+    // A small slope loses digits, and a large one may exceed the range of a float.
     const auto [least, most] = std::minmax_element(
         slices.begin(), slices.end(),
         [](const Slice& a, const Slice& b) { return std::abs(a.slope) < std::abs(b.slope); });

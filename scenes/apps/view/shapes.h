@@ -96,7 +96,7 @@ class Shapes {
     Vec3 centre = Vec3::Zero();  ///< Centre in the rest pose [m].
     bool body = false;
     int surface = -1;  ///< Index of the surface, if it does not move; otherwise -1.
-    vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Depths of a translucent surface.
+    vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Draws a translucent surface's depths.
     vtkSmartPointer<vtkPolyData> mesh = nullptr;
     vtkSmartPointer<vtkPoints> rest = nullptr;  ///< Points of this mesh in the rest pose.
   };

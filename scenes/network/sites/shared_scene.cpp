@@ -394,7 +394,7 @@ SharedText SharedScene::told() const {
 std::optional<std::string> SharedScene::takeTold() {
   if (!std::exchange(untold_, false)) return std::nullopt;
   std::string text = textOf(told());
-  // If a scene has too many parts, sends no digests.
+  // If the text is too long for a message, sends the edits without the digests.
   if (text.size() > kMostSceneText) text = textOf({edits_, {}});
   return text;
 }

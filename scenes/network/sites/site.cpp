@@ -358,7 +358,7 @@ class DdsSite final : public Site {
   }
 
   void hearScenes() {
-    // DDS stores the other texts until the next call.
+    // DDS stores further texts until takeScenes() has emptied scenes_.
     if (scenes_.size() >= kMostScenes) return;
     std::array<void*, kMostAtOnce> samples{};
     std::array<dds_sample_info_t, kMostAtOnce> infos{};
