@@ -8,6 +8,8 @@
 
 #include <catch2/catch.hpp>
 
+#include "tests/import/axial_image.h"
+
 namespace palpate::dicom_phases_test {
 using namespace palpate::importer;
 using Catch::Contains;
@@ -27,22 +29,10 @@ std::vector<File> phases(int count, const Change& change) {
   std::vector<File> files;
   for (int s = 0; s < count; ++s) {
     for (int k = 0; k < kImages; ++k) {
-      File file;
+      File file = test::axialImage(k);
       file.path = "s" + std::to_string(s) + "k" + std::to_string(k);
-      file.is_image = true;
       file.series = std::to_string(s);
       file.series_number = s;
-      file.modality = "CT";
-      Slice slice;
-      slice.format = {3, 4, 16, 12, 1};
-      slice.placed = true;
-      slice.position = {10.0, 20.0, 2.0 * k};
-      slice.row = Vec3::UnitX();
-      slice.column = Vec3::UnitY();
-      slice.across = 0.5;
-      slice.down = 0.8;
-      slice.times.fill(kUnsaid);
-      file.slices = {slice};
       change(s, k, file);
       files.push_back(file);
     }

@@ -9,6 +9,7 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
+#include "tests/import/axial_image.h"
 
 using namespace palpate;
 using namespace palpate::importer;
@@ -24,22 +25,10 @@ std::vector<File> axial() {
   std::vector<File> files;
   for (int i = 0; i < kImages; ++i) {
     const int k = (3 * i) % kImages;
-    File file;
+    File file = test::axialImage(k);
     file.path = "image" + std::to_string(k);
-    file.is_image = true;
     file.series = "1.2.3";
     file.description = "axial";
-    file.modality = "CT";
-    Slice slice;
-    slice.format = {3, 4, 16, 12, 1};
-    slice.placed = true;
-    slice.position = {10.0, 20.0, 2.0 * k};
-    slice.row = Vec3::UnitX();
-    slice.column = Vec3::UnitY();
-    slice.across = 0.5;
-    slice.down = 0.8;
-    slice.times.fill(kUnsaid);
-    file.slices = {slice};
     files.push_back(file);
   }
   return files;

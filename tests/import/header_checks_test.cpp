@@ -3,20 +3,18 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
-#include <unistd.h>
 
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
+#include "tests/support/vdb_files.h"
 
 namespace palpate::header_checks_test {
 using Catch::Contains;
 namespace fs = std::filesystem;
 
 TEST_CASE("a header may name data files outside its folder only with option --follow", "[header]") {
-  std::string name = (fs::temp_directory_path() / "palpate_header_XXXXXX").string();
-  REQUIRE(mkdtemp(name.data()) != nullptr);
-  const fs::path folder = name;
+  const test::TemporaryFolder folder;
   fs::create_directories(folder / "headers" / "within");
   const fs::path header = folder / "headers" / "a.nhdr";
   for (const fs::path& file :
@@ -36,7 +34,6 @@ TEST_CASE("a header may name data files outside its folder only with option --fo
                       Contains("the header names a data file in another folder"));
     CHECK(size(data, true) == 8.0);
   }
-  fs::remove_all(folder);
 }
 
 }  // namespace palpate::header_checks_test

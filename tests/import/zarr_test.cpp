@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
-#include <unistd.h>
 #include <vector>
 
 #include <catch2/catch.hpp>
@@ -12,6 +11,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/ome_zarr.h"
 #include "palpate/scenes/apps/import/zarr_array.h"
+#include "tests/support/vdb_files.h"
 
 namespace palpate::zarr_test {
 using Catch::Contains;
@@ -63,14 +63,12 @@ TEST_CASE("the fill value of a Zarr array has the array's type", "[zarr]") {
 }
 
 TEST_CASE("the files of a Zarr array's chunks are checked once", "[zarr]") {
-  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
-  REQUIRE(mkdtemp(name.data()) != nullptr);
-  const fs::path folder = name;
+  const test::TemporaryFolder folder;
   std::ofstream(folder / ".zarray") << arrayOf("|u1", 9);
   std::ofstream(folder / "0.0.0") << std::string(40, '\5');
   importer::Request request;
-  request.file = folder;
-  importer::ZarrArray array(request, folder);
+  request.file = folder.path();
+  importer::ZarrArray array(request, folder.path());
   const importer::ZarrBox whole{{0, 0, 0}, {6, 5, 4}};
   (void)array.read(whole, whole, nullptr);
   std::ofstream(folder / "1.0.0") << "too small";
@@ -80,13 +78,10 @@ TEST_CASE("the files of a Zarr array's chunks are checked once", "[zarr]") {
   // Another box is checked.
   CHECK_THROWS_WITH(array.read({{0, 0, 0}, {4, 5, 4}}, {{0, 0, 0}, {1, 5, 4}}, nullptr),
                     Contains("1.0.0"));
-  fs::remove_all(folder);
 }
 
 TEST_CASE("an array of too many values names the options that help", "[zarr]") {
-  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
-  REQUIRE(mkdtemp(name.data()) != nullptr);
-  const fs::path folder = name;
+  const test::TemporaryFolder folder;
   Json json = arrayOf("|u1", 9);
   json["shape"] = {2000, 2000, 2000};
   json["chunks"] = {1000, 1000, 1000};
@@ -94,7 +89,7 @@ TEST_CASE("an array of too many values names the options that help", "[zarr]") {
   importer::Request request;
   const importer::ZarrBox whole{{0, 0, 0}, {2000, 2000, 2000}};
   const auto message = [&](bool has_coarser) -> std::string {
-    importer::ZarrArray array(request, folder, has_coarser);
+    importer::ZarrArray array(request, folder.path(), has_coarser);
     try {
       (void)array.read(whole, whole, nullptr);
     } catch (const VolumeError& e) {
@@ -109,13 +104,11 @@ TEST_CASE("an array of too many values names the options that help", "[zarr]") {
     return importer::Slab{};
   };
   CHECK_THAT(message(false), Contains("has only 0 of its 8 chunks"));
-  fs::remove_all(folder);
 }
 
 TEST_CASE("metadata of Zarr that are nested too deeply are refused", "[zarr]") {
-  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
-  REQUIRE(mkdtemp(name.data()) != nullptr);
-  const fs::path file = fs::path(name) / ".zattrs";
+  const test::TemporaryFolder folder;
+  const fs::path file = folder / ".zattrs";
   const auto write = [&](std::size_t depth) {
     std::ofstream(file) << "{\"a\": " << std::string(depth, '[') << std::string(depth, ']') << "}";
   };
@@ -123,13 +116,10 @@ TEST_CASE("metadata of Zarr that are nested too deeply are refused", "[zarr]") {
   CHECK(importer::readZarrJson(file).contains("a"));
   write(1'000'000);
   CHECK_THROWS_WITH(importer::readZarrJson(file), Contains("have more than 64 levels"));
-  fs::remove_all(name);
 }
 
 TEST_CASE("a part of a Zarr array is read from its own chunks", "[zarr]") {
-  std::string name = (fs::temp_directory_path() / "palpate_zarr_XXXXXX").string();
-  REQUIRE(mkdtemp(name.data()) != nullptr);
-  const fs::path folder = name;
+  const test::TemporaryFolder folder;
   Json json = arrayOf("|u1", 9);
   json["compressor"] = {{"id", "zstd"}};
   std::ofstream(folder / ".zarray") << json;
@@ -140,8 +130,8 @@ TEST_CASE("a part of a Zarr array is read from its own chunks", "[zarr]") {
       .write(reinterpret_cast<const char*>(zstd), sizeof zstd);
 
   importer::Request request;
-  request.file = folder;
-  importer::ZarrArray array(request, folder);
+  request.file = folder.path();
+  importer::ZarrArray array(request, folder.path());
   const importer::ZarrBox whole{{0, 0, 0}, {6, 5, 4}};
   const importer::Values values = array.read(whole, {{3, 1, 0}, {3, 2, 4}}, nullptr);
   REQUIRE(values.tuples() == 24);
@@ -150,7 +140,6 @@ TEST_CASE("a part of a Zarr array is read from its own chunks", "[zarr]") {
   CHECK(array.checkedChunks() == 3);
   CHECK(array.read(whole, {{6, 0, 0}, {0, 5, 4}}, nullptr).tuples() == 0);
   CHECK_THROWS_WITH(array.read(whole, whole, nullptr), Contains("the chunk 0.0.0 is damaged"));
-  fs::remove_all(folder);
 }
 
 Json imageOf(const Json& axes, const Json& transformations) {

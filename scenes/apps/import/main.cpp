@@ -226,11 +226,11 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
                       "--time all imports all steps",
                       count, count - 1));
     }
-    for (const Imported& imported : step.grids) {
-      played.largest = std::max(played.largest, imported.made.grid->memUsage());
-    }
-    if (plays && number == steps.back() && !scene.empty()) {
-      scene = playScene(scene, played, step.notes);
+    if (plays) {
+      for (const Imported& imported : step.grids) {
+        played.largest = std::max(played.largest, imported.made.grid->memUsage());
+      }
+      if (number == steps.back() && !scene.empty()) scene = playScene(scene, played, step.notes);
     }
     text += textOf(out, step);
     reports.push_back(jsonOf(out, step));

@@ -20,22 +20,10 @@ namespace {
 
 using Json = nlohmann::json;
 
-struct Stored {
-  const char* name;
-  Type type;
-  std::size_t bytes;
-};
-constexpr std::array kTypes{
-    Stored{"int8", Type::kInt8, 1},       Stored{"uint8", Type::kUint8, 1},
-    Stored{"int16", Type::kInt16, 2},     Stored{"uint16", Type::kUint16, 2},
-    Stored{"int32", Type::kInt32, 4},     Stored{"uint32", Type::kUint32, 4},
-    Stored{"int64", Type::kInt64, 8},     Stored{"uint64", Type::kUint64, 8},
-    Stored{"float32", Type::kFloat32, 4}, Stored{"float64", Type::kFloat64, 8}};
-
 /// Layout of the values, as docs/import.md describes it.
 struct Layout {
   std::array<int, 3> size{};
-  Stored type{};
+  Type type = Type::kUint8;
   bool big_endian = false;
   int components = 1;
   bool planar = false;  ///< True if all x components come first, then all y, then all z.
@@ -73,9 +61,8 @@ class LayoutParser {
       layout.size[a] = static_cast<int>(size[a]);
     }
     const std::string type = text("type");
-    const auto* known =
-        std::find_if(kTypes.begin(), kTypes.end(), [&](const Stored& t) { return type == t.name; });
-    if (known == kTypes.end()) {
+    const std::optional<Type> known = typeNamed(type);
+    if (!known) {
       refuse("/type", fmt::format("the type \"{}\" is unknown", type),
              "give int8, uint8, int16, uint16, int32, uint32, int64, uint64, float32 or float64");
     }
@@ -230,12 +217,12 @@ class RawReader final : public Reader {
   Content read(std::size_t /*step*/) override {
     const std::string file = request_.file.string();
     (void)bytesOf(request_.file, {layout_.size.begin(), layout_.size.end()},
-                  static_cast<double>(layout_.type.bytes) * layout_.components);
+                  static_cast<double>(bytesOf(layout_.type)) * layout_.components);
     const auto points = static_cast<std::uint64_t>(layout_.size[0]) *
                         static_cast<std::uint64_t>(layout_.size[1]) *
                         static_cast<std::uint64_t>(layout_.size[2]);
     const std::uint64_t count = points * static_cast<std::uint64_t>(layout_.components);
-    const std::uint64_t needed = count * layout_.type.bytes;
+    const std::uint64_t needed = count * bytesOf(layout_.type);
     std::error_code error;
     const std::uint64_t have = std::filesystem::file_size(request_.file, error);
     std::ifstream in(request_.file, std::ios::binary);
@@ -254,14 +241,14 @@ class RawReader final : public Reader {
     image.file_from_index = layout_.map;
     const Slab slices = slicesToRead(request_, image);
     const std::uint64_t slice = points / static_cast<std::uint64_t>(layout_.size[2]);
-    const Values values(layout_.type.type, layout_.components,
+    const Values values(layout_.type, layout_.components,
                         slice * static_cast<std::uint64_t>(slices.count));
     in.clear();
     auto* bytes = values.as<char>();
     readValues(in, offset, points, slice * static_cast<std::uint64_t>(slices.first), values);
     if (!in) throw VolumeError(file, "the file cannot be read to the end", "copy the file again");
     if (layout_.big_endian != (std::endian::native == std::endian::big)) {
-      swapBytes(bytes, values.size(), layout_.type.bytes);
+      swapBytes(bytes, values.size(), bytesOf(layout_.type));
     }
 
     image.arrays.push_back({layout_.name, values, "", "", false});
@@ -279,7 +266,7 @@ class RawReader final : public Reader {
   /// Reads values from point `first` of `points` on. Interleaves planar components.
   void readValues(std::ifstream& in, std::uint64_t offset, std::uint64_t points,
                   std::uint64_t first, const Values& values) const {
-    const std::size_t width = layout_.type.bytes;
+    const std::size_t width = bytesOf(layout_.type);
     const auto components = static_cast<std::size_t>(layout_.components);
     auto* bytes = values.as<char>();
     if (!layout_.planar || layout_.components == 1) {

@@ -27,10 +27,7 @@ std::unique_ptr<Pictures> openPictures(const fs::path& file) {
 }
 
 std::string describeFormat(const PictureFormat& format) {
-  constexpr std::array<const char*, 10> kTypes{"int8",   "uint8", "int16",  "uint16",  "int32",
-                                               "uint32", "int64", "uint64", "float32", "float64"};
-  return fmt::format("{} x {} {}{}", format.width, format.height,
-                     kTypes[static_cast<std::size_t>(format.type)],
+  return fmt::format("{} x {} {}{}", format.width, format.height, nameOf(format.type),
                      format.is_inverted ? " with 0 as white" : "");
 }
 
@@ -212,7 +209,7 @@ class PictureReader final : public Reader {
                   static_cast<int>(stack_.slices.size())};
     image.file_from_index.linear = spacing_.edges.asDiagonal();
     (void)bytesOf(request_.file, {image.size.begin(), image.size.end()},
-                  static_cast<double>(Values(stack_.format.type, 1, 0).bytesEach()));
+                  static_cast<double>(bytesOf(stack_.format.type)));
     const Slab slab = slicesToRead(request_, image);
     const std::size_t plane =
         static_cast<std::size_t>(image.size[0]) * static_cast<std::size_t>(image.size[1]);

@@ -13,8 +13,16 @@
 namespace palpate::importer {
 namespace {
 
-/// Size of a number of each Type [bytes], in the order of Type.
-constexpr std::array<std::size_t, 10> kBytes{1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
+struct NumberType {
+  const char* name;
+  std::size_t bytes;
+};
+/// In the order of Type.
+constexpr std::array kNumberTypes{NumberType{"int8", 1},    NumberType{"uint8", 1},
+                                  NumberType{"int16", 2},   NumberType{"uint16", 2},
+                                  NumberType{"int32", 4},   NumberType{"uint32", 4},
+                                  NumberType{"int64", 8},   NumberType{"uint64", 8},
+                                  NumberType{"float32", 4}, NumberType{"float64", 8}};
 
 /// Calls body(first, end) in parallel for ranges that together cover [0, count).
 template <class Body>
@@ -77,8 +85,23 @@ Values::Values(Type type, int components, std::size_t tuples)
 Values::Values(Type type, int components, std::size_t tuples, std::shared_ptr<void> data)
     : type_(type), components_(components), tuples_(tuples), data_(std::move(data)) {}
 
+std::size_t bytesOf(Type type) {
+  return kNumberTypes[static_cast<std::size_t>(type)].bytes;
+}
+
+const char* nameOf(Type type) {
+  return kNumberTypes[static_cast<std::size_t>(type)].name;
+}
+
+std::optional<Type> typeNamed(const std::string& name) {
+  for (std::size_t n = 0; n < kNumberTypes.size(); ++n) {
+    if (name == kNumberTypes[n].name) return static_cast<Type>(n);
+  }
+  return std::nullopt;
+}
+
 std::size_t Values::bytesEach() const {
-  return kBytes[static_cast<std::size_t>(type_)];
+  return bytesOf(type_);
 }
 
 Values Values::part(std::size_t first, std::size_t count) const {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,13 @@ enum class Type : std::uint8_t {
   kFloat32,
   kFloat64
 };
+
+/// Returns the size of a number of this type [bytes].
+[[nodiscard]] std::size_t bytesOf(Type type);
+/// Returns the name of a type, such as "uint8".
+[[nodiscard]] const char* nameOf(Type type);
+/// Returns the type with a name, or no value for another name.
+[[nodiscard]] std::optional<Type> typeNamed(const std::string& name);
 
 /// Message about numbers that a float cannot represent; empty: none.
 using Loss = std::string;

@@ -29,20 +29,12 @@ constexpr const char* kCorrectMetadata =
 struct ZarrType {
   const char* name;  ///< The dtype without its first character, the byte order.
   Type type;
-  int bytes;
 };
-constexpr std::array kZarrTypes{ZarrType{"b1", Type::kUint8, 1},  ZarrType{"i1", Type::kInt8, 1},
-                                ZarrType{"u1", Type::kUint8, 1},  ZarrType{"i2", Type::kInt16, 2},
-                                ZarrType{"u2", Type::kUint16, 2}, ZarrType{"i4", Type::kInt32, 4},
-                                ZarrType{"u4", Type::kUint32, 4}, ZarrType{"i8", Type::kInt64, 8},
-                                ZarrType{"u8", Type::kUint64, 8}, ZarrType{"f4", Type::kFloat32, 4},
-                                ZarrType{"f8", Type::kFloat64, 8}};
-
-int bytesOfType(Type type) {
-  return std::find_if(kZarrTypes.begin(), kZarrTypes.end(),
-                      [&](const ZarrType& one) { return one.type == type; })
-      ->bytes;
-}
+constexpr std::array kZarrTypes{
+    ZarrType{"b1", Type::kUint8},   ZarrType{"i1", Type::kInt8},   ZarrType{"u1", Type::kUint8},
+    ZarrType{"i2", Type::kInt16},   ZarrType{"u2", Type::kUint16}, ZarrType{"i4", Type::kInt32},
+    ZarrType{"u4", Type::kUint32},  ZarrType{"i8", Type::kInt64},  ZarrType{"u8", Type::kUint64},
+    ZarrType{"f4", Type::kFloat32}, ZarrType{"f8", Type::kFloat64}};
 
 /// Sets `to` to the number in `json`. Returns false if the type T cannot hold it.
 template <class T>
@@ -155,7 +147,7 @@ class ZarrayParser {
     const auto* known =
         std::find_if(kZarrTypes.begin(), kZarrTypes.end(), [&](const ZarrType& type) {
           return name.size() == 3 && name.substr(1) == type.name &&
-                 (name[0] == '<' || name[0] == '>' || (name[0] == '|' && type.bytes == 1));
+                 (name[0] == '<' || name[0] == '>' || (name[0] == '|' && type.name[1] == '1'));
         });
     if (known == kZarrTypes.end()) {
       refuse(fmt::format("the type of the values (dtype) is {}, which palpate does not read", name),
@@ -166,7 +158,7 @@ class ZarrayParser {
   }
 
   void checkSizes(const ZarrLayout& layout) const {
-    const auto width = static_cast<double>(bytesOfType(layout.type));
+    const auto width = static_cast<double>(bytesOf(layout.type));
     (void)bytesOf(file_, {layout.shape.begin(), layout.shape.end()}, width);
     const double chunk = bytesOf(file_, {layout.chunks.begin(), layout.chunks.end()}, width);
     // The same limit as in numcodecs, the compressors of zarr-python.
@@ -334,7 +326,7 @@ void ZarrArray::refuse(const std::string& why, const std::string& remedy) const 
 }
 
 double ZarrArray::chunkBytes() const {
-  return productOf(layout_.chunks) * bytesOfType(layout_.type);
+  return productOf(layout_.chunks) * static_cast<double>(bytesOf(layout_.type));
 }
 
 std::filesystem::path ZarrArray::nameOf(const std::vector<int>& index) const {
@@ -391,7 +383,7 @@ const ZarrArray::Found& ZarrArray::findChunks(const ZarrBox& whole) {
     found.missing += held == 0 ? 1 : 0;
     advance(index, chunks);
   }
-  const double bytes = productOf(whole.count) * bytesOfType(layout_.type);
+  const double bytes = productOf(whole.count) * static_cast<double>(bytesOf(layout_.type));
   // A few chunks may stand for a large, sparse image, but not for any size that a header states.
   constexpr double kAlways = 1U << 28U;  // [bytes]
   constexpr double kLeastShare = 1e-3;
@@ -413,7 +405,7 @@ const ZarrArray::Found& ZarrArray::findChunks(const ZarrBox& whole) {
 void ZarrArray::copyChunk(const std::vector<int>& index, const char* values, const ZarrBox& part,
                           char* to) const {
   const std::size_t axes = layout_.shape.size();
-  const int bytes = bytesOfType(layout_.type);
+  const auto bytes = static_cast<int>(bytesOf(layout_.type));
   BoxCopy copy;
   copy.bytes = bytes;
   copy.from_stride = stridesOf(layout_.chunks, layout_.fortran);
@@ -462,7 +454,7 @@ Values ZarrArray::read(const ZarrBox& whole, const ZarrBox& part, const Progress
       buffer.resize(static_cast<std::size_t>(chunkBytes()));
       readChunk(header_, nameOf(index), layout_.codec, held, buffer);
       if (layout_.big_endian != (std::endian::native == std::endian::big)) {
-        const auto width = static_cast<std::size_t>(bytesOfType(layout_.type));
+        const auto width = bytesOf(layout_.type);
         swapBytes(buffer.data(), buffer.size() / width, width);
       }
       copyChunk(index, buffer.data(), part, values.as<char>());
