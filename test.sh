@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Installs missing packages, builds, and runs every test. The release build runs all tests. AddressSanitizer and
 # UndefinedBehaviorSanitizer run the Catch2 tests, the hostile files and a few runs of each program. ThreadSanitizer
-# runs the tests of the loop. Random tests run a tenth of their cases; in a folder that has changed since the last pass
-# they run all cases. Prints the minutes of each step and "N passed, N failed". Also fails if it exceeds its budget.
+# runs the tests of the loop and of HID arms. Random tests run a tenth of their cases; in a folder that has changed
+# since the last pass all cases. Prints the minutes of each step and "N passed, N failed". Fails beyond its budget.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
 #   --long       random tests with ten times their cases; clang-tidy with all its checks; the packages on
 #                an empty Debian

@@ -1,5 +1,6 @@
 /// Measures the cost of a balance on random problems of every family, from a cold start. Prints
-/// times, the largest certified error bound, and the number of solves that do not converge.
+/// times, the largest certified error bound relative to S/k, and the number of solves that do not
+/// converge.
 ///
 ///     palpate_bench_balance [PROBLEMS_PER_ROW [TOLERANCE]]
 #include <algorithm>
@@ -26,7 +27,7 @@ struct Totals {
 };
 
 /// Solves each problem once per pass, so that the branch prediction does not adapt to a single
-/// problem. A problem's time is the median over the passes, minus the time of reading the clock.
+/// problem. A problem's time is the median over the passes, minus the clock's smallest step.
 void run(bench::Family family, int count, long problems, const SolverParams& params,
          double clock_step, Totals& totals) {
   constexpr int kPasses = 5;

@@ -4,10 +4,10 @@
 ///
 ///     palpate_bench_bricks --formula N [--folder FOLDER]
 ///
-/// Prints a row for each of zstd's levels, with 32 and with 16 bits. One thread fetches,
-/// decompresses and checks the bricks in random order, from the system's cache and then from disk.
-/// With --formula, writes N^3 computed bricks and prints the peak memory. Only some of these bricks
-/// are in memory at the same time.
+/// Prints a row for each given level of zstd (default 1, 3 and 9), with 32 and with 16 bits. One
+/// thread fetches, decompresses and checks the bricks in random order, from the system's cache and
+/// then from disk. With --formula, writes N^3 computed bricks and prints the peak memory. Only some
+/// of these bricks are in memory at the same time.
 #include "palpate/samplers/bricks/bricks.h"
 
 #include <algorithm>

@@ -42,7 +42,7 @@ def prepare(folder):
 
 
 def clear(ax):
-    """Draws a faint grid and removes the frame."""
+    """Draws a faint grid, and removes the frame's upper and right lines."""
     ax.grid(color="#e8e8e8", linewidth=0.5)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
@@ -55,7 +55,7 @@ def save(figure, folder, name):
     figure.savefig(drawing, format="svg", bbox_inches="tight",
                    metadata={"Date": None, "Creator": None})
     plt.close(figure)
-    # Rounds coordinates to a hundredth of a point, which is finer than visible and halves the file's size.
+    # Cuts coordinates after two decimals: a hundredth of a point is not visible, and the file is smaller.
     short = re.sub(r"(\d\.\d\d)\d+", r"\1", drawing.getvalue())
     (folder / f"{name}.svg").write_text(short)
 
@@ -67,8 +67,8 @@ def table(head, body):
 
 
 def number(x):
-    """Formats with two digits below 1 and three digits from 1 on, with an exponent only for very large or small
-    numbers."""
+    """Formats with two digits below 1 and at least three digits from 1 on. Numbers below 1e-3 and from 1e5 on have two
+    digits and an exponent."""
     if x == 0:
         return "0"
     if 1e-3 <= abs(x) < 1e5:

@@ -41,15 +41,17 @@ void printHead();
 /// Prints one row of the table.
 void printRow(const std::string& loop, const LoopTimes& times);
 
-/// Values of Neighbour's parameter: the loop's own core, another core, or no thread.
+/// Values of Neighbour's parameter: the loop's own core, the first core, or no thread.
 inline constexpr std::array kNeighbours{"own", "other", "none"};
 
-/// Returns the number of the last core, on which a loop beside a Neighbour runs.
+/// Returns the number of the last core that this process may use. A loop beside a Neighbour runs
+/// there.
 [[nodiscard]] int loopCore();
 
 /// Reproducible other work: a thread runs through 4,096 pieces of code and 8 MB of memory in random
-/// order, with unpredictable branches. The thread has the highest priority below real-time
-/// priority. So on the loop's core, each tick follows the same kind of work.
+/// order, with unpredictable branches. If the system permits it, the thread has the highest
+/// priority below real-time priority. So on the loop's core, each tick follows the same kind of
+/// work.
 class Neighbour {
  public:
   /// @param where  One of kNeighbours.

@@ -1,4 +1,5 @@
-/// Prints the cost and the precision of contact on concave or rough surfaces.
+/// Prints the cost and the precision of contact on concave or rough surfaces, and for comparison on
+/// balls and solid cubes.
 ///
 ///     palpate_bench_contact [--frames N] [--only ROW] [--substeps N] [--seed N] [--surface]
 ///     [--times]

@@ -3,8 +3,9 @@
 ///
 ///     palpate_bench_derive [--quick] > derive.md
 ///
-/// The flow is that of Arnold, Beltrami and Childress, which is known exactly, at 8, 16 and 32
-/// voxels per wavelength. Times are for a walk in steps of 0.05 voxels, and for random points.
+/// The flow is that of Arnold, Beltrami and Childress, which is known exactly. Errors are for 8, 16
+/// and 32 voxels per wavelength. Times are for 16 voxels: for a walk in steps of 0.05 voxels, and
+/// for random points.
 #include "palpate/samplers/grid/derive.h"
 
 #include <array>
@@ -133,7 +134,8 @@ double errorOf(const Read& read, Derivation what, const Flow& flow, int block, s
   return std::sqrt(error / size);
 }
 
-/// Makes a path in steps of 0.05 voxels. Its direction changes slowly, and reverses at the edge.
+/// Makes a path in steps of 0.05 voxels. Its direction changes slowly; kMargin from an edge, the
+/// path turns towards the centre.
 std::vector<Vec3> makeWalk(int block, std::size_t steps) {
   constexpr double kStep = 0.05;
   test::Random random(3);

@@ -17,8 +17,8 @@ namespace {
 
 constexpr double kRate = 1000.0;  // [Hz]
 constexpr double kRadius = 0.04;  // [m], radius of the ball
-constexpr double kVoxel = 2e-3;   // [m]; the engine searches for a surface two voxels ahead
-constexpr double kTremor = 1e-4;  // [m], amplitude
+constexpr double kVoxel = 2e-3;   // [m]
+constexpr double kTremor = 1e-4;  // [m], twice the amplitude of each of four waves
 
 std::unique_ptr<const Scene> makeBall(Explored what) {
   ModeSpec surface;
@@ -73,7 +73,8 @@ HandTarget tremble(double seconds, std::uint64_t seed) {
           seconds};
 }
 
-/// Returns the proxy's position when the primitives were placed: the anchor of the second mode.
+/// Returns the proxy's position when the primitives were placed: the anchor of the second mode, or
+/// `before` if that mode has no primitive.
 Vec3 startOf(std::span<const Primitive> primitives, const Vec3& before) {
   for (const Primitive& p : primitives) {
     if (p.kind == PrimitiveKind::kPoint || p.kind == PrimitiveKind::kLine) return p.position;
@@ -134,7 +135,7 @@ std::vector<RecordedBalance> recordWalks(Anchoring anchoring, int count, std::si
   constexpr double kDamping = 1e-3;
   constexpr double kPull = 2e-3;
   constexpr double kTurn = 1e-3;           // [rad], rms per axis
-  constexpr std::size_t kApproach = 1000;  // ticks until the walk has reached its full width
+  constexpr std::size_t kApproach = 1000;  // ticks in which the walk widens; not recorded
   // Half the width of a uniform distribution with variance 1.
   const double unit = std::sqrt(3.0);
 

@@ -9,7 +9,7 @@
 namespace palpate::bench {
 
 struct RecordedBalance {
-  BalanceProblem problem;  ///< `start` is the proxy of the previous tick.
+  BalanceProblem problem;  ///< `start` is the proxy before the balance.
   double speed = 0.0;      ///< Speed of the hand [m/s].
   bool first = false;      ///< True if this balance does not continue the previous one in the list.
 };
@@ -22,13 +22,13 @@ enum class Explored {
 };
 
 /// Records an exploration by the simulated hand: `seconds` [s] at 1 kHz through hapticStep, in
-/// virtual time, with a tremor (0.1 mm, 8 to 12 Hz) that depends on the seed. Records the balance
-/// of each tick's last sub-step. Ticks away from the ball have fewer than two primitives.
+/// virtual time, with a tremor (up to 0.2 mm, 8 to 12 Hz) that depends on the seed. Records the
+/// balance of each tick's last sub-step. Ticks away from the ball have fewer than two primitives.
 [[nodiscard]] std::vector<RecordedBalance> recordExploration(Explored what, double seconds,
                                                              std::uint64_t seed);
 
-/// Returns `windows` sections of `length` ticks that balance `count` primitives, spread evenly over
-/// the recording. Sets `first` where a section begins or ticks were skipped.
+/// Returns up to `windows` sections of up to `length` ticks that balance `count` primitives, spread
+/// evenly over the recording. Sets `first` where ticks were skipped, and in the first tick.
 [[nodiscard]] std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recording,
                                                      std::size_t count, std::size_t windows,
                                                      std::size_t length);
@@ -37,13 +37,13 @@ enum class Explored {
 enum class Anchoring {
   kFixed,  ///< All primitives stay anchored at the point where the hand began.
   /// All primitives are anchored at the proxy in each tick, as in anchored modes. Directions change
-  /// by 1e-3 rad per tick.
+  /// at random, by about 1e-3 rad per tick.
   kCarried,
 };
 
 /// Records `walks` random walks of `ticks` ticks at 1 kHz among `count` primitives of any kind,
-/// with k = 500 N/m. A walk is 5 mm wide, and its rms speed is 0.2 m/s. Strengths go up to 6 N /
-/// `count`, so that the proxy partly sticks and partly slides.
+/// with k = 500 N/m. Along each axis, the rms displacement is about 4 mm and the rms speed about
+/// 0.2 m/s. Strengths go up to 6 N / `count`, so that the proxy partly sticks and partly slides.
 [[nodiscard]] std::vector<RecordedBalance> recordWalks(Anchoring anchoring, int count,
                                                        std::size_t walks, std::size_t ticks,
                                                        std::uint64_t seed);

@@ -4,8 +4,8 @@
 ///     palpate_bench_load [FILE.vdb...] [--grid NAME] [--runs N]
 ///
 /// Without a file, the benchmark makes the level set of a large ball and a dense fog, each with
-/// Blosc and uncompressed. It also makes the fog with zip, which OpenVDB does not use for level
-/// sets.
+/// Blosc and uncompressed. It also makes the fog with zip, as a grid of unknown class, because
+/// OpenVDB does not use zip for level sets and fog.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -190,7 +190,7 @@ void measure(const path& file, const Options& options) {
   std::fflush(stdout);
 }
 
-/// Makes a dense block of smooth values that all differ.
+/// Makes a dense block of smooth values, without tiles.
 FloatGrid::Ptr makeFog(int edge) {
   auto fog = FloatGrid::create(0.0F);
   fog->setName("density");

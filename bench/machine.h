@@ -19,7 +19,7 @@ struct Machine {
   bool pinned = false;
 };
 
-/// Keeps the calling thread on its present core, if the system allows this.
+/// Keeps the calling thread on its present core while the object lives, if the system allows this.
 class Pinned {
  public:
   Pinned();

@@ -42,11 +42,11 @@ struct Options {
   [[nodiscard]] std::vector<double> speeds() const {
     return quick ? std::vector{0.5} : std::vector{0.05, 0.5, 1.0, 2.0};  // [m/s]
   }
-  // Path on a surface [voxels].
+  // Length of the path on a surface [voxels].
   [[nodiscard]] double way() const { return quick ? 1000.0 : 4800.0; }
   [[nodiscard]] std::size_t rounds() const { return quick ? 1 : 5; }
   [[nodiscard]] std::size_t starts() const { return quick ? 2 : 6; }
-  // Path along a stream [voxels].
+  // Largest length of the path along a stream [voxels].
   [[nodiscard]] double length() const { return quick ? 96.0 : 256.0; }
 };
 
@@ -59,7 +59,7 @@ constexpr int kSubsteps = 16;            // largest number for the engine
 template <class Problem>
 struct Contender {
   std::string method;
-  /// For the engine, the tolerance [voxels]; for other methods, sub-steps or readings.
+  /// For the engine, the tolerance [voxels]; for other methods, sub-steps or repetitions.
   std::string setting;
   std::function<Stepper(const Problem&)> on;
 };
@@ -241,7 +241,8 @@ void measureStreams(const std::string& name, const std::vector<Stream>& streams,
 std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   std::vector<Stream> streams = streamsOfFile(file, 4 * options.starts(), options.length());
   std::erase_if(streams, [](const Stream& s) { return !(s.mostBend(kPull) < kMostBend); });
-  if (streams.empty()) throw std::runtime_error(file + ": no stream of 8 voxels to follow");
+  if (streams.empty())
+    throw std::runtime_error(file + ": no stream of 8 voxels, bent little enough to follow");
   return streams;
 }
 
@@ -257,6 +258,7 @@ double timeNothing(const Options& options) {
 }
 
 /// Measures the force noise of a hand on a scanned head's skin, with both proxies of rubbing.h.
+/// Returns an empty array if no scan is given.
 ordered_json rubOn(const Options& options) {
   constexpr double kSkin = -300.0;  // [HU]
   constexpr double kScale = 1e-3;   // metres per unit of the scan: millimetres

@@ -238,7 +238,7 @@ def speed_table(rows, words):
 
 
 def default_table(data):
-    """Returns a table of the engine with its default settings."""
+    """Returns a table of the engine at its default tolerance."""
     def ours(kind, case):
         return next(r for r in data[kind] if (r["case"], r["speed"], r["method"], r["setting"]) ==
                     (case, SPEED, "palpate", "0.01"))

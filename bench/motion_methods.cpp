@@ -104,7 +104,7 @@ void MemorylessStream::move(const Vec3& probe, Moved& moved) noexcept {
   const double length = k1.dot(pull);
   const Vec3 aside = pull - length * k1;
 
-  // Limits the step along the line, because samples farther away are not reliable.
+  // Limits the step of the rules of higher order, because samples farther away are not reliable.
   const double reach = 4.0 * field_->frame().voxel;
   const double way = std::clamp(length, -reach, reach);
   switch (rule_.along) {

@@ -13,20 +13,21 @@ struct Moved {
   Vec3 proxy = Vec3::Zero();  ///< Position of the proxy in W [m].
   int reads = 0;              ///< Number of readings of the field.
   int cells = 0;              ///< Number of cells searched for a contact while the proxy was free.
-  bool held = false;          ///< True if the proxy is held apart from the hand.
+  bool held = false;          ///< True if the method has a plane or a line that holds the proxy.
 };
 
 /// Setting of a surface method: how it divides the hand's path in one tick.
 struct SurfaceRule {
   int substeps = 1;  ///< Number of parts of the hand's path.
   /// Number of repetitions of a sub-step, each with the normal half-way to the end of the previous
-  /// try. 1: the explicit midpoint rule. Larger numbers approach the implicit midpoint rule.
+  /// try. 0: no repetition. 1: the explicit midpoint rule. Larger numbers approach the implicit
+  /// midpoint rule.
   int midpoints = 0;
 };
 
 /// A plane through the proxy, with the normal read there. Each sub-step has one balance in closed
 /// form (Lundin et al., section 3.2). A free proxy touches the surface where the field's value
-/// crosses `level` on the way into the solid. Afterwards the level has no effect.
+/// crosses `level` on the way into the solid. During the contact the level has no effect.
 class MemorylessSurface {
  public:
   /// @param sign  +1 if the solid's values are below the level, -1 if they are above.
@@ -39,7 +40,7 @@ class MemorylessSurface {
 
  private:
   /// Balances the spring with a plane through the proxy and the normal at `at`. Returns false if
-  /// the normal is zero, or if the probe is in front of the plane.
+  /// `at` is outside the data, if the normal is zero, or if the probe is in front of the plane.
   bool balance(const Vec3& at, const Vec3& probe, Vec3& end, Moved& moved) noexcept;
   void move(const Vec3& probe, Moved& moved) noexcept;
 
@@ -56,9 +57,11 @@ class MemorylessSurface {
 };
 
 enum class Along {
-  kTangent,   ///< Straight along the line at the proxy.
-  kMidpoint,  ///< Along the direction at the half-way point, by the length of the line's balance.
-  kRk4,       ///< Runge-Kutta rule of order 4, by the length of the line's balance.
+  kTangent,  ///< Straight along the line at the proxy.
+  /// Along the direction at the half-way point, by the length of the line's balance, but at most
+  /// four voxels.
+  kMidpoint,
+  kRk4,  ///< Runge-Kutta rule of order 4, by the same length as kMidpoint.
 };
 
 struct StreamRule {

@@ -4,8 +4,9 @@
 mpi_import.py PROGRAM [EDGE [RANKS]]
 
 Imports a smooth image with noise, of EDGE^3 16-bit values (default 512), as bricks: with one rank and with RANKS
-(default 2), in turn, three times each, with `mpirun --bind-to core`. Prints the times, and the memory of the largest
-rank. The times are invalid if other programs use the cores, so check the load first."""
+(default 2), in turn, three times each, with `mpirun --bind-to core`. Repeats all with `--smooth 2`. Prints the times,
+and the peak memory that the last run reports. The times are invalid if other programs use the cores, so check the load
+first."""
 import array
 import json
 import os

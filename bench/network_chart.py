@@ -6,8 +6,8 @@
 Left and middle: a hand in a volume of bricks that a web server sends, through real TCP and palpate_relay (the bowl of
 tests/scenes/http_test.py). Left: the share of ticks that read coarse bricks. Middle: the force error of these runs,
 relative to a replay with bricks from a folder. Right: the distance between two linked hands, in virtual time
-(palpate_loop_tests "a hand follows*"). Writes network.png and .svg into FOLDER; the tables go to standard output. Takes
-three minutes."""
+(palpate_loop_tests "a hand follows*"). Writes network.png and .svg into FOLDER; a table of left and middle goes to
+standard output. Takes minutes."""
 import re
 import subprocess
 import sys

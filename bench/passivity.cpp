@@ -1,7 +1,8 @@
 /// Measures whether energy comes out of the hand's port: palpate_bench_passivity [RUNS [HANDS]].
-/// Makes millions of runs without a passivity controller, with Hannaford and Ryu's observer, and
-/// with the energy tank. RUNS (default 20000) is the number of the tank's runs "at random" and
-/// "restarted"; other rows have a tenth. HANDS selects rows by a part of their name.
+/// Makes many runs without a passivity controller, with Hannaford and Ryu's observer, and with the
+/// energy tank. RUNS (default 20000) is the number of the tank's runs "at random" and "restarted";
+/// other rows have a tenth, rows of searches at least 1000. HANDS selects rows by a part of their
+/// name.
 ///
 /// Column active: runs in which more energy came out than rounding explains.
 /// Column broken: runs in which more energy came out than the tank allows, or in which the tank's
@@ -109,7 +110,8 @@ int main(int argc, char** argv) {
   if (argc > 3 || runs < 1 || (end != nullptr && *end != '\0')) {
     std::fprintf(
         stderr,
-        "palpate_bench_passivity: %s: it is not a number of runs: give one, such as 20000\n",
+        "palpate_bench_passivity: %s: it is not a number of runs, or is one argument too many: "
+        "give RUNS, such as 20000, and HANDS\n",
         argv[argc > 3 ? 3 : 1]);
     return 2;
   }

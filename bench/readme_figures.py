@@ -26,7 +26,7 @@ MISSING = "not measured yet"
 
 
 class Unmeasured(Exception):
-    """Raised if a command failed or did not print its figure."""
+    """Raised if a command failed or did not print its figure, or if the page or an option is not suitable."""
 
 
 def find(pattern, text):

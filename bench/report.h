@@ -17,8 +17,8 @@ void tell(const std::string& what);
 
 [[nodiscard]] nlohmann::ordered_json asJson(const Machine& machine);
 
-/// Writes JSON with one list element per line; to standard output if `file` is empty. Throws if the
-/// writing fails.
+/// Writes a JSON object, with each element of its lists on a line of its own; to standard output if
+/// `file` is empty. Throws if the writing fails.
 void writeResult(const nlohmann::ordered_json& result, const std::string& file);
 
 }  // namespace palpate::bench

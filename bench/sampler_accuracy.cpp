@@ -1,5 +1,6 @@
 /// Measures time per call, and errors of value and gradient, with warm, cold and emptied caches.
-/// Covers every interpolation of palpate, OpenVDB's samplers and stencils, and NanoVDB's samplers.
+/// Covers every interpolation of palpate, OpenVDB's samplers and its box stencil, and NanoVDB's
+/// trilinear sampler if its headers were found.
 ///
 ///     palpate_bench_sampler_accuracy > sampler_accuracy.json
 ///     bench/sampler_accuracy_chart.py sampler_accuracy.json docs/charts
@@ -208,14 +209,16 @@ std::vector<Vec3> makeScatter(const Ball& ball, std::size_t count) {
   return points;
 }
 
-/// Returns the size of a core's last-level cache [bytes]. sysconf would add those of all cores.
+/// Returns the size of core 0's last-level cache [bytes]; 32 MiB if unknown. sysconf would add
+/// those of all cores.
 std::size_t lastCache() {
   std::ifstream file("/sys/devices/system/cpu/cpu0/cache/index3/size");
   std::size_t kilobytes = 0;
   return file >> kilobytes ? kilobytes << 10U : std::size_t{32} << 20U;
 }
 
-/// Memory of twice the size of the last-level cache. Reading it evicts all other data.
+/// Memory of twice the size of the last-level cache, or of 1 MiB if `quick`. Reading the large one
+/// evicts all other data.
 class Evictor {
  public:
   explicit Evictor(bool quick) : memory_((quick ? 1U << 20U : 2 * lastCache()) / sizeof(long), 1) {}

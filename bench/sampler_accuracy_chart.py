@@ -15,7 +15,7 @@ from charting import Page, clear, number, plt, prepare, save, table, where  # no
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FixedLocator, NullLocator  # noqa: E402
 
-# Okabe and Ito's colours: methods of equal order have equal colours; palpate's are solid lines.
+# Okabe and Ito's colours, and grey. Only palpate's lines are solid.
 STYLES = {
     "palpate nearest": ("#8c8c8c", "-"),
     "palpate trilinear": ("#0072B2", "-"),
@@ -166,8 +166,8 @@ def error_table(data, field):
 
 
 def asked_table(data):
-    """Returns a table of the project's targets, relative to the time of OpenVDB's BoxSampler, which reads only the
-    value."""
+    """Returns a table of the project's targets, relative to the times of OpenVDB's BoxSampler (in one row GridSampler),
+    which read only the value."""
     scalar = {m["method"]: m for m in data["scalar"]}
     vector = {m["method"]: m for m in data["vector"]}
 

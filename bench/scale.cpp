@@ -155,7 +155,8 @@ Vec3 freePlace(double time) {
   return kRound * (std::cos(turn) * u + std::sin(turn) * v);
 }
 
-/// Returns the places of two balls that overlap, and of balls out of reach of the hand's paths.
+/// Returns the places of two balls that overlap (if `count` is 1, of one ball), and of balls out of
+/// reach of the hand's paths.
 std::vector<Vec3> placesOf(std::size_t count) {
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> uniform(-kRoom, kRoom);
@@ -342,7 +343,8 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
   return rows;
 }
 
-/// Several clouds, each within 4 mm of the origin along each axis, and a hand's path through all.
+/// Several clouds, with centres within 4 mm of the origin along each axis, and a hand's path
+/// through them.
 struct Heap {
   std::vector<Vec3> places;
   std::vector<Vec3> way;
@@ -498,7 +500,7 @@ ordered_json bySize(const Options& options) {
   return rows;
 }
 
-/// Measures a scene from a file, which the hand explores completely.
+/// Measures a scene from a file. The simulated hand explores the scene's bounds (explore()).
 ordered_json explored(const Options& options, const std::string& file) {
   bench::tell(file);
   const double before = residentMemory();

@@ -56,7 +56,7 @@ def norm(v):
 
 
 def scene(palpate, arrays, settings, **mode):
-    """Returns a scene with one mode on each array. The arrays are level sets, negative inside."""
+    """Returns a scene with one mode on each array. Arrays of scalars are level sets, negative inside."""
     volumes, modes = {}, []
     for i, values in enumerate(arrays):
         level_set = values.ndim == 3
@@ -75,7 +75,8 @@ SURFACE = {"mode": "isosurface", "value": 0, "solid": "below"}
 
 
 def slide(turn=None):
-    """Returns the positions of a hand below the plane z = 0, and the exact proxies above them."""
+    """Returns the positions of a hand that goes through the plane z = 0 and slides below it, and their projections on
+    the plane, which are the exact proxies below it."""
     turn = np.eye(3) if turn is None else turn
     x = np.concatenate([np.full(COMES, -SWEEP), -SWEEP * np.cos(np.arange(TICKS) / 300)])
     z = np.concatenate([np.linspace(3, -DEPTH, COMES), np.full(TICKS, -DEPTH)])

@@ -83,7 +83,8 @@ Row makeRow(Family family, int count, const Options& options) {
 }
 
 std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBalance>& exploration) {
-  // A motion consists of twenty sections, each with a cold start.
+  // A motion consists of up to twenty sections. A section begins with a cold start unless it
+  // continues the section before.
   constexpr std::size_t kStretches = 20;
   const std::size_t ticks = std::max<std::size_t>(10, options.problems / 4);
   std::vector<Row> rows;
@@ -221,7 +222,7 @@ std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& 
 }
 
 /// Times a motion's first balances as in a tick: after a millisecond of sleep, on a busy core. Only
-/// for the engine's solver as a tick uses it, and the paper's solver.
+/// for the engine's solver with warm starts, and the paper's solver.
 void measureCold(const std::vector<Contender>& contenders, const Row& row, double overhead,
                  std::size_t most, std::vector<Score>& scores) {
   const Neighbour neighbour("own");

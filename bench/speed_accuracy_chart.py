@@ -61,14 +61,14 @@ def rows_of(results):
 
 
 def draw_row(ax, row):
-    """Draws the cost against the error for one family and number of primitives: a line per method, a mark per
-    setting."""
+    """Draws the cost against the error for one family and number of primitives: a line per variant of a method, a mark
+    per setting."""
     reach = row[0]["reach_m"]
     for share, text in ((1e-3, "1e-3 S/k"), (1e-6, "1e-6 S/k")):
         ax.axhline(share * reach, color="#bbbbbb", linewidth=0.8, linestyle=":", zorder=0)
         ax.text(0.995, share * reach, text, transform=ax.get_yaxis_transform(), fontsize=6.5,
                 color="#777777", ha="right", va="bottom")
-    def line_of(r):  # the settings of a method form one line, or two if the method has variants
+    def line_of(r):  # the settings of each variant of a method form one line
         return r["method"], r["setting"].partition(", ")[2]
 
     for method, variant in dict.fromkeys(map(line_of, row)):
@@ -126,7 +126,7 @@ def add_legend(ax, methods, cold):
 
 
 def draw_grid(rows, families, title, foot, columns=3):
-    """Draws a row of panels for each family; the methods' names are in a free panel."""
+    """Draws a row of panels for each family; families of one panel share rows. A free panel has the methods' names."""
     lines = [[key for key in rows if key[0] == family] for family in families]
     packed = []
     for line in lines:  # single panels share a row
@@ -248,7 +248,7 @@ def percent(part, whole):
 
 
 def certificates(data):
-    """Counts, for each setting, how many of the engine's error bounds hold."""
+    """Returns a text that states, for each setting, how many of the engine's error bounds hold."""
     counts = {}
     for r in data["results"]:
         if r["certificates"]:
@@ -329,7 +329,7 @@ def write_tables(data):
              "cost Euler to get there or to give up.",
              ratio_table(False, ("1e-3",)), "Along motions:", ratio_table(True, ("1e-2", "1e-3"))]
 
-    # Methods that reach the accuracy.
+    # Share of cases in which a method does not reach the accuracy.
     body = []
     for (family, count), row in rows.items():
         line = [family, count]

@@ -1,6 +1,6 @@
 /// Compares the methods' speed, accuracy and stability. Finds the largest stable stiffness on a
-/// wall and between two planes at 1, 4 and 10 kHz. Also measures the error of the force and the
-/// cost of a balance.
+/// wall and between two planes at 1, 4 and 10 kHz (with --quick, 1 and 4 kHz). Also measures the
+/// error of the force and the cost of a balance.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -24,8 +24,10 @@ namespace {
 constexpr double kStiffness = 500.0;  // [N/m], at which forces are compared
 constexpr double kLeast = 20.0;       // [N/m], at which the search starts
 
-/// Returns the largest stable stiffness below the first unstable try; 0 if kLeast is unstable.
+/// Returns the largest stable stiffness [N/m] below the first unstable try; 0 if kLeast is
+/// unstable.
 ///
+/// @param most   The search tries no higher stiffness than the first one from `most` on [N/m].
 /// @param step   Factor between tried stiffnesses. Bisection then reduces it to `ratio`.
 double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
                      double most, double step, double ratio) {

@@ -29,7 +29,8 @@ def draw(data, folder):
                 continue
             x, y = r["cost_ns"], max(r["force_error"], FLOOR)
             colour = COLOURS.get(r["method"], "black")
-            # One circle per rate. Its area is the stable stiffness, relative to that of the formula for one wall.
+            # One disc per rate. Its area is the stable stiffness relative to the formula for one wall (a circle), at
+            # most 1.3.
             shares = [s["stiffness"] / s["formula"] for s in r["stable"]]
             for i, share in enumerate(shares):
                 at = x * 1.35 ** (i - 1)

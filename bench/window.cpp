@@ -131,7 +131,9 @@ Run feelWhole(const std::shared_ptr<const Scene>& scene, const std::vector<PathP
   for (int i = 0; i < kMost; ++i) {
     run = feel(scene, path, window);
     if (!run.cut) return run;
-    std::printf("a run was cut: the loop was kept from its core for 5 ms; once more\n");
+    std::printf(
+        "a fault cut a run, usually because the loop was late by 5 ms; once more, at most 5 "
+        "times\n");
   }
   return run;
 }

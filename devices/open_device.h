@@ -31,14 +31,14 @@ struct DeviceOptions {
 ///
 /// - `simulated`: a simulated arm and hand
 /// - `simulated:TROUBLE`, `simulated:TROUBLE@SECONDS`: the same with a defect (faulty_device.h),
-///   which begins at SECONDS
+///   which begins after 1 s, or after SECONDS
 /// - `mouse`: a simulated hand that follows the mouse in a window
 /// - `igtl`: a simulated hand that follows 3D Slicer
 /// - `path:FILE.csv`: a hand that follows a path exactly; `path:-` reads standard input
 /// - `replay:FILE`, `replay:FILE@SECONDS`: a recorded hand, from the start or from SECONDS on
 /// - `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL`, `hid:FILE.json`: an arm (openArm)
 /// - `plugin:NAME`, `plugin:NAME@SERIAL`: an arm of a plug-in, which runs in its own process;
-///   `plugin-inside:NAME` runs it in this process (openPluginArm)
+///   `plugin-inside:NAME`, `plugin-inside:NAME@SERIAL` run it in this process (openPluginArm)
 ///
 /// Throws Error with the problem and the remedy. Slow: an arm may home itself.
 [[nodiscard]] std::unique_ptr<Device> openDevice(const std::string& name,

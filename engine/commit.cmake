@@ -1,5 +1,5 @@
-# Runs at every build. Writes TARGET, a C++ file with the commit of SOURCE, if the commit has changed. Without a
-# repository the commit is empty. Usage:
+# Runs at every configuration and build. Writes TARGET, a C++ file with the commit of SOURCE, if its text has changed.
+# Without a repository the commit is empty. Usage:
 #   cmake -D SOURCE=... -D TARGET=... -P commit.cmake
 if(EXISTS ${SOURCE}/.git)  # otherwise git would report the commit of an enclosing repository
   execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD

@@ -6,8 +6,8 @@
 namespace palpate {
 
 std::string nearestName(const std::string& name, const std::vector<std::string>& candidates) {
-  // The cost of the Levenshtein distance is the product of both lengths, so the function skips very
-  // long names.
+  // The cost of the Levenshtein distance is the product of both lengths. So the function skips
+  // names longer than kLongest.
   constexpr std::size_t kLongest = 200;
   if (name.size() > kLongest) return {};
   std::string best;

@@ -1,4 +1,4 @@
-/// Exceptions of loading a volume, building a scene and opening a device. A tick never throws.
+/// Exceptions about volumes, scenes and devices. A tick never throws.
 #pragma once
 
 #include <cstddef>
@@ -18,7 +18,7 @@ class Error : public std::runtime_error {
 
   /// Returns the first part of what(): the file, JSON path or object with the error.
   [[nodiscard]] std::string subject() const { return std::string(what(), subject_); }
-  /// Returns the second part of what(): the reason, with the value that is wrong.
+  /// Returns the second part of what(): the reason.
   [[nodiscard]] std::string reason() const { return {what() + subject_ + 2, reason_}; }
   /// Returns the last part of what(): the action for the user.
   [[nodiscard]] std::string remedy() const { return what() + subject_ + 2 + reason_ + 2; }
@@ -51,8 +51,9 @@ class DeviceError : public Error {
   using Error::Error;  ///< The arguments are the subject, the reason and the remedy.
 };
 
-/// Returns the candidate that needs the fewest edits to become `name`. Returns an empty string if
-/// all candidates need more than 1 + name.size()/3 edits, or `name` has more than 200 characters.
+/// Returns the candidate that needs the fewest edits of a byte to become `name`; of equal ones, the
+/// first. Returns an empty string if all candidates need more than 1 + name.size()/3 edits, or
+/// `name` has more than 200 bytes.
 [[nodiscard]] std::string nearestName(const std::string& name,
                                       const std::vector<std::string>& candidates);
 

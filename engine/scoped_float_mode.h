@@ -1,5 +1,5 @@
-/// Floating-point mode of ticks. A host application may flush denormals to zero, round upwards or
-/// trap at a NaN; ticks still compute the same bits, and do not trap.
+/// Floating-point mode of ticks. If a host application flushes denormals to zero, rounds upwards or
+/// traps at a NaN, ticks still compute the same bits and do not trap.
 #pragma once
 
 #if defined(__x86_64__)
@@ -11,7 +11,7 @@
 namespace palpate {
 
 /// Sets this thread's floating-point mode to the default of IEEE 754 while the object lives:
-/// rounding to nearest, with denormals, without traps. RT: no allocation. Cost: some 2 ns.
+/// rounding to nearest, with denormals, without traps. RT: no allocation.
 class ScopedFloatMode {
  public:
   ScopedFloatMode(const ScopedFloatMode&) = delete;

@@ -1,11 +1,12 @@
-/// Numeric types of the engine. All numbers are doubles in SI units. The world frame W is
-/// right-handed and is the space of the user's hand.
+/// Numeric types of the engine. Lengths, times and forces are doubles in SI units, unless a comment
+/// states another unit. The world frame W is right-handed and is the space of the user's hand.
 #pragma once
 
 #include <Eigen/Core>
 
 /// Marks a function that a tick calls: no allocation, no lock, no system call. RealtimeSanitizer
-/// checks this if the compiler has it (clang 20); otherwise the tests count allocations.
+/// can check this (clang 20 or newer, -fsanitize=realtime). The tests count allocations with every
+/// compiler.
 #if defined(__has_cpp_attribute)
 #if __has_cpp_attribute(clang::nonblocking)
 #define PALPATE_NONBLOCKING [[clang::nonblocking]]
@@ -17,12 +18,14 @@
 
 namespace palpate {
 
-/// A position [m], displacement [m], force [N] or unit direction in W. Fixed size: never allocates.
+/// A position [m], displacement [m], force [N] or direction in W, unless its comment states another
+/// unit or frame. Fixed size: never allocates.
 using Vec3 = Eigen::Vector3d;
-/// A rotation, or a Jacobian whose column j is the derivative by x_j.
+/// A rotation, a metric, or a Jacobian whose column j is the derivative by x_j.
 using Mat3 = Eigen::Matrix3d;
 
-/// Axis-aligned box in W [m]. The box is empty if lower > upper in some coordinate.
+/// Axis-aligned box [m], in W unless its comment states another frame. The box is empty if lower >
+/// upper in some coordinate.
 struct Box {
   Vec3 lower = Vec3::Constant(1.0);   ///< Least coordinates in the box [m].
   Vec3 upper = Vec3::Constant(-1.0);  ///< Greatest coordinates in the box [m].

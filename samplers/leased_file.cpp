@@ -134,8 +134,8 @@ LeasedFile::LeasedFile(const std::filesystem::path& path) {
 }
 
 bool LeasedFile::keptAt(Clock::time_point now) const noexcept {
-  // While another process waits, F_GETLEASE returns the type to which the lease must change.
   if (!leased_) return true;
+  // While another process waits, F_GETLEASE returns the type to which the lease must change.
   if (fcntl(file_, F_GETLEASE) == F_RDLCK) {
     alone_ = now.time_since_epoch().count();
     return true;

@@ -23,11 +23,12 @@ namespace palpate {
 /// system blocks them for at most the time in /proc/sys/fs/lease-break-time [s], by default 45 s.
 /// So the caller must check kept() between the parts of a long read.
 ///
-/// The system refuses a lease if a program is already writing to the file, another user owns the
-/// file, or the file is on a network file system. Then the object makes a copy that no other
-/// program can open. The copy is in the folder for temporary files or, if that fails, in memory.
+/// The system refuses a lease, for example, if a program is already writing to the file, another
+/// user owns the file, or the file is on a network file system. Then the object makes a copy that
+/// no other program can open. The copy is in the folder for temporary files or, if that fails, in
+/// memory.
 ///
-/// For reading only. Cost: two system calls, or the time to copy the file.
+/// For reading only. Cost: a few system calls, or the time to copy the file.
 class LeasedFile {
  public:
   using Clock = std::chrono::steady_clock;  ///< Monotonic clock of keptAt().

@@ -32,10 +32,10 @@ struct ModuleEntry : ModuleVersion {
 ///
 /// Searches $PALPATE_MODULES if this is an absolute path, else ../lib/palpate relative to the
 /// program or library that contains this function. If that folder does not exist, searches
-/// lib/palpate at the nearest folder `lib` above the program, then the system's folders. A program
-/// with more rights than its user searches only the system's folders. Throws Error if no folder has
-/// the file, if the file cannot be loaded, or if all files belong to other releases of palpate. Not
-/// for a tick: reads files.
+/// lib/palpate at the nearest folder `lib` above that program or library, then the folders
+/// /usr/local/lib/palpate and /usr/lib/palpate. A program with more rights than its user searches
+/// only the last two folders. Throws Error if no folder has the file, if the file cannot be loaded,
+/// or if all files belong to other releases of palpate. Not for a tick: reads files.
 ///
 /// @param subject  Error::subject(): the option, file or address that needs the module.
 [[nodiscard]] const ModuleVersion& loadModule(const Module& module, const std::string& subject);

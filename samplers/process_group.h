@@ -66,7 +66,8 @@ template <class T>
   return all;
 }
 
-/// Gathers a list from each rank and joins the lists in the order of ranks.
+/// Gathers a list from each rank and joins the lists in the order of ranks. All machines must have
+/// the same byte order and data layout.
 template <class T>
 [[nodiscard]] std::vector<T> gatherAll(ProcessGroup& group, const std::vector<T>& own) {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -100,7 +101,8 @@ struct Share {
 
 /// Runs `work`. Every rank must call this function. If `work` throws on one rank, the other ranks
 /// leave `work` at their next gather(). At the end, each rank waits for all others.
-/// @return  The result of `work`; T() if another rank has failed and reports the error.
+/// @return  The result of `work`; a value-initialised result if another rank has failed and reports
+///          the error.
 template <class Work>
 [[nodiscard]] auto workTogether(ProcessGroup& group, Work work) -> decltype(work()) {
   try {

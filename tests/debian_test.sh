@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Runs the first command on an empty Debian: debian_test.sh RELEASE [--test]. RELEASE is bookworm or trixie. Debootstrap
 # makes a root of that release; there an ordinary user with sudo runs ./demo.sh on the commit that is checked out, then
-# with --test also ./test.sh. Prints minutes, processor minutes and megabytes. Needs root, debootstrap and the network;
-# otherwise exits with 77. For ./test.sh --long.
+# with --test also ./test.sh. Prints minutes, processor minutes and megabytes. Exits with 77 without root or
+# debootstrap; fails without the network. For ./test.sh --long.
 set -euo pipefail
 [ "$(id -u)" -eq 0 ] && command -v debootstrap >/dev/null || { echo "debian: needs root and debootstrap"; exit 77; }
 release=${1:?RELEASE is missing: bookworm or trixie}

@@ -3,7 +3,7 @@
 
 Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ must lead to existing files. In docs/paper.md, every
 `file:name` must be a name in that file, every tag must be a test's, and every key (P1, D2) must be defined and
-used."""
+used. A quoted name that ends in * must be the beginning of a Catch2 test's name."""
 import os
 import re
 import sys
@@ -98,6 +98,27 @@ def broken_keys(text):
     return sorted(used.symmetric_difference(defined) | twice)
 
 
+def test_names():
+    """Returns the names of all Catch2 tests."""
+    found = set()
+    for file in FILES:
+        if file.suffix == ".cpp":
+            text = (ROOT / file).read_text(encoding="utf-8")
+            for parts in re.findall(r'TEST_CASE\(\s*((?:"(?:[^"\\]|\\.)*"\s*)+)', text):
+                name = "".join(re.findall(r'"((?:[^"\\]|\\.)*)"', parts))
+                found.add(re.sub(r"\\(.)", r"\1", name))
+    return found
+
+
+def broken_quotes(text, known):
+    """Yields the quoted names in a text, as "slip begins*", with which no test's name begins."""
+    for quoted in re.findall(r'"([^"\n]{6,}\*)"', text):
+        for name in re.split(r"(?<!\\),", quoted):
+            start = re.sub(r"\\(.)", r"\1", name.strip().removesuffix("*"))
+            if not any(test.startswith(start) for test in known):
+                yield name
+
+
 def broken_links(text, folder):
     """Returns missing targets of [text](target) and [text]: target, and labels without a target."""
     text = re.sub(r"`[^`\n]*`", "", prose(text))
@@ -124,6 +145,14 @@ class Documents(unittest.TestCase):
 
 
 class Programs(unittest.TestCase):
+    def test_quoted_test_names_are_those_of_tests(self):
+        known = test_names()
+        self.assertGreater(len(known), 900)
+        for file in FILES:
+            if file.suffix == ".md":
+                with self.subTest(file=str(file)):
+                    self.assertEqual(list(broken_quotes((ROOT / file).read_text(encoding="utf-8"), known)), [])
+
     def test_code_on_pages_equals_its_source(self):
         """Each block of C or C++ on a page must be consecutive lines of a source."""
         sources = [path.read_text(encoding="utf-8")
@@ -194,6 +223,11 @@ class Checker(unittest.TestCase):
     def test_the_checker_finds_unknown_tags_and_keys(self):
         self.assertEqual(broken_tags("`[eq9]` `[eq99]`"), ["[eq99]"])
         self.assertEqual(broken_keys("A1 A2 `B1`\n- **A1** this\n- **A3** that\n"), ["A2", "A3"])
+
+    def test_the_checker_finds_quotes_of_missing_tests(self):
+        known = {"a ball, rolling, stops", "slip begins at mu"}
+        self.assertEqual(list(broken_quotes('the test "slip begins*" and "slip ends*"', known)), ["slip ends*"])
+        self.assertEqual(list(broken_quotes('`"a ball\\, rolling*,slip*,a cube*"`', known)), ["a cube*"])
 
     def test_the_checker_finds_broken_links(self):
         text = ("[a](paper.md#x) [b](nowhere.md) [c](https://example.org) [d][e] [f][]\n"

@@ -24,8 +24,7 @@ ROOMS = {"engine": ("engine", "bench/methods", "tests/engine", "tests/loop", "te
          "samplers": ("samplers", "tests/samplers"),
          "devices": ("devices", "tests/devices"),
          "scenes": ("scenes", "tests/scenes", "tests/import")}
-# Limit of the processor time without compilers and clang-tidy [min]: 45 minutes on two cores. A run takes half of this
-# if all caches are filled (CONTRIBUTING.md).
+# Limit of the processor time without compilers and clang-tidy [min]: 45 minutes on two cores.
 BUDGET = 90
 HOST_BUDGET = 240   # [s]; limit for all tests that depend on the scheduler
 DEAREST = 10
@@ -154,7 +153,7 @@ def report(minutes, budgets, folders):
             for test, took in seconds.items():
                 if took > float(allowed.get(test, OWN_SECONDS)):
                     print(f"over its budget: {test} took {took:.0f} s of {allowed.get(test, OWN_SECONDS)}")
-    print(f"== the {DEAREST} dearest tests, seconds")
+    print(f"== the {DEAREST} slowest tests, seconds")
     for took, name, test in sorted(dearest, reverse=True)[:DEAREST]:
         print(f"{took:7.1f}  {name:14} {test}")
     print(f"tests that depend on how the machine schedules: {alone:.0f} s of {HOST_BUDGET}" + (": over their budget" if alone > HOST_BUDGET else ""))

@@ -56,9 +56,9 @@ def read_faults():
         if count != 1:
             bad.append(f"{here}: {fault['file']} has {count} times, not once: {fault['before']}")
         if fault["before"] == fault["after"] or "\n" in fault["before"]:
-            bad.append(f"{here}: what is planted is not another line")
+            bad.append(f"{here}: \"before\" equals \"after\" or has several lines")
     if bad:
-        fail("\n  ".join([f"{FAULTS.relative_to(ROOT)} does not fit the sources: mend it", *bad]))
+        fail("\n  ".join([f"{FAULTS.relative_to(ROOT)} does not fit the sources: correct it", *bad]))
     return faults
 
 
@@ -236,14 +236,14 @@ def main():
                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--list", action="store_true", help="print the faults, and what each means")
     asked.add_argument("--check", action="store_true",
-                       help="only see whether every snippet is in its file, once")
+                       help="only check that every \"before\" is exactly once in its file")
     asked.add_argument("--only", metavar="REGEX", default="", help="faults with such a name or file")
-    asked.add_argument("--preset", default="release", help="of faults that name none (release)")
+    asked.add_argument("--preset", default="release", help="for faults without a preset (release)")
     asked.add_argument("--jobs", type=int, default=os.cpu_count(), help="of the build")
     asked.add_argument("--build", type=Path, default=ROOT / "build" / "mutate",
                        help="folder for the copy, 2 GB, and the results (build/mutate)")
     asked.add_argument("--resume", action="store_true",
-                       help="go on with the results of an earlier run there")
+                       help="continue with the results of an earlier run there")
     args = asked.parse_args()
     faults = read_faults()
     if args.check:

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Checks that no source includes a header of a higher folder and that no function is too long, and prints sizes.
 
-structure.py          checks; status 1 if an include is wrong, or a function has more lines than LONGEST_FUNCTION
+structure.py          checks; status 1 if an include is wrong, a function has more lines than LONGEST_FUNCTION, or
+                      install.cmake or Doxyfile lacks a folder of public headers
 structure.py sizes    prints files and lines of each folder, the longest files and the longest functions
 """
 import re

@@ -5,9 +5,9 @@ BUILD has a compile_commands.json. A source or header has passed unchanged if it
 clang-tidy's version and options, the compile command, and the file's own code without comments.
 clang-tidy reports a complaint about a header with any source that includes the header. So a changed header is checked
 with one source that includes it, not with all. Only --all finds a complaint that a changed header causes in an
-unchanged source. Stamps are in the user's cache folder, as ccache's objects are, so that all clones share them. --all ignores the
-stamps and runs the slow checks too. With --most N at most N sources are checked, and the next run continues. So a
-run stays short on a machine without stamps, and after a change of flags.
+unchanged source. Stamps are in the user's cache folder, as ccache's objects are, so that all clones share them. --all
+ignores the stamps and runs the slow checks too. With --most N at most N sources are checked, and the next run
+continues. So a run stays short on a machine without stamps, and after a change of flags.
 
 clang-tidy 14 spends most of its time on headers, which it reads and matches again for every source. So several sources
 with the same flags are checked in one unit. If a unit has complaints, or does not compile, each of its sources is

@@ -23,8 +23,8 @@ struct Constraint {
 ///
 /// The paper does not state how to convert primitives to constraints. This conversion is the most
 /// favourable one that we know. The answer is the balance if the constrained directions of
-/// different primitives are orthogonal; directed forces may be added. For other sets the answer is
-/// not useful.
+/// different primitives are orthogonal; directed forces may be added. For other sets the answer can
+/// be far from the balance.
 ///
 /// A plane constrains its normal in one sense: s_i against the normal, zero along it.
 ///

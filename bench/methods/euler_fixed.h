@@ -19,8 +19,8 @@ struct EulerFixedParams {
 /// kink, a primitive contributes zero.
 ///
 /// If the balance lies on a kink, the proxy chatters about the kink, by up to step * s/k, until the
-/// iteration limit. So `step` sets the accuracy, and 1 / step the cost: the error of a smooth
-/// problem falls by the factor 1 - step per iteration. The default reaches 1e-3 S/k.
+/// iteration limit. So `step` sets the accuracy, and 1 / step the cost: where only the spring's
+/// force changes with x, the error falls by the factor 1 - step per iteration.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

@@ -11,8 +11,8 @@ struct NelderMeadParams {
   double size = 0.5;  ///< Edge of the first simplex as a share of S/k.
   /// The search stops when the simplex is smaller than this share of S/k.
   double tolerance = 1e-5;
-  int restarts = 1;  ///< Restarts from the best point, with a tenth of `size`.
-  int max_evaluations = 2000;
+  int restarts = 1;  ///< Restarts from the best point, each with a tenth of the size before.
+  int max_evaluations = 2000;  ///< Limit for all searches together (SimplexParams).
 };
 
 /// Minimises the potential of eq. (14), E of engine/balance/solver.h, by downhill simplex
@@ -20,10 +20,8 @@ struct NelderMeadParams {
 /// (smallest_residual.h). First moves `start` to within S/k of the probe, because the balance is
 /// there.
 ///
-/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives). The share
-/// of results within 1e-3 S/k of the answer is 99.8 % with 2 primitives (273 evaluations on
-/// average), 99.9 % with 8 (265) and 32 (256). Without the restart the share is 99 % (150
-/// evaluations), because a simplex can collapse on a kink.
+/// The restart helps if a simplex has collapsed on a kink. palpate_bench_speed_accuracy prints the
+/// share of the cases that reach a given accuracy, and the cost.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

@@ -17,8 +17,8 @@ namespace palpate::methods {
   return direction * direction.dot(d) - d;
 }
 
-/// Returns a primitive's force [N] on a proxy at d = x - x_i [m], eqs (8), (9), (11) and (13). The
-/// force is zero exactly on the primitive's kink.
+/// Returns a primitive's force [N] on a proxy at d = x - x_i [m], eqs (8), (9), (11) and (13). On
+/// the primitive's kink, the force is zero.
 [[nodiscard]] inline Vec3 forceOf(const Primitive& primitive, const Vec3& d) noexcept {
   switch (primitive.kind) {
     case PrimitiveKind::kForce:

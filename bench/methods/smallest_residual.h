@@ -10,7 +10,7 @@ namespace palpate::methods {
 struct SmallestResidualParams {
   double size = 0.5;        ///< Edge of each first simplex as a share of S/k.
   double tolerance = 1e-5;  ///< A search stops when its simplex is smaller than this share of S/k.
-  /// Largest number of starting points: `start`, the probe, then anchors.
+  /// Largest number of starting points, at least 1: `start`, the probe, then anchors.
   int searches = 2;
   int max_evaluations = 2000;
 };
@@ -19,13 +19,9 @@ struct SmallestResidualParams {
 /// the minimum is not the balance. On its kink, a primitive contributes zero to f_res. |f_res|
 /// jumps at every kink, and has other minima between kinks. So downhill simplex searches
 /// (simplex.h) start at several points within S/k of the probe, and the smallest result is kept. A
-/// search can reach the kinks of planes. It reaches the kinks of lines and points only if it starts
-/// at an anchor.
-///
-/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives). The share
-/// of results within 1e-3 S/k of the balance is 93 % with 2 primitives (359 evaluations on
-/// average), 86 % with 8 (386), 93 % with 32 (377). More searches find smaller |f_res|, but no more
-/// balances.
+/// search can reach the kinks of planes. It hits the kinks of lines and points exactly only if it
+/// starts on them, as at an anchor. palpate_bench_speed_accuracy prints the share of the cases that
+/// reach a given accuracy, and the cost.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

@@ -36,13 +36,15 @@ inline void holdUntested(DeviceInfo& info) {
 
 /// Functions and settings that a program passes when it opens an arm. The functions may be empty.
 struct ArmHost {
-  /// Prints an instruction for the user. Another thread calls it when a lost arm returns.
+  /// Prints a line for the user. A thread of the arm calls it, too, as when a lost arm returns.
   std::function<void(const std::string&)> say = nullptr;
-  /// Returns true if the program must end. All waits for the user then end, too.
+  /// Returns true if the program must end. All waits for the user then end, too. Called on the
+  /// thread that opens the arm, and on a thread of the arm.
   std::function<bool()> stop = nullptr;
-  /// The arm's measured friction, for the energy tank; zeros if it is unknown.
+  /// The arm's measurements; zeros if they are unknown. The functions that open an arm by its name
+  /// replace them by measuredArm().
   MeasuredArm measured = {};
-  /// Use of the energy tank. The tank is off if the arm's friction is unknown.
+  /// Use of the energy tank. The tank is off if the arm's friction is unknown or too small.
   TankUse tank = TankUse::kObserve;
   double refill = 0.0;  ///< TankParams::refill [W].
   /// True during `palpate devices --test`. A PID device then has its full gain; other limits hold.

@@ -25,7 +25,7 @@ namespace palpate {
 struct Guardian::Shared {
   struct Loop {
     std::atomic<std::uint64_t> heart{0};
-    /// Incremented by this loop's watcher in each pass.
+    /// Incremented by this loop's watcher in each pass, unless Shared::pulse has stopped.
     std::atomic<std::uint64_t> pulse{0};
     std::atomic<std::uint32_t> cuts{0};
   };
@@ -33,14 +33,15 @@ struct Guardian::Shared {
   std::atomic<std::uint32_t> stops{0};
   /// Incremented in each pass by the guardian, the process that starts the watchers.
   std::atomic<std::uint64_t> pulse{0};
-  std::atomic<bool> over{false};      ///< The program has ended.
+  std::atomic<bool> over{false};      ///< The program's socket is closed.
   std::atomic<bool> punctual{false};  ///< The guardian has a real-time priority.
   static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 };
 
 namespace {
 
-/// A device to watch. The program sends it to the guardian with a descriptor of the device.
+/// A device to watch. The program sends it to the guardian with a descriptor of the device. An
+/// order without bytes ends the watch of its slot.
 struct Order {
   std::size_t slot = 0;
   std::size_t size = 0;
@@ -78,7 +79,7 @@ class Message {
     std::memcpy(CMSG_DATA(beside), &descriptor, sizeof(int));
     return sendmsg(socket, &head_, MSG_NOSIGNAL) == static_cast<ssize_t>(part_.iov_len);
   }
-  /// Returns false if the other side has closed the socket.
+  /// Returns false if the other side has closed the socket, or if the socket fails.
   [[nodiscard]] bool take(int socket, int& descriptor) noexcept {
     const ssize_t size = recvmsg(socket, &head_, 0);
     if (size < 0 && errno == EINTR) return true;
@@ -108,7 +109,8 @@ bool aboveStandard(std::array<int, 2>& ends) noexcept {
   return good;
 }
 
-/// Detaches from the program's signals and terminal. Returns true if it got real-time priority.
+/// Detaches from the program's signals, terminal and open files. Returns true if it got real-time
+/// priority.
 bool standApart(int socket) noexcept {
   setsid();
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGTTIN, SIGTTOU, SIGPIPE,
@@ -353,7 +355,7 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
   constexpr std::int64_t kAlone = 25000000;
   std::uint64_t beats = loop.heart;
   std::uint32_t stops = shared_->stops;
-  bool beating = false;  // the loop has ticked since its force was last set to zero
+  bool beating = false;  // the loop has ticked since its last pause of kStill
   bool wanted = false;   // zero force must still be written to the device
   std::int64_t alive = nowNs();
   std::uint64_t pulse = 0;

@@ -14,19 +14,20 @@ namespace palpate {
 
 /// Writes zero force to a watched loop's device if the loop has not ticked for kGuardTime, or at
 /// once if the program has died. Repeats a failed write, and repeats the zero while the loop hangs.
-/// Each device has its own watching process, so a device that hangs does not delay another. If the
-/// guardian has zeroed a loop's force, the loop reports Fault::kLate. If the guardian hangs, the
+/// Each device has its own watching process, so a device that hangs does not delay another. A loop
+/// whose force was zeroed because it did not tick reports Fault::kLate. If the guardian hangs, the
 /// loop cuts its force (Fault::kUnguarded).
 ///
 /// The child is a fork() of the process: construct it in main() before any thread is started.
 class Guardian {
  public:
-  /// Time without a tick after which the guardian writes zero [s]. The force is zero within 20 ms.
+  /// Time without a tick after which the guardian writes zero [s]. If the guardian has real-time
+  /// priority and the device takes the write at once, the force is zero within 20 ms.
   static constexpr double kGuardTime = 0.015;
   /// Largest number of loops at a time; each has its own watching process.
   static constexpr std::size_t kMostLoops = 8;
 
-  /// Throws DeviceError if the system cannot start a process.
+  /// Throws DeviceError if the system refuses the shared memory, the sockets or the process.
   Guardian();
   /// Writes zero force and ends the child.
   ~Guardian();
@@ -34,22 +35,26 @@ class Guardian {
   Guardian& operator=(const Guardian&) = delete;
 
   /// Starts to watch a loop from its first tick. Returns the value for LoopParams::watch. The
-  /// guardian must outlive the loop, and the descriptor must stay open. Throws DeviceError for more
-  /// than kMostLoops loops, or for a zero force that is empty or too long.
+  /// guardian must outlive the loop, and keeps its own copy of the descriptor. Throws DeviceError
+  /// for more than kMostLoops loops, for a zero force that is empty or too long, or if the child
+  /// has ended.
   [[nodiscard]] LoopWatch watch(const ZeroForce& zero);
 
   /// Replaces the descriptor of a watched loop's device. If the device was replaced or plugged in
-  /// again, call this before the loop gives force. Throws DeviceError as watch().
+  /// again, call this before the loop gives force. Throws DeviceError as watch(), or if the
+  /// guardian does not watch this loop.
   void renew(const LoopWatch& loop, const ZeroForce& zero);
 
-  /// Stops watching a loop that has ended. The guardian can then watch another loop instead.
+  /// Stops watching a loop that has ended. The guardian can then watch another loop instead. Throws
+  /// DeviceError if it does not watch this loop.
   void forget(const LoopWatch& loop);
 
-  /// Cuts every loop's force and makes the child write zero force, within 2 ms. Callable from any
-  /// thread and from signal handlers.
+  /// Cuts every loop's force (Fault::kStopped) and makes the watching processes write zero force,
+  /// within 2 ms if they have real-time priority. Callable from any thread and from signal
+  /// handlers. In a fork of the program, this does nothing.
   void zero() noexcept;
 
-  /// Makes exit(), SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGXCPU and crashes call zero()
+  /// Makes exit(), SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGXCPU and crash signals call zero()
   /// first. If the program ends in another way, such as by SIGKILL, only the child writes zero. The
   /// first SIGINT, SIGTERM, SIGHUP or SIGQUIT sets `interrupted`, if given; another one more than
   /// 0.5 s later ends the process. Only one guardian at a time may catch signals.

@@ -25,14 +25,14 @@ constexpr double kRamp = 0.4;      // [N/s], growth of a push
 constexpr double kMoved = 0.002;   // [m]: an arm that moved farther has followed the push
 constexpr double kBegun = 0.0003;  // [m]: smallest motion that exceeds encoder steps and trembling
 constexpr double kPushed = 0.012;  // [m]: length of a push
-constexpr double kLongest = 2.0;   // [s]: longest time in a phase
+constexpr double kLongest = 2.0;   // [s]: longest time of kPush, kOppose and kSettle
 constexpr double kStill = 0.002;   // [m/s]: a slower arm counts as resting
 constexpr double kBack = 1.5;      // [s] for the spring to bring the arm back
 constexpr double kSpring = 15.0;   // [N/m], of the spring that brings the arm back
 constexpr double kDamper = 1.5;    // [N s/m], of the damper parallel to this spring
 constexpr double kSmooth = 0.01;   // [s]: time constant of the velocity filter
-// Cosine of the angle between push and motion. At a larger angle the spring that brings the arm
-// back could add energy.
+// Smallest accepted cosine of the angle between push and motion. At a larger angle the spring that
+// brings the arm back could add energy.
 constexpr double kStraight = 0.9;
 constexpr double kLightest = 0.02;  // [kg], of a real arm; a smaller mass shows a wrong unit
 constexpr double kHeaviest = 2.0;
@@ -59,7 +59,8 @@ std::string inWords(const Vec3& v) {
   return words + ")";
 }
 
-/// Adds a problem if the masses along the driven axes differ more than on a real arm.
+/// If there is no problem yet: adds one if the masses along the driven axes differ more than on a
+/// real arm.
 void compareMasses(SelfTestResult& result, const ArmAxes& axes) {
   const AxisResult* light = nullptr;
   const AxisResult* heavy = nullptr;
@@ -236,7 +237,7 @@ Vec3 SelfTest::raiseForce() noexcept {
     trusted_ = trusted_ && along_[slot] > kStraight;
     enter(trusted_ ? Phase::kPush : Phase::kSettle);
   } else if (inPhase() > params_.force / kRamp + 0.5) {
-    breakaway_[slot] = 0.0;  // the arm trembles, or a hand holds it
+    breakaway_[slot] = 0.0;  // the arm trembles, or a hand or friction holds it
     enter(Phase::kSettle);
   }
   return level_ * ahead;

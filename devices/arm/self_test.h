@@ -16,7 +16,8 @@ struct ArmAxes {
   /// Columns are the unit vectors of x, y, z; orthonormal.
   Mat3 along = Mat3::Identity();
   std::array<bool, 3> has{true, true, true};  ///< False: the arm cannot move along this axis.
-  /// Returns the axis' name, such as "x"; for a turned axis the name includes its direction.
+  /// Returns the axis' name, such as "x". If the axis is turned by more than 2.6 degrees, the name
+  /// includes its direction.
   [[nodiscard]] std::string name(int axis) const;
 };
 /// Returns axes within the directions onto which `projector` projects (ProfileFacts::moves or
@@ -27,9 +28,10 @@ struct ArmAxes {
 struct SelfTestParams {
   ArmAxes axes;        ///< Axes along which the arm is pushed.
   double force = 0.5;  ///< Largest force [N].
-  /// Distance from the start at which the test ends [m].
+  /// Distance from the place of rest at which the test ends [m]; before the arm has rested, the
+  /// distance from the first position.
   double travel = 0.04;
-  /// Direction of gravity, a unit vector; zero: unknown.
+  /// Direction of gravity in W, a unit vector; zero: unknown.
   Vec3 down = Vec3::Zero();
   double input_rate = 0.0;  ///< Expected positions per second [Hz]; 0: the rate is not checked.
   /// Longest allowed pause between two positions [s]; 0: pauses are not checked.
@@ -40,12 +42,13 @@ struct SelfTestParams {
 struct AxisResult {
   /// The arm has motors for this axis. If false, the fields below are not set.
   bool driven = false;
-  /// The test has begun to push along this axis; false after a fall or an early end.
+  /// The test has begun to push along this axis. A fall or an early end leaves axes out.
   bool pushed = false;
-  bool moved = false;      ///< A force of at most SelfTestParams::force moved the arm.
-  double breakaway = 0.0;  ///< Force at which the arm began to move [N]; mean of both directions.
+  bool moved = false;      ///< At most SelfTestParams::force moved the arm in both directions.
+  double breakaway = 0.0;  ///< Mean force of both pushes at which the arm began to move [N].
   /// Cosine of the angle between push and motion, for the worse direction; 1: aligned.
   double along = 0.0;
+  // The fields below are set only if `moved` is true and the pushes were aligned.
   double mass = 0.0;           ///< m [kg] of m v' = F - b v - c sign(v) + bias.
   double viscous = 0.0;        ///< b [N s/m].
   double coulomb = 0.0;        ///< c [N].
@@ -64,7 +67,7 @@ struct SelfTestResult {
   std::array<AxisResult, 3> axes;  ///< Along the columns of SelfTestParams::axes.
   /// Reported path divided by the path that the user measured with a ruler; 0: not measured.
   std::array<double, 3> scale{};
-  /// Direction in which the released arm moves by itself, a unit vector; zero: it stays.
+  /// Direction in W in which the released arm moves by itself, a unit vector; zero: it stays.
   Vec3 falls = Vec3::Zero();
   /// Force that moves the released arm in that direction [N]; 0: unknown.
   double weight = 0.0;
@@ -79,14 +82,17 @@ struct SelfTestResult {
 
 /// A test that computes, in each tick, the force to apply. Uses no clock and no device.
 ///
-/// The user has 2 s to let go of the arm, and the arm must rest for 1 s. If the arm falls, the test
-/// pushes it back, computes its weight from this motion, and ends. Otherwise the test pushes along
-/// +x, -x, +y, ... in turn, if the arm has motors there. Each push grows by 0.4 N/s until the arm
-/// has moved by 2 mm. The largest force then acts up to 12 mm, and is reversed until the arm stops.
-/// If the arm has moved in the direction of its pushes, a weak spring brings it back. The friction
-/// comes from a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to all
-/// samples in motion. The fit uses the delay of F that leaves the smallest error. RT: next() does
-/// not allocate.
+/// The user has 2 s to let go of the arm, and the arm must rest for 1 s; after 6 s the pushes begin
+/// anyway. If the arm falls, the test pushes it back, computes its weight from this motion, and
+/// ends. Otherwise the test pushes along +x, -x, +y, ... in turn, if the arm has motors there.
+///
+/// Each push grows by 0.4 N/s until the arm has moved by 2 mm. The largest force then acts up to
+/// 12 mm, and is reversed until the arm stops. Each of these two steps takes at most 2 s. If the
+/// arm has moved in the direction of all its pushes, a weak spring brings it back.
+///
+/// The friction comes from a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated
+/// twice, to all samples since the arm began to move. The fit uses the delay of F that leaves the
+/// smallest error. RT: next() does not allocate.
 class SelfTest {
  public:
   /// Allocates the memory that next() fills.
@@ -102,7 +108,8 @@ class SelfTest {
   [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
   /// Returns true if next() was called at least once.
   [[nodiscard]] bool begun() const noexcept { return started_; }
-  /// Returns the result; call it after done(). Not for a tick: fits every axis for about 60 delays.
+  /// Returns the result. Before done() the result has a problem. Not for a tick: fits every axis
+  /// for about 60 delays.
   [[nodiscard]] SelfTestResult result() const;
 
  private:
@@ -121,7 +128,7 @@ class SelfTest {
       double force;     ///< Force that was sent, along the path [N].
     };
     std::vector<Point> path;
-    std::size_t start = 0;  ///< First sample of the fit; earlier motion may be the hand's.
+    std::size_t start = 0;  ///< Earliest sample of the fit; earlier motion may be the hand's.
   };
   [[nodiscard]] Vec3 axis() const noexcept;
   [[nodiscard]] std::vector<Way> pushes(int axis) const;
@@ -182,7 +189,7 @@ class SelfTest {
   std::array<bool, 3> pushed_{};  ///< AxisResult::pushed, for each axis.
   std::array<double, 6> along_{};
   std::vector<Sample> samples_;
-  // Used in the phase kRest.
+  // The next three members are used in the phase kRest.
   Vec3 sum_ = Vec3::Zero();
   double sum2_ = 0.0;
   std::int64_t rest_ = 0;

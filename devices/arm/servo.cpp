@@ -13,7 +13,7 @@ namespace {
 // [Hz]: at a lower rate, a tick would count as late only after 0.3 s (three periods).
 constexpr double kSlowest = 10.0;
 constexpr double kFastest = 1e5;
-constexpr double kStands = 0.01;  // share of a period; a shorter time step counts as zero
+constexpr double kStands = 0.01;  // share of a period; shorter time steps count as a stopped clock
 
 double checkedRate(const DeviceInfo& arm, double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;

@@ -13,7 +13,7 @@ namespace palpate {
 /// Does the work of a HapticLoop, one call per tick: watches the hand, engages, limits the force
 /// and its slew, and cuts the force after a fault. The caller supplies the time.
 ///
-/// The servo's thread calls `tick`, the application's thread calls the other functions.
+/// The servo's thread calls `tick`. One other thread calls `publish` and `latest`.
 class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's mailboxes
  public:
   /// @param arm   Description of the arm. `hand` may be false only if no hand can be on it: then
@@ -22,15 +22,15 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   /// @param real  False: the caller ticks in virtual time, so the time that a tick takes on this
   ///              machine does not count. Only for a simulated arm: on a real arm, a force that
   ///              comes too late must be cut.
-  /// Throws DeviceError if a number is out of range.
+  /// Throws DeviceError if the rate or a number of `arm` is out of range.
   Servo(DeviceInfo arm, double rate, bool real = true);
 
   /// Runs one tick. The servo must send the returned force unchanged, and zero without this call.
   ///
   /// @param hand  Reading in W [m], as HandState; usually only the position. Put a fault of the arm
-  ///              into HandState::fault, the position's age into HandState::age. While the position
-  ///              repeats exactly, the Servo counts up HandState::still. So the force fades
-  ///              (StillFade) if a driver no longer reads its arm.
+  ///              into HandState::fault, the position's age into HandState::age. If a hand may be
+  ///              on the arm, the Servo counts up HandState::still while the position repeats
+  ///              exactly. So the force fades (StillFade) if a driver no longer reads its arm.
   /// @param dt Time since the last call [s]. A call that is too late cuts the force until clear():
   /// its dt exceeds a period by 5 ms, or by three periods if these are longer (WatchLimits::late).
   /// The force is also cut if, for this time, every dt is not finite or below a hundredth of the

@@ -20,7 +20,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Returns the content of testedArmsFile(); an empty object if the file cannot be read.
+/// Returns the content of testedArmsFile(); an empty object if the file cannot be read or parsed.
 Json tested() {
   std::ifstream in(testedArmsFile());
   constexpr int kDeepest = 8;
@@ -51,10 +51,10 @@ Json recordOf(const ArmIdentity& arm) {
   return same && scale != record->end() && scale->is_array() ? *record : Json();
 }
 
-constexpr double kMostDelay = 0.02;  // [s], largest delay that the test can find
+constexpr double kMostDelay = 0.02;  // [s], largest delay that the test finds at 1 kHz
 constexpr double kSure = 3.0;        // standard errors on each side of a measured delay
 
-/// Replaces testedArmsFile(), or leaves it unchanged.
+/// Replaces testedArmsFile(). On failure leaves it unchanged and throws DeviceError.
 void write(const Json& json) {
   const std::filesystem::path file = testedArmsFile();
   std::error_code error;
@@ -84,7 +84,7 @@ void write(const Json& json) {
 std::filesystem::path testedArmsFile() {
   const char* state = std::getenv("XDG_STATE_HOME");
   const char* home = std::getenv("HOME");
-  // The XDG Base Directory Specification requires programs to ignore a relative path.
+  // By the XDG Base Directory Specification, a relative path is invalid and ignored.
   if (state != nullptr && *state == '/') return std::filesystem::path(state) / "palpate/arms.json";
   return std::filesystem::path(home != nullptr ? home : "/") / ".local/state/palpate/arms.json";
 }

@@ -16,7 +16,8 @@ namespace palpate {
 /// Returns true if this arm has passed its test with its present description and with its scale
 /// measured along every axis. An arm without ArmIdentity::own never counts as tested.
 [[nodiscard]] bool isTested(const ArmIdentity& arm);
-/// Returns the test's measurements, with friction reduced by its uncertainty; zeros if not tested.
+/// Returns the test's measurements, with friction reduced by its uncertainty. Returns zeros if the
+/// arm is not tested or its record is incomplete.
 [[nodiscard]] MeasuredArm measuredArm(const ArmIdentity& arm);
 /// Returns ArmIdentity::own of all tested arms with the name and fingerprint of `like`.
 [[nodiscard]] std::vector<std::string> testedArms(const ArmIdentity& like);

@@ -22,13 +22,13 @@ class ArmWatch {
   /// Slow (milliseconds), because it calls factsOf().
   explicit ArmWatch(HidProfile profile);
 
-  /// Reads all waiting reports. Returns kGone if the device was unplugged.
+  /// Reads the waiting reports, at most 512. Returns kGone if the device was unplugged.
   ///
   /// @param now  Time of the call [ns].
   [[nodiscard]] ReadStatus take(ReportPort& port, std::int64_t now);
 
-  /// Returns lines of text: each report with its bytes, its age and its rate since the last call;
-  /// every field, raw and as a value; joints, tip and flags.
+  /// Returns lines of text: each report with its first 64 bytes, its age and its rate since the
+  /// last call; every field, raw and as a value; joints, tip and flags.
   [[nodiscard]] std::string picture(std::int64_t now);
 
  private:
@@ -63,7 +63,7 @@ class ArmWatch {
   Joints joints_{};
   /// Reports of further unknown kinds, beyond kMostStrange; they are not shown.
   std::int64_t passed_by_ = 0;
-  std::int64_t span_ = 0;  ///< Time of the last call of picture() [ns].
+  std::int64_t span_ = 0;  ///< Time of the last picture(); at first, of the first take() [ns].
   bool begun_ = false;
   std::vector<std::byte> buffer_;
 };

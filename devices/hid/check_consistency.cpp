@@ -12,7 +12,7 @@
 namespace palpate {
 namespace {
 
-constexpr double kMostStep = 5e-3;  // [m]: largest travel of the tip for one count
+constexpr double kMostStep = 5e-3;  // [m]: largest travel of the tip for one count of each joint
 // Largest ratio of the needed motor value to the limit of the motor's field.
 constexpr double kMostAsked = 20.0;
 // Largest share of a motor's continuous limit for the arm's weight; contact forces need the rest.
@@ -115,8 +115,8 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
       strongest = &motor;
     }
   }
-  // A motor that moves the tip across the force needs little torque, so only the largest share is
-  // checked.
+  // A motor that moves the tip perpendicularly to the force needs little torque, so only the motor
+  // with the largest share is checked.
   if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
     root.child("kinematics")
         .child("joints")

@@ -8,7 +8,8 @@
 
 namespace palpate {
 
-/// Share of a motor's limit that the largest force must use; a smaller share shows a wrong unit.
+/// Smallest share of a motor's limit that the largest force may use. If all motors use less, a
+/// number has a wrong unit. For a PID device this holds for each axis.
 inline constexpr double kLeastAsked = 1e-3;
 
 [[nodiscard]] bool isMotor(const HidProfile& profile, std::size_t field);
@@ -19,7 +20,8 @@ void checkRates(const JsonNode& root, const HidProfile& profile, bool drives);
 /// the arm rests, so its new reports would count as repetitions.
 void checkSequences(const JsonNode& input, const HidProfile& profile);
 
-/// Checks closing time, limits, homing, motors, output fields and physical numbers.
+/// Checks closing time, limits, homing, motors, gravity, firmware, output fields and physical
+/// numbers.
 void checkTogether(const JsonNode& root, const HidProfile& profile);
 
 void checkSources(const JsonNode& root, const HidProfile& profile);

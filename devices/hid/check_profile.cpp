@@ -130,7 +130,7 @@ class Fields {
     }
     unknown(node, name, names, "input");
   }
-  /// @param motors  The field may drive a motor.
+  /// @param motors  True: for an unknown name, the error may suggest a field that drives a motor.
   [[nodiscard]] std::size_t output(const Node& node, const std::string& name, bool motors) const {
     std::vector<std::string> names;
     if (!profile_.output)

@@ -15,7 +15,7 @@ constexpr std::uint64_t kMostBits = 131072;  // bits of a report: Linux' HID_MAX
 constexpr std::size_t kMostPushed = 64;
 
 constexpr std::size_t kMostFields = 1024;  // items that describe fields
-constexpr std::size_t kMostUsages = 1024;  // usages of one item
+constexpr std::size_t kMostUsages = 1024;  // usages and ranges of one item
 constexpr std::size_t kDeepest = 32;       // levels of nested collections
 
 /// Tag and type of a short item, without its length (HID 1.11: 6.2.2.4, 6.2.2.7, 6.2.2.8).
@@ -71,7 +71,7 @@ std::pair<std::int64_t, std::int64_t> range(const Item& least, const Item& most)
   return {low, low < 0 ? most.withSign() : static_cast<std::int64_t>(most.value)};
 }
 
-/// Returns the exponent in an item. HID 1.11 defines four bits with a sign, but most devices write
+/// Returns the exponent in an item. HID 1.11 defines four bits with a sign, but a device may write
 /// a signed byte.
 int exponentOf(const Item& item) {
   const auto whole = static_cast<int>(std::clamp<std::int64_t>(item.withSign(), -8, 15));
@@ -92,7 +92,7 @@ class Locals {
     if (item.tag == kLastUsageTag) first_.reset();
     return true;
   }
-  /// A usage of 1 or 2 bytes gets the page that is set at the main item (HID 1.11, 6.2.2.8).
+  /// A usage of fewer than 4 bytes gets the page that is set at the main item (HID 1.11, 6.2.2.8).
   [[nodiscard]] std::vector<DescribedUsages> usages(std::uint32_t page) const {
     const auto whole = [&](const Item& item) {
       return item.length == 4 ? item.value : page << 16U | item.value;

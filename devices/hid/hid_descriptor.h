@@ -66,12 +66,12 @@ struct HidDescriptor {
 };
 
 /// Parses a report descriptor (Device Class Definition for HID 1.11, 6.2.2). Any bytes are safe.
-/// Cost: O(bytes), and for each field O(enclosing collections).
+/// Cost: O(bytes), and for each item with fields O(its usages, enclosing collections and reports).
 ///
 /// Returns no value if the bytes describe no report or are invalid. The following are invalid: an
 /// item that is cut off, a pop without a push, an end without a begin, a report number outside of 1
 /// to 255. A report of more than 16 kB (the limit of Linux) is also invalid. So are more than 1,024
-/// items with fields, 64 pushes, 32 nested collections, or 1,024 usages of one item.
+/// items with fields, 64 pushes, 32 nested collections, or 1,024 usages and ranges of one item.
 [[nodiscard]] std::optional<HidDescriptor> parseHidDescriptor(std::span<const std::byte> bytes);
 
 /// A difference between a profile and the device.

@@ -22,10 +22,11 @@
 
 namespace palpate {
 
-/// Functions and settings that an arm on a HID device needs from its program. All may be empty.
+/// Functions and settings that an arm on a HID device needs from its program. The functions may be
+/// empty.
 struct HidHost : ArmHost {
   /// Finds the device again by its vendor and product numbers and its serial number or port;
-  /// returns null while it is absent. Not called in a tick.
+  /// returns null, or throws, while it is absent. Not called in a tick.
   std::function<std::unique_ptr<ReportPort>()> find = nullptr;
 };
 
@@ -39,12 +40,13 @@ struct HidWrites {
 };
 
 /// Reads and drives an arm. The haptic thread calls read() and write(). A second thread sends the
-/// newest force, because sending blocks. It sends at most one report a tick and output_rate reports
-/// a second. A third thread finds the device again after it was unplugged.
+/// newest force, because sending blocks. It sends at most one report a tick and, on average,
+/// output_rate reports a second; a report that ends a force does not wait. A third thread finds the
+/// device again after it was unplugged.
 ///
 /// The kernel keeps the OLDEST 63 reports. If 60 or more wait, HidDevice discards them as old.
 /// After a pause of more than HidLimits::stale without read(), the arm is not ready until a new
-/// report comes.
+/// report comes. A device with rate control stays ready.
 ///
 /// Faults:
 /// - Fault::kGone: the device is absent.
@@ -53,13 +55,16 @@ struct HidWrites {
 /// - Fault::kStale: a report with flags is too old.
 /// - Fault::kTemperature, kPower, kSwitch: a flag of the profile reports this state.
 ///
-/// An arm that is not homed, not enabled or out of reach is not ready.
+/// An arm that is not homed, not enabled or out of reach is not ready, nor is an arm whose position
+/// or flags have not come yet.
 class HidDevice final : public Arm {
  public:
-  /// Runs the profile's "open" and "home" steps on this thread (slow), and its "close" steps if
-  /// they fail. Throws DeviceError with the problem in words.
+  /// Runs the profile's "open" steps, waits for a report, and runs the "home" steps, on this thread
+  /// (slow). If one of these fails, runs the "close" steps and throws DeviceError with the problem
+  /// in words.
   ///
-  /// @param tested  True: the arm has passed `palpate devices --test`. False: the limits are
+  /// @param tested  True: the arm has passed `palpate devices --test`. False: the limits are at
+  /// most
   ///                kUntestedForce and kUntestedStiffness.
   HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
   /// Sends zero force, then runs the profile's "close" steps (at most kLongestClose).
@@ -88,10 +93,11 @@ class HidDevice final : public Arm {
   [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
   /// Returns the counts of reports. Call it on the thread that reads, or after its end.
   [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
-  /// Returns the counts since the opening; the reports of the profile's steps do not count.
+  /// Returns the counts since the opening. Reports that prepare or close the device do not count.
   /// Callable from any thread.
   [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
-  /// Returns how often the device was plugged in since the opening, plus one for the opening.
+  /// Returns how often the device was opened: at the construction, and each time it was found
+  /// again.
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
 
  private:
@@ -119,20 +125,21 @@ class HidDevice final : public Arm {
   };
 
   void begin();
-  /// Sets the time of the flags that came before, during the preparation, to `now` [ns].
+  /// Sets the time of each report that came during the preparation to `now` [ns].
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;
   void prepare(ReportPort& port, HidInput& input);
   /// Ignores failures, because the device may be absent.
   void leave(ReportPort& port, HidInput& input) noexcept;
   /// Runs the steps of a sequence. If a step waits for an action of the user, an earlier action
-  /// does not count. Calls `stop` between two steps, and while a step waits.
+  /// does not count. Calls `stop` before each step, and while a step waits. Throws DeviceError.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
-  /// Throws DeviceError if the field does not get its value in time.
+  /// Throws DeviceError if the field does not get its value in time, if the device is gone, or if
+  /// `stop` returns true.
   void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                const std::function<bool()>& stop);
-  /// Sets `hand.fault` if the device is absent.
+  /// Sets `hand.fault` if the device is absent, or if its counters may have wrapped unnoticed.
   void readReports(std::int64_t now, double dt, HandState& hand) noexcept;
   void adoptMended(std::int64_t now) noexcept;
   /// Makes the arm wait for new reports after a pause.
@@ -140,7 +147,8 @@ class HidDevice final : public Arm {
   void forgetCounters() noexcept;
   void lookAtHandle() noexcept;
   void applyFlags(HandState& hand) noexcept;
-  /// Sets `hand` stale if a report with flags is too old, and not ready if it has never come.
+  /// Sets Fault::kStale if a report with flags is too old. Sets `hand` not ready if such a report
+  /// has not come yet.
   void lookAtFlags(std::int64_t now, HandState& hand) noexcept;
   /// Sets a fault if a force waits too long, in the writer thread or in a write.
   void lookAtWrites(std::int64_t now, HandState& hand) noexcept;
@@ -153,9 +161,9 @@ class HidDevice final : public Arm {
   /// Returns true for devices that send no reports while they rest.
   [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
   void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
-  /// Returns the time since the last write [s].
+  /// Advances the motors' heat. Returns the time since the last write [s], 0 at the first.
   double heatMotors() noexcept;
-  /// Returns the motors' raw values that carry the arm's weight.
+  /// Returns the motors' raw values that carry the permitted share of the arm's weight.
   [[nodiscard]] std::array<double, kMostJoints> carried() const noexcept;
   void lost() noexcept;
   void writeLoop() noexcept;
@@ -183,7 +191,7 @@ class HidDevice final : public Arm {
 
   // `mended_` is used by the thread that finds the device again, then by the haptic thread.
   HidInput mended_;
-  /// Palpate cannot home the arm: only the user can bring it to its home pose.
+  /// The arm has miscounted, and only the user can bring it to its home pose.
   bool homeless_ = false;
 
   // Members for the haptic thread only.
@@ -194,18 +202,19 @@ class HidDevice final : public Arm {
   bool ticked_ = false;
   /// If the profile has home_at_open: raw values of the joints' fields in the home pose.
   std::vector<double> home_raw_;
-  std::vector<bool> flags_in_;  ///< For each report: true if it has a flag.
+  std::vector<bool> flags_in_;  ///< For each report: true if its flags can become stale.
   /// For each report: time at which it last came [ns], or kNever.
   std::vector<std::int64_t> flags_at_;
   bool heard_ = false;
   std::uint32_t plugging_seen_ = 1;
-  std::int64_t heard_at_ = 0;    ///< Time of the last report [ns].
-  std::int64_t counted_at_ = 0;  ///< Time of the last report that moved the joints [ns].
+  std::int64_t heard_at_ = 0;    ///< Time of the last position, or of a later pause [ns].
+  std::int64_t counted_at_ = 0;  ///< Time of the last update of `joints_` [ns].
   std::int64_t read_at_ = 0;     ///< Time of the last call of read() [ns].
-  /// The reports have a counter, by which a repeated report is recognised.
+  /// All reports with a joint have a counter, by which a repeated report is recognised.
   bool numbered_ = false;
   std::vector<double> counts_;
-  std::int64_t moved_at_ = 0;  ///< Time of the last change of `counts_` [ns].
+  /// Time of the last change of a count that moves the tip, or of a later pause [ns].
+  std::int64_t moved_at_ = 0;
   Joints joints_{};
   ArmPose pose_;
   Mat3 drives_W_ = Mat3::Identity();  ///< ProfileFacts::drives, in W.

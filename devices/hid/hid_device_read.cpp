@@ -60,7 +60,8 @@ void HidDevice::lookAtHandle() noexcept {
   if (!of.orientation.empty()) {
     handle.orientation = {turned.w(), turned.x(), turned.y(), turned.z()};
   }
-  // A float field may have any value. If it is not finite, the handle keeps its last state.
+  // A float field may have any value. If one is not finite, the handle keeps its last joints,
+  // gripper and orientation.
   bool finite = std::isfinite(handle.gripper) && turned.coeffs().allFinite();
   for (const double joint : handle.joints) finite = finite && std::isfinite(joint);
   if (!finite) {
@@ -106,7 +107,8 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
   if (!std::exchange(ticked_, true) && !profile_.home_at_open && profile_.home.empty()) {
     forgetCounters();
   }
-  // After a pause, the waiting reports are old, so their position is not used.
+  // After a pause, the waiting reports are old. Their position is not used, except that of a 3D
+  // mouse.
   const bool paused = dt > profile_.limits.stale;
   if (paused) forgetReports(now);
   ReadStatus got = port ? input_.takeNewest(*port) : ReadStatus::kGone;
@@ -228,7 +230,8 @@ bool HidDevice::countedOn(double pause) const noexcept {
     const double half =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits) - 1);
     // During a long pause the tip can move no farther than the arm's reach.
-    constexpr double kReach = 3.0;  // workspace radii between the two ends of an arm's reach
+    constexpr double kReach =
+        3.0;  // assumed workspace radii between the two ends of an arm's reach
     const double farthest =
         std::min(profile_.limits.speed * pause, kReach * profile_.limits.workspace_radius);
     if (lever * half < farthest) return false;

@@ -17,10 +17,10 @@ class HidInput {
  public:
   explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to the profile. Allocates.
 
-  /// Reads all waiting reports. Returns kReport if every report with a joint's field has come since
-  /// the last kReport. Returns kNothing if one of these reports is missing, or if the kernel's ring
-  /// had overflowed: the waiting reports are then old, so they are discarded. RT: as
-  /// ReportPort::read.
+  /// Reads the waiting reports, at most 128. Returns kReport if every report with a joint's field
+  /// has come since the last kReport. Returns kNothing if one of these reports is missing, or if
+  /// the kernel's ring had overflowed: the waiting reports are then old, so they are discarded.
+  /// Returns kGone if the device is gone. RT: as ReportPort::read.
   [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
   /// Returns true if this report has come since forget() and since the last overflow of the ring.
   [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
@@ -40,7 +40,7 @@ class HidInput {
   /// Numbers of reports since the construction, by their use.
   struct Counts {
     std::int64_t reports = 0;  ///< Calls of takeNewest() that returned kReport.
-    std::int64_t taken = 0;    ///< Valid reports of all kinds that the profile has.
+    std::int64_t taken = 0;    ///< Valid reports of the profile's kinds, not dropped.
     /// Valid reports beyond the first one of a call that returned kReport. With one kind of report,
     /// newer reports have replaced them.
     std::int64_t passed_by = 0;

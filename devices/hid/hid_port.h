@@ -32,13 +32,13 @@ class ReportPort {
   /// Reads the oldest waiting report, with its number first if reports are numbered. Never blocks.
   ///
   /// @param to  Buffer for a report; a report that is longer than the buffer is cut off.
-  /// @param size  Length of the report [bytes].
+  /// @param size  Length of the report in the buffer [bytes]; 0 without a report.
   ///
-  /// RT: no allocation except when the device is gone; a system call or two (3 us).
+  /// RT: no allocation except when the device is gone; a system call or two.
   [[nodiscard]] virtual ReadStatus read(std::span<std::byte> to,
                                         std::size_t& size) noexcept PALPATE_NONBLOCKING = 0;
   /// Sends a report, with its number first (0 without numbers). Blocks until the device has it,
-  /// about a millisecond over USB. Returns false if the device is gone.
+  /// about a millisecond over USB. Returns false if the device refuses it or is gone.
   [[nodiscard]] virtual bool write(std::span<const std::byte> report) noexcept = 0;
   /// Sends a feature report, with its number first. Returns false if the device refuses it or is
   /// gone. Call it on the thread that writes.
@@ -67,7 +67,7 @@ struct HidDeviceName {
   std::uint16_t usage = 0;
   /// Serial number; may be empty, or the same for all devices of a kind.
   std::string serial;
-  std::string maker;         ///< Name of the maker.
+  std::string maker;         ///< Name of the maker; may be empty.
   std::string product_name;  ///< Name of the product; may be empty.
   /// Port where the device is plugged in, from the kernel; may be empty.
   std::string port;
@@ -90,15 +90,16 @@ using Say = std::function<void(const std::string&)>;
 /// Throws DeviceError as openHid.
 [[nodiscard]] std::unique_ptr<ReportPort> openHidToRead(const std::string& path);
 
-/// Returns true while this process has the device of this path open.
+/// Returns true while this process has the device of this path open by openHid().
 [[nodiscard]] bool isOpenHere(const std::string& path);
 
 /// Locks a device for this process until the lock is released, or until the descriptor and all its
-/// copies (in child processes, too) are closed. Throws DeviceError that names the owner. Detects
-/// only programs that call claim().
+/// copies (in child processes, too) are closed. Throws DeviceError, which names the owner if the
+/// system shows it. Detects only programs that lock the device.
 ///
 /// The guardian of a killed program keeps the lock until it has taken the force off, at most 1 s.
-/// claim() prints a message and waits for the lock, up to kLongestClaim.
+/// claim() tells the user and waits for the lock, up to kLongestClaim. For an owner that is alive,
+/// it waits 50 ms.
 void claim(int descriptor, const std::string& path, const Say& say = {});
 inline constexpr double kLongestClaim = 2.0;  ///< [s], longest wait of claim()
 
@@ -110,7 +111,8 @@ inline constexpr double kLongestClaim = 2.0;  ///< [s], longest wait of claim()
 /// If a program of this user has a node open for writing, throws DeviceError that names it.
 void refuseEffects(const std::string& path, const std::vector<std::string>& nodes);
 
-/// Returns this user's programs that have a path open for writing, as "name (pid)".
+/// Returns the other programs that have a path open for writing, as "name (pid)". Sees only
+/// programs whose descriptors this user may list.
 [[nodiscard]] std::vector<std::string> whoHas(const std::string& path);
 
 }  // namespace palpate

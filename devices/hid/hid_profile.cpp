@@ -107,7 +107,7 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
 std::filesystem::path hidProfileFolder() {
   const char* config = std::getenv("XDG_CONFIG_HOME");
   const char* home = std::getenv("HOME");
-  // The XDG Base Directory Specification requires programs to ignore a relative path.
+  // By the XDG Base Directory Specification, a relative path is invalid and ignored.
   if (config != nullptr && *config == '/') return std::filesystem::path(config) / "palpate/arms";
   return std::filesystem::path(home != nullptr ? home : "/") / ".config/palpate/arms";
 }

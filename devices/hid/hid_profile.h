@@ -60,7 +60,8 @@ struct HidFlag {
 };
 
 /// A joint of the kinematics: joint = value / ratio + home. The motor's torque is the joint's
-/// torque divided by ratio. The number sent is the motor's torque divided by the torque constant.
+/// torque divided by ratio. The output field's value is the motor's torque divided by the torque
+/// constant.
 struct HidJoint {
   FieldRef from;  ///< Field of its encoder. Fields of two joints share no bits.
   /// Field units per joint unit; negative if they count in opposite directions.
@@ -68,7 +69,7 @@ struct HidJoint {
   /// Joint position at field value 0; with home_at_open, in the home pose [rad or m].
   double home = 0.0;
   std::optional<std::size_t> to;  ///< Output field of its motor; empty: the joint has no motor.
-  double torque_constant = 1.0;   ///< [N m per unit of the output field]
+  double torque_constant = 1.0;   ///< [N m, or N if it slides, per unit of the field]
   /// Value that its motor can hold forever [unit of the output field]; 0: every value of the field.
   double continuous = 0.0;
   double heating = 0.0;  ///< Time constant of its winding's heat [s].
@@ -162,7 +163,7 @@ struct HidProfile {
   /// Devices of this profile; a device needs to match only one entry.
   std::vector<HidMatch> match;
   double input_rate = 1000.0;           ///< Positions per second, from the maker's data [Hz].
-  double output_rate = 1000.0;          ///< Most reports sent per second [Hz]; 0: no output.
+  double output_rate = 1000.0;          ///< Most forces sent per second [Hz]; 0: no output.
   std::vector<HidReportSpec> input;     ///< At least one; if there are several, each has its `id`.
   std::optional<HidReportSpec> output;  ///< Empty: the arm has no motors.
   /// Axes of a device of USB's PID class, x before y; empty for other devices. The device's own
@@ -218,7 +219,7 @@ struct KnownArm {
   std::string transport;  ///< Interface by which it could be driven.
   std::string source;     ///< Source of the numbers, and file of the source.
 };
-/// Reads devices/hid/known_arms.json.
+/// Returns the arms of devices/hid/known_arms.json, which is compiled in.
 [[nodiscard]] std::vector<KnownArm> knownArms();
 
 }  // namespace palpate

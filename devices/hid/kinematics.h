@@ -1,4 +1,4 @@
-/// Computes an arm's tip position from its joints, and the motors' torques for a force at the tip.
+/// Computes an arm's tip position from its joints, and the joints' torques for a force at the tip.
 ///
 /// Frame D is the arm's own: the model defines its axes and origin. Right-handed, metres, radians.
 #pragma once
@@ -44,7 +44,7 @@ class Kinematics {
   virtual ~Kinematics() = default;
 
   [[nodiscard]] virtual std::size_t joints() const noexcept = 0;  ///< Returns 1 to kMostJoints.
-  /// Returns the tip's position and Jacobian, finite for finite joints. RT: no allocation, 0.5 us.
+  /// Returns the tip's position and Jacobian, finite for finite joints. RT: no allocation.
   [[nodiscard]] virtual ArmPose at(const Joints& joints) const noexcept PALPATE_NONBLOCKING = 0;
 
   /// Returns the number of moving links, from the base; see the factory functions for their frames.
@@ -65,7 +65,7 @@ class Kinematics {
 };
 
 /// Makes three sliding joints along x, y, z: their values are the tip's coordinates. Link i moves
-/// with joints 0 to i; its frame has the arm's axes.
+/// with joints 0 to i. Its frame has the arm's axes; at joint values 0 its origin is the arm's.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeCartesian();
 /// Makes sliding joints along `axes` only; 0 is x.
 ///

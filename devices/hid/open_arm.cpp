@@ -286,7 +286,8 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
         device.path, others[0]));
   }
   HidHost host{asked};
-  // The path changes with each plugging in. Without a serial number, the port identifies the arm.
+  // The path may change with each plugging in. Without a serial number, the port identifies the
+  // arm.
   host.find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
     for (const FoundArm& arm : findArms({profile})) {
       const bool same = arm.device.vendor == device.vendor &&

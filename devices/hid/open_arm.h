@@ -27,10 +27,12 @@ struct FoundArm {
   /// Returns the identity for names and stored tests: the serial number, else the port, else an
   /// empty text. If two arms without serial numbers swap ports, palpate takes each for the other.
   [[nodiscard]] std::string identity() const;
-  /// Compares the device's own report descriptor with a profile (complaintAbout). Returns the first
-  /// difference; no value if they agree, or if the system does not show the descriptor.
+  /// Compares the device's own report descriptor with a profile (complaintAbout; for a PID device,
+  /// readPidMap and describedBy). Returns the first difference; no value if they agree, or if the
+  /// descriptor is not shown or not valid.
   [[nodiscard]] std::optional<DeviceError> against(const HidProfile& profile) const;
-  /// Returns a name that openArm accepts: `hid:PROFILE@IDENTITY`.
+  /// Returns a name that openArm accepts: `hid:PROFILE@IDENTITY`, or `hid:PROFILE` without
+  /// identity.
   [[nodiscard]] std::string nameAs(const HidProfile& profile) const;
 };
 
@@ -47,9 +49,10 @@ struct ArmName {
 /// Splits a name into its parts. Returns no value if the name is not that of an arm.
 [[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
 
-/// Returns the profile that a name selects; `hid` alone does not select one. If the name is
-/// unknown, throws DeviceError with a similar name. `say` (may be empty) receives messages about
-/// the user's files that cannot be used, and about a torque constant that seems to be in mN m/A.
+/// Returns the profile that a name selects; `hid` alone does not select one. Throws DeviceError if
+/// the name is unknown (with a similar name, if there is one) or if its file is invalid. `say` (may
+/// be empty) receives messages about the user's files that cannot be used, and about a torque
+/// constant that seems to be in mN m/A.
 [[nodiscard]] HidProfile namedProfile(const ArmName& name,
                                       const std::function<void(const std::string&)>& say);
 

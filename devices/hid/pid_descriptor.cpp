@@ -88,8 +88,8 @@ std::size_t sizeOf(const HidDescriptor& device, Way way, std::uint8_t id) {
   return at == device.reports.end() ? 0 : at->size;
 }
 
-/// Finds the first report that has fields for which `is` returns true. Returns the report with
-/// these fields.
+/// Finds the first output or feature report with fields for which `is` returns true. Returns the
+/// report with these fields.
 template <class Is>
 std::optional<PidReport> reportOf(const HidDescriptor& device, Is is) {
   std::optional<PidReport> found;

@@ -15,7 +15,7 @@
 
 namespace palpate {
 
-/// Usages with their page, named as in the standard (PID 1.01, table 1).
+/// Usages with their page: of PID 1.01, table 1, and kX of the page Generic Desktop.
 namespace pid {
 inline constexpr std::uint32_t kPage = 0x0F0000;
 inline constexpr std::uint32_t kSetEffect = kPage | 0x21;
@@ -55,7 +55,7 @@ inline constexpr std::uint32_t kX = 0x010030;  ///< Y and Z have the next two nu
 struct PidField {
   std::uint32_t usage = 0;
   std::uint32_t inside = 0;
-  ReportField at;     ///< Its `least` and `most` come from the descriptor.
+  ReportField at;     ///< `least` and `most`: from the descriptor, within its bits.
   double step = 1.0;  ///< Size of one count in units, with the exponent applied.
   bool unit = false;
 };
@@ -94,9 +94,9 @@ struct PidMap {
   std::optional<PidReport> effect, create, load, free, control, gain, pool;
 };
 
-/// Finds the reports and fields in a descriptor. Throws DeviceError that names a required field
-/// that is missing. Any descriptor is safe. If more than 64 fields of one kind are adjacent, uses
-/// only the first 64.
+/// Finds the reports and fields in a descriptor. Throws DeviceError that names what the device
+/// lacks for a constant force. Any descriptor is safe. If more than 64 fields of one kind are
+/// adjacent, uses only the first 64.
 [[nodiscard]] PidMap readPidMap(const HidDescriptor& device, const std::string& name);
 
 /// Returns the profile of a PID device (HidProfile::pid) with the fields of the device. Inputs are

@@ -41,7 +41,8 @@ PidDevice::PidDevice(const HidProfile& profile, std::span<const std::byte> descr
   params.name = "arm " + profile.name;
   for (const PidAxisSpec& axis : profile.pid) params.axes.push_back(axis.axis);
   const bool has_gain = map_.gain && map_.gain->find(pid::kDeviceGain) != nullptr;
-  // Magnitudes do not depend on the gain, so firmware that ignores the gain gives full forces.
+  // A smaller gain does not enlarge the magnitudes, so firmware that ignores the gain gives the
+  // computed forces, not larger ones.
   params.gain = tested || host.tests || !has_gain ? 1.0 : kUntestedGain;
   params.now = host.now;
   HidProfile described = describedBy(map_, profile);

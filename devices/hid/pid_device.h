@@ -22,20 +22,21 @@ namespace palpate {
 /// Fault::kSwitch. After the fault, the force grows from zero as at the start.
 class PidDevice final : public Arm {
  public:
-  /// Gain of an untested device that has a gain field. It scales every force.
+  /// Gain of an untested device that has a gain field, except during its test. It scales all
+  /// forces.
   static constexpr double kUntestedGain = 0.1;
   /// Friction assumed for an arm without a measured friction [N s/m].
   static constexpr double kLikelyViscous = 0.5;
 
   /// Opens the device. Slow. Throws DeviceError with the problem in words. `profile` has axes in
   /// HidProfile::pid. A device that host.find returns must have the same descriptor. If not
-  /// `tested`, the limits are kUntestedForce, kUntestedStiffness and kUntestedGain.
+  /// `tested`, the limits are at most kUntestedForce, kUntestedStiffness and kUntestedGain.
   PidDevice(const HidProfile& profile, std::span<const std::byte> descriptor,
             std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
 
-  /// Returns the description, which never changes. DeviceInfo::output_rate follows from the time
-  /// that reports take. max_stiffness is at most the passivity bound of docs/stability.md for that
-  /// delay.
+  /// Returns the description, which never changes. DeviceInfo::output_rate is the profile's, or
+  /// less if the device takes reports more slowly. max_stiffness is at most the passivity bound of
+  /// docs/stability.md for the arm's delay.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override { arm_->write(force); }

@@ -41,7 +41,7 @@ void choose(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_
   }
 }
 
-/// Sets all bits of a field. In fields of PID reports this value means "none".
+/// Sets all bits of a field. In the field of the trigger button this value means "no button".
 void putNone(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_t usage) {
   const PidField* field = report.find(usage);
   if (field == nullptr) return;
@@ -63,8 +63,8 @@ double secondsACount(const PidField& field) {
   return step > 0.0 && std::isfinite(step) ? step : 1e-3;
 }
 
-/// Returns the shortest duration >= PidPort::kDuration [counts]. Avoids the largest count, which
-/// may mean forever.
+/// Returns the shortest duration >= PidPort::kDuration [counts], or the longest one if all are
+/// shorter. Avoids the largest count, which may mean forever.
 double durationIn(const PidField& field) {
   const double wanted = std::ceil(PidPort::kDuration / secondsACount(field) - 1e-9);
   const double least = std::max(1.0, field.at.least);

@@ -43,7 +43,7 @@ struct PidParams {
 /// If duration() > 0, each effect ends by itself after duration(), so the force ends if the writes
 /// stop. While magnitudes are written, effects are restarted every quarter of duration(). If
 /// duration() is 0, the force stays until a report ends it (stoppingReport). Firmware may take the
-/// durations 0 and the largest possible one as infinite; these two are never sent.
+/// durations 0 and the largest possible one as infinite, so PidPort avoids these two.
 class PidPort final : public ReportPort {
  public:
   /// Intended duration() [s], which is rounded up to counts of the device's duration field.
@@ -62,7 +62,8 @@ class PidPort final : public ReportPort {
   [[nodiscard]] ReadStatus read(std::span<std::byte> to,
                                 std::size_t& size) noexcept PALPATE_NONBLOCKING override;
   /// Sends the magnitudes, in the layout of describedBy: one report for each magnitude that has
-  /// changed. Returns false if the device is gone.
+  /// changed, or for every magnitude when it restarts the effects. Returns false if the device
+  /// refuses a report or is gone.
   [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override;
   [[nodiscard]] bool sendFeature(std::span<const std::byte> /*report*/) noexcept override {
     return false;
@@ -78,7 +79,9 @@ class PidPort final : public ReportPort {
   static constexpr std::size_t kAxes = 3;
   using Bytes = std::vector<std::byte>;
   struct Effect {
-    int index = 0;  ///< Index of the effect's block, given by the device; 0: no effect was made.
+    /// Index of the effect's block: given by the device, or counted from 1 if the device has no
+    /// report that creates effects. 0: no effect was made.
+    int index = 0;
     Bytes set, magnitude, start, stop, free;
     double sent = 0.0;  ///< The magnitude that was sent last; NaN if unknown.
   };

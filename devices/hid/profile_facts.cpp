@@ -17,7 +17,8 @@ Joints jointsAtHome(const HidProfile& profile) {
   return joints;
 }
 
-/// Moves `joints` to bring the tip as near to `place` as possible; returns the distance [m].
+/// Moves `joints` to bring the tip near to `place`, by a local search. Returns the distance [m];
+/// infinite if the first pose is not reachable.
 double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   constexpr int kSteps = 60;
   const std::size_t n = arm.joints();

@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-// No desktop arm is larger, stronger or faster than these limits. A larger number has a wrong unit.
+// Assumed limits of desktop arms. A number beyond them has a wrong unit.
 constexpr double kMostLength = 2.0;     // [m]
 constexpr double kMostAngle = 6.2832;   // [rad]
 constexpr double kMostForce = 100.0;    // [N]

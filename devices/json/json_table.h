@@ -218,17 +218,17 @@ class JsonObject {
     for (const char* key : keys) refusals_.push_back({key, why, remedy});
     return *this;
   }
-  /// Rejects a file with `key` but without `other`.
+  /// Rejects an object with `key` but without `other`.
   JsonObject& needs(const char* key, const char* other, const char* why, const char* remedy) {
     relations_.push_back({key, other, true, why, remedy});
     return *this;
   }
-  /// Rejects a file with both `key` and `other`.
+  /// Rejects an object with both `key` and `other`.
   JsonObject& either(const char* key, const char* other, const char* why, const char* remedy) {
     relations_.push_back({key, other, false, why, remedy});
     return *this;
   }
-  /// Adds a function that read() calls with the Spec before it reads the rows.
+  /// Adds a function that read() calls with the Spec before it reads the rows of this object.
   JsonObject& always(std::function<void(Spec&)> set) {
     set_.push_back(std::move(set));
     return *this;
@@ -240,7 +240,8 @@ class JsonObject {
     for (auto& [word, object] : objects) choices_.push_back({word, std::move(object)});
     return *this;
   }
-  /// Adds alternative sets of rows. A file selects a set if it has the set's first key.
+  /// Adds alternative sets of rows. The file selects the set whose first key it has; it must have
+  /// exactly one of these keys.
   JsonObject& chooseByKey(std::vector<JsonObject> objects) {
     for (JsonObject& object : objects) {
       std::string first = object.rows_.front().key;

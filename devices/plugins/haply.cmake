@@ -31,9 +31,9 @@ target_link_libraries(palpate_plugin_haply
   PRIVATE palpate_haply_messages palpate_options Threads::Threads ${PALPATE_WEBSOCKETS_LIBRARY})
 set_target_properties(palpate_haply_messages palpate_plugin_haply PROPERTIES
   CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
-# clang's tools read the compile commands of a build with stubs and do not know the option.
+# clang's tools read the compile commands of a build with stubs and do not know -fno-gnu-unique.
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND NOT PALPATE_PLUGIN_STUBS)
-  # Without the option, symbols that the standard library shares between libraries would also be exported.
+  # Without it, symbols that the standard library shares between libraries would also be exported.
   target_compile_options(palpate_haply_messages PRIVATE -fno-gnu-unique)
   target_compile_options(palpate_plugin_haply PRIVATE -fno-gnu-unique)
 endif()

@@ -110,8 +110,8 @@ Inventory ask(std::string& why) {
   }
   if (inventory.generation == Generation::k30) {
     why = address.words +
-          " uses the messages of version 3.0, which do not report forces: install Haply's Inverse "
-          "Service 3.1 or newer, and set PALPATE_HAPLY_URL to its address";
+          " uses the messages of version 3.0, for which no message with a force is known: install "
+          "Haply's Inverse Service 3.1 or newer, and set PALPATE_HAPLY_URL to its address";
   }
   return inventory;
 }
@@ -257,7 +257,7 @@ int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
   palpate_plugin_force all{};
   std::memcpy(&all, force, std::min<std::size_t>(force->size, sizeof(all)));
   const Triple wanted{all.force[0], all.force[1], all.force[2]};
-  // In libstdc++, std::hypot of three numbers treats NaN as 0.
+  // In libstdc++, std::hypot of three numbers may ignore a NaN.
   const double strength =
       std::sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1] + wanted[2] * wanted[2]);
   const bool good = std::isfinite(strength);

@@ -23,7 +23,7 @@ namespace palpate::haply {
 
 using Triple = std::array<double, 3>;
 
-/// Longest accepted message [bytes]; a state with two arms has about 2,000.
+/// Longest accepted message [bytes].
 inline constexpr std::size_t kMessageLimit = 65536;
 inline constexpr int kDepthLimit = 16;  ///< Largest depth of nesting; a state has 6.
 /// Largest number of arms that are read from a message; further arms are ignored.
@@ -77,9 +77,9 @@ struct ArmState {
 struct GripState {
   DeviceId id;
   bool turned = false;
-  std::array<double, 4> orientation_D{};  ///< Unit quaternion w, x, y, z.
+  std::array<double, 4> orientation_D{};  ///< Unit quaternion w, x, y, z; zeros if not `turned`.
   std::uint32_t buttons = 0;
-  int button_count = 0;  ///< 1 for a handle with a cable; 3 or 4 for a handle without a cable.
+  int button_count = 0;  ///< Number of buttons in the message; 1 for a handle with a cable.
 };
 
 struct Message {
@@ -92,8 +92,8 @@ struct Message {
 
 /// Result of readMessage(). `out` is valid only for kState.
 enum class Verdict : std::uint8_t {
-  kState,  ///< The message has lists of devices, which may be empty.
-  kOther,  ///< The message is JSON without lists of devices.
+  kState,  ///< The message has a list of arms, which may be empty.
+  kOther,  ///< The message is JSON without a list of arms.
   kTooLong,
   kTooDeep,
   kNotJson,

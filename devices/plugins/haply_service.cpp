@@ -66,7 +66,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
   const std::size_t slash = rest.find('/');
   out.path = slash == std::string::npos ? "/" : rest.substr(slash);
   rest.resize(std::min(slash, rest.size()));
-  // In a name such as [::1]:10001, the port begins at the last colon after the bracket.
+  // In a name such as [::1]:10001, the port begins after the colon behind the bracket.
   const std::size_t bracket = rest.find(']');
   const std::size_t colon = rest.find(':', bracket == std::string::npos ? 0 : bracket);
   out.host = rest.substr(0, colon);

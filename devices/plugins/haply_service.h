@@ -2,12 +2,12 @@
 /// arms of the process.
 ///
 /// The service sends one state for each message that it receives. So the thread sends the newest
-/// forces again and again: each message after the answer to the previous one, and at most one per
-/// kPeriod.
+/// forces again and again: each message kPeriod after the previous one if that was answered, else
+/// kAskAgain after it.
 ///
 /// A force is sent while three conditions hold: it is younger than kForceHolds; the arm's last
 /// valid position came less than kSilence ago; a zero force was written since the last stop() or
-/// silence. Otherwise the thread sends zero at once.
+/// silence. Otherwise the next message has zero force.
 #pragma once
 
 #include <array>
@@ -30,12 +30,12 @@ namespace palpate::haply {
 inline constexpr std::int64_t kForceHolds = 40'000'000;
 /// Time without a valid position until the force is zero, by the host's clock [ns].
 inline constexpr std::int64_t kSilence = 30'000'000;
-/// Time between two messages if the first was answered [ns]. This time and the next three are
-/// measured by the machine's clock.
+/// Shortest time between two messages if the first was answered [ns]. This time and the next three
+/// are measured by the machine's clock.
 inline constexpr std::int64_t kPeriod = 500'000;
 /// Time between two messages if the first was not answered [ns].
 inline constexpr std::int64_t kAskAgain = 5'000'000;
-/// Time between two messages while no arm is open [ns].
+/// Time between two messages while no arm is open, or the generation is unknown [ns].
 inline constexpr std::int64_t kAskForArms = 250'000'000;
 /// Time until the next attempt to connect [ns].
 inline constexpr std::int64_t kTryAgain = 100'000'000;
@@ -58,11 +58,11 @@ struct Line {
   Mailbox<Reading> readings;  ///< Service thread to haptic thread.
   Mailbox<Order> orders;      ///< Haptic thread to service thread.
   DeviceId id;
-  /// Number of stops. After a stop the force is off until zero is written.
+  /// 1 plus the number of stops and losses. After each, the force is off until zero is written.
   std::atomic<std::uint64_t> stops{1};
   /// Value of `stops` when the force of the last sent message was chosen.
   std::atomic<std::uint64_t> obeyed{0};
-  std::atomic<std::uint64_t> losses{0};  ///< Number of times that the arm has fallen silent.
+  std::atomic<std::uint64_t> losses{0};  ///< Number of silences of the arm and lost connections.
   std::atomic<int> powered{-1};  ///< ArmState::powered of the last message that contained it.
   std::atomic<int> ready{-1};
   std::atomic<int> calibrated{-1};
@@ -72,7 +72,7 @@ struct Line {
   std::atomic<bool> left{false};  ///< The service thread no longer refers to this line.
 
   // Used by the service thread only.
-  bool told_zero = false;      ///< A zero force was sent after `leaves` was set.
+  bool told_zero = false;      ///< A message without force was sent after `leaves`.
   std::int64_t leaves_at = 0;  ///< Time when the thread first saw `leaves` [ns].
   long told_in = 0;            ///< Index of the message that carried this zero force.
   std::int64_t heard = 0;      ///< Time of the last valid position, by the host's clock [ns].
@@ -107,7 +107,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
 /// The connection. Construct, use and destroy it on the main thread.
 class Service {
  public:
-  /// @param now  The host's clock; called on any thread.
+  /// @param now  The host's clock; called on the service thread.
   Service(Address address, std::int64_t (*now)());
   ~Service();
   Service(const Service&) = delete;

@@ -29,7 +29,7 @@ class Newest {
   }
 
   /// Reads the newest value. Returns false, and leaves `value` unchanged, if no value has come
-  /// since the last take(), or if a write stays in progress.
+  /// since the last take(), or if writes disturb each of 1,000 attempts.
   [[nodiscard]] bool take(T& value) noexcept {
     std::uint64_t words[kWords];
     for (int tries = 0; tries < 1000; ++tries) {
@@ -57,7 +57,7 @@ struct Order {
   double force[3] = {};      ///< In W [N].
   double share = 0.0;        ///< Share of the arm's weight that the motors also carry.
   std::int64_t written = 0;  ///< Time of the write [ns].
-  std::uint32_t stops = 0;   ///< Number of stops when this order was written.
+  std::uint32_t stops = 0;   ///< Number of stops when now() returned this order.
 };
 
 class Orders {
@@ -89,8 +89,9 @@ class Orders {
     return PALPATE_PLUGIN_OK;
   }
 
-  /// Stops the force. Waits until a zero has been sent, because the process may end next, but at
-  /// most `tries` times 0.1 ms. Callable from any thread and from signal handlers.
+  /// Stops the force. If an SDK's thread serves, waits until a zero has been sent, because the
+  /// process may end next, but at most `tries` times 0.1 ms. Callable from any thread and from
+  /// signal handlers.
   void stop(int tries = 100) noexcept {
     stopped_.store(true, std::memory_order_release);
     const std::uint32_t stops = stops_.fetch_add(1, std::memory_order_acq_rel) + 1;

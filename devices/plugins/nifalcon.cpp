@@ -269,7 +269,7 @@ int find(palpate_plugin_found* found, int room) {
   return count;
 }
 
-// `serial` is 0 for the first arm that the library finds, 1 for the second, ...
+// `serial` is 0 or empty for the first arm that the library finds, 1 for the second, ...
 palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   if (open_arm != nullptr) {
     tell(error, room, "nifalcon: an arm is open already; close that arm");

@@ -1,5 +1,5 @@
-/// An arm that a plug-in drives, in this process or in the plug-in's own process. Checks all values
-/// of the plug-in.
+/// An arm that a plug-in drives, in this process or in the plug-in's own process. Checks the values
+/// of the plug-in; the loop checks the position.
 #pragma once
 
 #include <cstdint>
@@ -29,16 +29,18 @@ namespace palpate {
 /// Reads and drives an arm through a PluginPort.
 ///
 /// The age of a position counts from its measurement, at the latest from the read that first saw
-/// it. So an arm with a dead sensor becomes stale (WatchLimits::stale), even if its plug-in gives a
-/// new time to the same position. If equal positions keep coming as new ones, the force fades
-/// (StillFade).
+/// it. So an arm whose position keeps its time becomes stale (WatchLimits::stale). If the plug-in
+/// gives new times to an unchanged position, the force fades (StillFade).
 ///
 /// Faults:
-/// - Fault::kWrite: the plug-in did not take a force within 20 ms plus a period, or its process has
-/// refused an order that violates the gate's limits.
+/// - Fault::kWrite: the plug-in did not take a force within 20 ms plus a period, or a write has
+///   failed, or the plug-in's process has refused an order that violates the gate's limits.
 /// - Fault::kGone: the plug-in has ended, or the arm is unplugged.
-/// - Fault::kNotFinite: numbers are not finite.
-/// - Fault::kLate: the plug-in's process has taken the force off because orders came late.
+/// - Fault::kLate: the plug-in's process has taken the force off because orders came late, or
+///   because a guardian stopped it.
+/// - Fault::kTemperature, kPower, kSwitch: the plug-in reports this state.
+///
+/// The loop reports a position that is not finite (Fault::kNotFinite).
 class PluginArm final : public Arm {
  public:
   /// Throws DeviceError if the facts are not usable (infoFor).

@@ -22,7 +22,8 @@ inline constexpr const char* kPluginProgram = "palpate-plugin";
 class OwnedDescriptor {
  public:
   OwnedDescriptor() = default;
-  /// Moves the descriptor `own` above the numbers that a child process gets.
+  /// Moves the descriptor `own` above the numbers that a child process gets. Throws DeviceError if
+  /// `own` is negative or cannot be moved.
   explicit OwnedDescriptor(int own);
   OwnedDescriptor(OwnedDescriptor&& other) noexcept : own_(std::exchange(other.own_, -1)) {}
   OwnedDescriptor& operator=(OwnedDescriptor&& other) noexcept {
@@ -55,7 +56,8 @@ class PluginChild {
   [[nodiscard]] bool lives();
   /// Returns true once after the process was stopped and lives() has let it continue.
   [[nodiscard]] bool wasStopped() noexcept { return std::exchange(stopped_, false); }
-  /// Waits at most `patience` [s] for the process to end, then kills it, and waits 1 s more.
+  /// Waits at most `patience` [s] for the process to end, then kills it, and waits at most 1 s
+  /// more.
   void end(double patience);
 
  private:
@@ -71,7 +73,7 @@ class PluginChild {
 enum class PluginReceived : std::uint8_t {
   kMessage,
   kNothing,
-  kEnd,  ///< The other side has closed the socket.
+  kEnd,  ///< The other side has closed the socket, or the socket fails.
 };
 /// Receives a message, which is empty if the socket is empty or the message is invalid.
 [[nodiscard]] PluginReceived receivePluginMessage(int control,

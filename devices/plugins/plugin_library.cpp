@@ -77,7 +77,8 @@ std::string orNone(const char* text) {
   return text != nullptr ? text : "";
 }
 
-/// Returns true if `name` is not a path or an option.
+/// Returns true for 1 to 64 letters, digits, _ and -. Such a name, without a - in front, cannot be
+/// a path or an option.
 bool plain(const std::string& name) {
   return !name.empty() && name.size() <= 64 && name[0] != '-' &&
          std::all_of(name.begin(), name.end(),

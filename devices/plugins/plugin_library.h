@@ -12,14 +12,15 @@
 
 namespace palpate {
 
-/// Returns the folders of plug-ins, in search order: those of PALPATE_PLUGINS (separated by
-/// colons), the user's own ($XDG_DATA_HOME/palpate/plugins or ~/.local/share/palpate/plugins), and
-/// ../lib/palpate/plugins of the program.
+/// Returns the folders of plug-ins, in search order: those of PALPATE_PLUGINS (absolute paths,
+/// separated by colons), the user's own ($XDG_DATA_HOME/palpate/plugins or
+/// ~/.local/share/palpate/plugins), and ../lib/palpate/plugins of the program.
 [[nodiscard]] std::vector<std::filesystem::path> pluginFolders();
 /// Returns the sorted names of the plug-ins. Of files with equal names, the first is used.
 [[nodiscard]] std::vector<std::string> pluginNames();
-/// Returns the plug-in's file. Throws DeviceError if the file does not exist (the error lists the
-/// existing plug-ins), or if other users may write it.
+/// Returns the plug-in's file. Throws DeviceError if the name is not valid, if the file does not
+/// exist (the error lists the existing plug-ins), or if other users may write the file or its
+/// folder.
 [[nodiscard]] std::filesystem::path pluginFile(const std::string& name);
 
 struct PluginHost {
@@ -35,7 +36,8 @@ class PluginDevice;
 /// at a time.
 class PluginLibrary {
  public:
-  /// Throws DeviceError if the file is not a plug-in, or is a plug-in of another version.
+  /// Loads and initialises the plug-in. Throws DeviceError if the file is not a plug-in, is of
+  /// another version, is loaded already, or fails.
   PluginLibrary(const std::filesystem::path& file, PluginHost host);
   ~PluginLibrary();
   PluginLibrary(const PluginLibrary&) = delete;
@@ -76,8 +78,8 @@ class PluginDevice {
 
   // The next four functions: RT, if the plug-in's functions are.
 
-  /// Reads the newest reading. If no new reading has come, `reading` stays unchanged, even if the
-  /// plug-in has written into it.
+  /// Reads the newest reading. Unless a new reading has come, `reading` stays unchanged, even if
+  /// the plug-in has written into it.
   [[nodiscard]] int read(palpate_plugin_reading& reading) const noexcept {
     palpate_plugin_reading next = reading;
     next.size = sizeof(next);

@@ -28,7 +28,7 @@ struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::atomic<std::uint32_t> orders{0};
   std::atomic<std::int64_t> ticked_at{0};  ///< Time of the program's last read [ns], a heartbeat.
 
-  /// At least as large as a memory page on every machine [bytes].
+  /// At least as large as a memory page on x86-64 and arm64 [bytes].
   static constexpr std::size_t kPage = 65536;
   std::array<std::byte, kPage> apart{};  ///< Puts the two parts on different pages.
 
@@ -44,7 +44,8 @@ enum : int {
   kPluginZero = 5,     ///< Socket of the guardian: any message means zero force.
 };
 
-/// A message while an arm is opened. The socket preserves message boundaries.
+/// A message of the plug-in's process: kSay at any time, the others while arms are listed or
+/// opened. The socket preserves message boundaries.
 struct PluginMessage {
   enum Kind : std::uint32_t {
     kSay,     ///< A line for the user.
@@ -70,8 +71,8 @@ bool sendPluginMessage(int socket, PluginMessage::Kind kind, const std::string& 
 /// Parses received bytes. Returns nullopt if they are too short, too long or of an unknown kind.
 [[nodiscard]] std::optional<PluginMessage> pluginMessageOf(std::span<const std::byte> bytes);
 
-/// Waits until `word` differs from `seen`, but at most until nowNs() reaches `until` [ns].
-/// wakeWord() wakes the waiting thread, also from another process. RT: a system call.
+/// Waits until `word` differs from `seen`, but at most until nowNs() reaches `until` [ns]; may
+/// return earlier. wakeWord() wakes one waiting thread, also of another process. RT: a system call.
 void waitForWord(std::atomic<std::uint32_t>& word, std::uint32_t seen, std::int64_t until) noexcept;
 void wakeWord(std::atomic<std::uint32_t>& word) noexcept;
 

@@ -50,7 +50,8 @@ class PluginPort {
   /// they carry no weight. Not yet checked.
   [[nodiscard]] virtual double carries() const noexcept = 0;
 
-  /// Returns false, and leaves `news` unchanged, if the arm is gone. RT: no allocation.
+  /// Reads the arm's newest state. Returns false, and leaves `news` unchanged, if the plug-in's
+  /// process has ended. RT: no allocation.
   [[nodiscard]] virtual bool read(PluginNews& news) noexcept PALPATE_NONBLOCKING = 0;
   /// Sends an order to the arm. RT: no allocation.
   virtual void write(const PluginOrder& order) noexcept PALPATE_NONBLOCKING = 0;

@@ -49,7 +49,7 @@ void PluginServer::stop() noexcept {
 
 bool PluginServer::isSound(const PluginOrder& order, std::int64_t now) noexcept {
   const auto& force = order.force.force;
-  // In libstdc++, std::hypot of three numbers treats NaN as 0.
+  // In libstdc++, std::hypot of three numbers may ignore a NaN.
   const double size = std::sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
   const double dt = ordered_at_ == 0 ? 0.0 : 1e-9 * static_cast<double>(now - ordered_at_);
   const bool force_grows = force_growth_.look(size, dt);
@@ -159,7 +159,7 @@ std::atomic<const PluginDevice*> the_device{nullptr};
 
 /// Longest time for stop() [us]. If stop() takes longer, this process ends, and the next process
 /// takes the force off.
-constexpr long kStopTime = 30000;  // [us]
+constexpr long kStopTime = 30000;
 void endIn(long us) noexcept {
   const itimerval time{{0, 0}, {us / 1000000, us % 1000000}};
   setitimer(ITIMER_REAL, &time, nullptr);
@@ -204,7 +204,8 @@ class HandlerStack {
   std::vector<std::byte> memory_;
 };
 
-/// Makes signals that end the process stop the arm first. Ignores SIGPIPE (writes to closed pipes).
+/// Makes the signals below, and exit(), stop the arm before the process ends. Ignores SIGPIPE
+/// (writes to closed pipes).
 void catchCrashes() {
   struct sigaction action {};
   action.sa_handler = stopThenEnd;

@@ -10,8 +10,8 @@
 
 namespace palpate {
 
-/// Checks that a magnitude grows no faster than its slew limit. A tick may come late by
-/// WatchLimits::late; the growth for this time is then accepted at once.
+/// Checks that a magnitude grows no faster than its slew limit. A tick may come late by the default
+/// of WatchLimits::late; the growth for this time is then accepted at once.
 class GrowthCheck {
  public:
   /// @param slew  Largest growth per second, > 0.
@@ -31,11 +31,11 @@ class GrowthCheck {
 };
 
 /// Passes orders to an arm and publishes the arm's news, on the thread that calls loop(). Takes the
-/// force off if no more orders come. Reads the arm kLead before the program's next expected read,
-/// so the position is fresh and the tick never waits.
+/// force off if no more orders come. Reads the arm shortly before the program's next expected
+/// read (at most kLead), so the position is fresh and the tick does not wait.
 class PluginServer {
  public:
-  static constexpr std::int64_t kLead = 100'000;  ///< Lead of a reading [ns].
+  static constexpr std::int64_t kLead = 100'000;  ///< Largest lead of a reading [ns].
   /// Time without an order after which the force becomes zero [s].
   static constexpr double kSilent = 0.015;
 
@@ -55,7 +55,7 @@ class PluginServer {
   [[nodiscard]] bool done() const noexcept { return done_; }
   /// Ends loop(). Callable from any thread.
   void end() noexcept { ended_ = true; }
-  /// The action that the state of loop() requires.
+  /// The action that the state of loop() requires. A pass may also take two periods.
   enum class Look : std::uint8_t {
     kTurns,  ///< No action: loop() is running.
     kStop,   ///< Call stop(): loop() has made no pass for kSilent. Returned once.

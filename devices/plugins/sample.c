@@ -65,8 +65,8 @@ static void give(void* theirs, const void* ours, size_t ours_size) {
 
 /* ---- The simulated arm. A plug-in for a real arm calls its maker's library instead. ---- */
 
-/* Computes the motors' force in one period: zero after a stop, and if the last write is older than
- * kWatchdog. */
+/* Computes the force of the motors and of the weight in one period. The motors give no force before
+ * prepare, after a stop, and if the last write is older than kWatchdog. */
 static void forceNow(arm* a, double out[3]) {
   const int off =
       __atomic_load_n(&a->stopped, __ATOMIC_ACQUIRE) || !a->ready || a->at - a->written > kWatchdog;
@@ -97,7 +97,7 @@ static void step(arm* a) {
 
 static void measure(const arm* a, palpate_plugin_reading* r) {
   const double t = 1e-9 * (double)(a->at - a->began);
-  const double w = a->held ? 0.5 : 0.0; /* The hand's path: a slow circle of 2 cm [rad/s]. */
+  const double w = a->held ? 0.5 : 0.0; /* [rad/s], on the hand's path, a circle of 2 cm radius. */
   r->state = a->ready ? PALPATE_PLUGIN_READY : 0;
   r->taken = a->at;
   r->position[0] = a->offset[0] + 0.02 * sin(w * t);

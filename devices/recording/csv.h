@@ -10,8 +10,8 @@
 namespace palpate {
 
 /// Opens a file, or standard input for "-". Errors of standard input are visible only after
-/// std::ios::sync_with_stdio(false). Throws Error. `holder` owns the file and must outlive the
-/// stream.
+/// std::ios::sync_with_stdio(false). Throws Error if the file is a folder, a pipe or a device, or
+/// cannot be read. `holder` owns the file and must outlive the stream.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 
 /// A row of a table read by readCsv.
@@ -21,7 +21,8 @@ struct CsvRow {
 };
 
 /// Reads a table with exactly the header `columns` and with finite numbers only. Skips blank lines;
-/// accepts CRLF and blanks around a field. Throws DeviceError with `name` and the line.
+/// accepts CRLF and blanks around a field. Throws DeviceError with `name`, and with the line if a
+/// row is wrong.
 [[nodiscard]] std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
                                           const std::string& name);
 

@@ -118,7 +118,7 @@ void Recorder::run() {
       if (::fdatasync(descriptor_) != 0 && errno != EINVAL) fail(std::strerror(errno));
       synced = now;
     }
-    // In virtual time the ring fills fast, so the thread does not pause.
+    // Pauses only while the ring is almost empty, because in virtual time it fills fast.
     if (!last && ring_->slots.size_approx() < kRoom / 4) std::this_thread::sleep_for(kLook);
   }
 }

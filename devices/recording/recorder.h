@@ -14,13 +14,13 @@
 
 namespace palpate {
 
-/// Passes ticks through a ring buffer to a thread that writes the file. If the program is killed,
-/// at most the ticks of the last kWritten are lost. If the power fails, at most those of the last
-/// kSynced are lost.
+/// Passes ticks through a ring buffer to a thread that writes the file. While the disk keeps up, a
+/// killed program loses at most the ticks of the last kWritten. If the power fails, the ticks since
+/// the last sync are lost (kSynced).
 class Recorder {
  public:
-  static constexpr double kWritten = 0.05;  ///< Longest time until a tick is in the file [s].
-  static constexpr double kSynced = 1.0;    ///< Longest time until a tick is on the disk [s].
+  static constexpr double kWritten = 0.05;  ///< Time until a tick is in the file [s].
+  static constexpr double kSynced = 1.0;    ///< Time between two syncs of file and disk [s].
 
   /// Creates a temporary file in the folder of `file` and writes the header. Throws Error if this
   /// fails.
@@ -29,28 +29,28 @@ class Recorder {
   Recorder& operator=(const Recorder&) = delete;
   ~Recorder();
 
-  /// Renames the temporary file to `file`, which replaces an existing file. Call it before the
-  /// first tick. Without this call an existing file stays unchanged. Throws Error if the move
-  /// fails.
+  /// Renames the temporary file to `file`, which replaces an existing file, and starts the thread
+  /// that writes. Call it before the first tick. Without this call an existing file stays
+  /// unchanged. Throws Error if the move fails.
   void begin();
 
   // Called by the haptic thread.
 
-  /// Records a tick. If the ring is full, the tick is lost and counted. RT: no allocation, no lock,
-  /// no system call. Cost: about 0.1 us.
+  /// Records a tick. If the ring is full, the tick is lost and counted. After writing has failed,
+  /// ticks are ignored. RT: no allocation, no lock, no system call; copies a RecordedTick.
   void take(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
 
   // Called by the scene thread.
   /// Adds a scene. Call it before the scene is published.
   void expect(RecordedScene scene);
-  /// For virtual time: waits until at least half of the ring is free.
+  /// For virtual time: waits until about half of the ring is free, or until writing has failed.
   void wait() const;
   /// Returns the number of ticks that were lost because the ring was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
-  /// Returns why writing has stopped, such as a full disk; empty while writing continues. Data that
-  /// were written earlier are complete.
+  /// Returns why writing has stopped, such as a full disk; empty while writing continues. The file
+  /// keeps the chunks that were written completely.
   [[nodiscard]] std::string trouble() const;
-  /// Writes the remaining ticks and closes the file.
+  /// Writes the remaining ticks and closes the file. Without begin(), removes the temporary file.
   void end();
 
  private:

@@ -368,7 +368,7 @@ T at(std::span<const std::byte> bytes, std::size_t offset) noexcept {
   return value;
 }
 
-/// Returns true if the ticks' numbers rise and all exceed `last`.
+/// Returns true if there are ticks, and if their numbers rise from above `last` to at most kMost.
 bool comesAfter(std::span<const std::byte> records, std::int64_t last) noexcept {
   constexpr std::int64_t kMost = std::int64_t{1} << 53U;  // about 30,000 years at 10 kHz
   for (std::size_t from = 0; from < records.size(); from += sizeof(RecordedTick)) {
@@ -443,11 +443,10 @@ std::string recordingHeader(const RecordedSetting& setting) {
   json["rate"] = setting.rate;
   json["device"] = jsonOf(setting.device);
   json["about"] = OrderedJson::parse(setting.about.empty() ? "{}" : setting.about);
-  // Reserves room for the digits of the offset itself.
   const auto line = [&] {
     return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
   };
-  constexpr std::size_t kDigits = 20;
+  constexpr std::size_t kDigits = 20;  // room for the digits of the offset itself
   const std::size_t records = (line().size() + kDigits) / sizeof(RecordedTick) + 1;
   json["offset"] = records * sizeof(RecordedTick);
   std::string text = line();

@@ -7,7 +7,7 @@
 ///
 /// Then come chunks. Each chunk is a mark (ChunkMark), which is itself a record, and the records
 /// that the mark announces: ticks, or a scene as text. A record that is not a tick has a `tick`
-/// below zero. In a truncated or damaged file, the complete chunks are valid.
+/// below zero. In a truncated or damaged file, the complete and undamaged chunks are valid.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ namespace palpate {
 struct RecordedTick {
   std::int64_t tick;               ///< Telemetry::tick.
   std::uint64_t scene;             ///< Telemetry::scene.
-  std::int64_t tick_ns;            ///< Time that the tick took [ns].
-  std::int64_t wake_ns;            ///< Delay of the tick's start [ns].
+  std::int64_t tick_ns;            ///< Telemetry::tick_ns.
+  std::int64_t wake_ns;            ///< Telemetry::wake_ns.
   std::int64_t late_ticks;         ///< Number of missed ticks until now.
   double time;                     ///< Time since the start of the loop [s].
   double dt;                       ///< TickInput::dt [s].
@@ -44,8 +44,8 @@ struct RecordedTick {
   /// Handle::orientation; the next three fields are from Handle too.
   std::array<double, 4> orientation;
   std::array<double, 3> measured_velocity;  ///< Measured by the arm [m/s].
-  double gripper;                           ///< Handle::gripper [rad].
-  std::array<double, kMostJoints> joints;   ///< Handle::joints [rad].
+  double gripper;                           ///< Handle::gripper [rad or m].
+  std::array<double, kMostJoints> joints;   ///< Handle::joints [rad or m].
   double given;                             ///< TickInput::given.
   std::array<double, 3> force;              ///< StepReport::force [N].
   std::array<double, 3> wanted;             ///< StepReport::wanted [N].
@@ -64,7 +64,7 @@ struct RecordedTick {
   std::int32_t substeps;
   std::int32_t samples;              ///< Number of field reads.
   std::int32_t traced;               ///< Number of reads along streams.
-  std::int32_t walked;               ///< Number of cells walked through.
+  std::int32_t walked;               ///< Number of cells searched for a surface.
   std::int32_t primitives;           ///< Number of primitives in the last balance.
   std::int32_t parts;                ///< StepReport::parts.
   std::int32_t left_out;             ///< StepReport::left_out.
@@ -87,13 +87,14 @@ struct RecordedTick {
 
 /// Returns the record of a tick. RT: no allocation.
 [[nodiscard]] RecordedTick recordedTick(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
-/// Returns the tick that a record stores; all fields are restored.
+/// Returns the tick that a record stores. Restores all members except StepReport::coarse, which has
+/// no field.
 [[nodiscard]] Telemetry telemetryOf(const RecordedTick& tick) noexcept;
 
 /// Position and meaning of a field of a recorded tick.
 struct RecordedField {
   const char* name;    ///< Name in RecordedTick.
-  const char* type;    ///< Type in numpy's notation: <f8, <i8, <u8, <i4, u1.
+  const char* type;    ///< Type in numpy's notation: <f8, <i8, <u8, <i4, <u4, u1.
   std::size_t count;   ///< Count of numbers in the field.
   std::size_t offset;  ///< Offset in the record [bytes].
   const char* unit;    ///< Empty: the numbers have no unit.
@@ -117,14 +118,15 @@ struct RecordedScene {
 struct RecordedSetting {
   DeviceInfo device;     ///< Device of the hand, with the `limits` that the loop used.
   double rate = 1000.0;  ///< Rate of the loop [Hz].
-  /// JSON object about program, machine and run. Recording does not interpret it.
+  /// Text of a JSON object about program, machine and run; empty: {}. Recording copies it.
   std::string about;
 };
 
 /// A recording's file, copied to memory. Truncated or damaged parts are skipped.
 class Recording {
  public:
-  /// Throws Error if the file cannot be read, or is not a recording of this format version.
+  /// Throws Error if the file cannot be read, is not a recording of this format version, or has a
+  /// damaged header.
   explicit Recording(const std::filesystem::path& file);
   Recording(const Recording&) = delete;
   Recording& operator=(const Recording&) = delete;
@@ -133,7 +135,7 @@ class Recording {
   /// Returns the content of the header.
   [[nodiscard]] const RecordedSetting& setting() const noexcept { return setting_; }
   [[nodiscard]] std::int64_t size() const noexcept { return size_; }  ///< Number of ticks.
-  /// Returns the i-th tick, i < size(). Cost: a search among chunks.
+  /// Returns the i-th tick, 0 <= i < size(). Cost: a binary search among chunks.
   [[nodiscard]] RecordedTick tick(std::int64_t i) const noexcept;
   /// Returns the scenes in the order in which the hand received them.
   [[nodiscard]] const std::vector<RecordedScene>& scenes() const noexcept { return scenes_; }
@@ -149,7 +151,7 @@ class Recording {
  private:
   struct Chunk {
     std::int64_t first = 0;
-    std::size_t at = 0;  ///< Offset of the chunk's first record in the file [bytes].
+    std::size_t at = 0;  ///< Offset of the chunk's first tick in the file [bytes].
   };
 
   std::span<const std::byte> bytes_;
@@ -168,7 +170,7 @@ class Recording {
 /// Returns the header with which a writer begins a recording.
 [[nodiscard]] std::string recordingHeader(const RecordedSetting& setting);
 /// Returns the bytes of the chunks of these ticks, at most 1,024 ticks each. `ticks` is not empty,
-/// and the numbers of its ticks rise.
+/// and the numbers of its ticks rise from 1 or more.
 [[nodiscard]] std::string recordingChunk(std::span<const RecordedTick> ticks);
 /// Returns the bytes of the chunk of a scene.
 [[nodiscard]] std::string recordingChunk(const RecordedScene& scene);

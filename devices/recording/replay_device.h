@@ -37,7 +37,7 @@ class ReplayDevice final : public Device {
   double given_ = 1.0;
 };
 
-/// The two parts of a device's argument: FILE and SECONDS of `FILE@SECONDS`.
+/// The two parts of a device's argument: NAME and SECONDS of `NAME@SECONDS`.
 struct NameAt {
   /// Text before the last @, if a time follows it; else the whole text.
   std::string name;
@@ -46,11 +46,11 @@ struct NameAt {
 /// Splits `NAME` or `NAME@SECONDS` into its parts.
 [[nodiscard]] NameAt nameAt(const std::string& words);
 
-/// Returns FILE of `FILE` or `FILE@SECONDS`.
+/// Returns FILE of `FILE` or `FILE@SECONDS`; the whole name if a file has this name.
 [[nodiscard]] std::string fileOfReplay(const std::string& name);
 
-/// Opens `FILE` or `FILE@SECONDS`; the latter begins at SECONDS. Throws Error if the file is not a
-/// recording, or ends before SECONDS.
+/// Opens `FILE` or `FILE@SECONDS`; the latter begins at SECONDS. Throws Error as Recording, or if
+/// the recording has no ticks or ends before SECONDS.
 [[nodiscard]] std::unique_ptr<ReplayDevice> openReplay(const std::string& name);
 
 }  // namespace palpate

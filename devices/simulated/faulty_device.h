@@ -37,17 +37,18 @@ inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 /// Returns true if the trouble has an effect only in real time.
 [[nodiscard]] bool needsClock(Trouble trouble) noexcept;
 
-/// Adds a trouble to a device from a given time on. Forwards all other calls to that device.
+/// Adds a trouble to a device for a given time. Forwards all other calls to that device.
 class FaultyDevice final : public Device {
  public:
   static constexpr double kJump = 0.02;  ///< Shift of the positions [m].
-  /// Speed of a runaway position [m/s]: above WatchLimits::max_speed, but not a jump.
+  /// Speed of a runaway position [m/s]: above the default of WatchLimits::max_speed, but not a
+  /// jump.
   static constexpr double kRun = 4.5;
-  /// Duration of a read or write that hangs [s]; longer than every limit of the loop.
+  /// Duration of a read or write that hangs [s]; above 100 Hz, longer than a tick may take.
   static constexpr double kHang = 0.03;
 
   /// Has the trouble from `begin` until `end` [s], counted in ticks of `rate` [Hz]. Throws
-  /// DeviceError if the device has a ZeroForce, because it may be a real arm.
+  /// DeviceError if the device has a descriptor for ZeroForce, because it may be a real arm.
   FaultyDevice(std::unique_ptr<Device> device, Trouble trouble, double rate, double begin,
                double end = std::numeric_limits<double>::infinity());
 

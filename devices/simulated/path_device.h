@@ -1,4 +1,4 @@
-/// A hand that follows a path exactly, in virtual time: `path:FILE.csv`.
+/// A hand that follows a path exactly, tick by tick: `path:FILE.csv`.
 #pragma once
 
 #include <istream>
@@ -17,12 +17,12 @@ struct PathPoint {
 
 /// Returns the position at time t: linear between points, constant before the first and after the
 /// last. `hint` is the index at which the search starts, and is updated: amortised O(1) if t rises.
-/// RT: no allocation.
+/// `path` is not empty. RT: no allocation.
 [[nodiscard]] Vec3 positionAt(const std::vector<PathPoint>& path, double t,
                               std::size_t& hint) noexcept;
 
 /// Reads CSV with the header t,x,y,z: seconds and metres, t ascending, at least one row. Throws
-/// DeviceError with `name` and the line.
+/// DeviceError with `name`, and with the line if a row is wrong.
 [[nodiscard]] std::vector<PathPoint> readPath(std::istream& in, const std::string& name);
 
 /// A hand that follows a path, independent of the force. Each write is one tick of 1/rate.

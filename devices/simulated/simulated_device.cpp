@@ -21,8 +21,9 @@ void require(bool good, const char* what, const char* remedy) {
 /// radius of the box's ellipsoid in the hand's direction.
 constexpr double kOutside = 1.25;
 
-/// Position of the hand during a visit of one side: its distance from the box's centre, relative to
-/// the radius of the box's ellipsoid in the hand's direction, and the radius of its circle.
+/// Position of the hand during a visit of one side: its distance from the box's centre and the
+/// radius of its circle, both relative to the radius of the box's ellipsoid in the hand's
+/// direction.
 struct Visit {
   double distance, circle;
 };
@@ -114,7 +115,8 @@ SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {
   const double s = (arm_.viscous + grip_.damping) / (2.0 * m);
   const double w2 = grip_.stiffness / m;
   const double d = w2 - s * s;
-  // e^{-s t} cos(w t) and e^{-s t} sin(w t)/w, or their limits if the arm does not oscillate.
+  // e^{-s t} cos(w t) and e^{-s t} sin(w t)/w. If the arm does not oscillate, their limits for w =
+  // 0 or the same terms with cosh and sinh.
   const double e = std::exp(-s * time);
   double cosine = e;
   double sine = e * time;

@@ -15,8 +15,8 @@ struct ArmParams {
   double viscous = 0.5;   ///< b [N s/m], >= 0.
   double coulomb = 0.02;  ///< c [N], >= 0.
   double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: exact.
-  double delay = 1e-3;    ///< Delay from a reading to its force [s], >= 0.
-  double lag = 0.0;       ///< Time constant of the amplifiers, first order [s], >= 0.
+  double delay = 1e-3;    ///< Delay from a reading to its force [s], 0 to 0.1.
+  double lag = 0.0;       ///< Time constant of the amplifiers, first order [s], 0 to 0.1.
   /// Use of the energy tank, which relies on the friction and delay given here.
   TankUse tank = TankUse::kObserve;
   double refill = 0.0;  ///< TankParams::refill [W].
@@ -34,8 +34,9 @@ struct GripParams {
 
 /// Target of the hand.
 struct HandTarget {
-  /// Returns the target [m] at a time [s], 0 to `seconds`. A device calls it once per tick, with
-  /// times that do not decrease. The function may keep state, like a hand that follows a mouse.
+  /// Returns the target [m] at a time [s], from 0. A device calls it at its construction and once
+  /// per tick, with times that do not decrease. The function may keep state, like a hand that
+  /// follows a mouse.
   std::function<Vec3(double)> at;
   double seconds = 0.0;  ///< Duration [s], >= 0; the device ends after it.
 };
@@ -72,7 +73,8 @@ class SimulatedDevice final : public Device {
     double xa = 0.0, va = 0.0, aa = 0.0, xu = 0.0, vu = 0.0, au = 0.0;
   };
   [[nodiscard]] Propagator propagator(double time) const;
-  /// `order` is the force that was commanded to the amplifiers, `pull` the force of the hand.
+  /// `order` is the force that was commanded to the amplifiers, `pull` the part of the hand's force
+  /// that depends on its target.
   void advance(const Propagator& step, const Vec3& order, const Vec3& pull) noexcept;
 
   DeviceInfo info_;
@@ -91,8 +93,8 @@ class SimulatedDevice final : public Device {
   Propagator late_;   ///< Step of the rest of the tick, in which the newer force acts.
 };
 
-/// Returns a scripted exploration of a box, from several sides in turn, five seconds for each side.
-/// The hand moves around the box, touches it, slides in a circle, presses deep and leaves.
+/// Returns a scripted exploration of a box, from several sides in turn, about five seconds for each
+/// side. The hand moves around the box, touches it, slides in a circle, presses deep and leaves.
 [[nodiscard]] HandTarget explore(const Box& bounds, double seconds);
 
 /// Returns a target that follows a recorded path. The path has at least one point.

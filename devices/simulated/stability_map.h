@@ -47,7 +47,8 @@ using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
                                     const MapBalance& balance);
 /// Returns a method that runs the engine's solver on the contact's fixed primitives.
 [[nodiscard]] MapMethod solverOver(const MapContact& contact);
-/// Returns a method that runs the engine's whole tick in a scene: all limits, but no tank.
+/// Returns a method that runs the engine's whole tick in a scene. Its force is StepReport::wanted,
+/// before the limits of limitForce. The hand is at `start` [m] in the first tick.
 [[nodiscard]] MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start);
 
 /// Final behaviour, judged in the last quarter of the time, or as soon as the arm is more than 0.1
@@ -62,10 +63,11 @@ enum class MapOutcome : std::uint8_t {
 /// Result of tryCoupling for one stiffness and damping.
 struct MapCell {
   MapOutcome outcome = MapOutcome::kRests;  ///< Judged by `swing`.
-  bool active = false;                      ///< The hand received more energy than it supplied.
-  /// Half the diagonal of the box that contains the positions of the last quarter [m].
+  bool active = false;                      ///< The hand gained over 1e-5 J at some time.
+  /// Half the diagonal of the box that contains the positions of the last quarter [m]. If the arm
+  /// ran away, its distance from MapContact::place.
   double swing = 0.0;
-  double force = 0.0;  ///< Mean magnitude of the force in the last quarter [N].
+  double force = 0.0;  ///< Mean force in the last quarter [N]; 0 if the arm ran away.
 };
 
 /// Parameters of the arm, the hand and the test.

@@ -16,7 +16,7 @@ inline constexpr double kAlong = 1.0 - 1e-4;
 /// duality gap is a sum of terms >= 0, so no cancellation amplifies the rounding errors. The
 /// function computes the gap for two dual points and returns the smaller bound. The first consists
 /// of the multipliers. In the second, d/|d| replaces each multiplier that is parallel to d = P y -
-/// b. `by_multipliers` becomes true if the second bound is not smaller.
+/// b. Sets `by_multipliers` to true if the second bound is not smaller, else to false.
 inline double certify(const Problem& problem, const Vec3& at, bool& by_multipliers) noexcept {
   constexpr double kLastDigits = 4.0 * kEpsilon;
   const Terms& t = problem.terms;

@@ -1,6 +1,6 @@
 /// Private to engine/balance: finds the balance of several frictions by Newton's method. A kink is
 /// a plane, line or point at which a primitive's force jumps. In this file each force rises over a
-/// short distance, the compliance of the kink. The search removes the compliance at the end.
+/// short distance, the compliance of the kink. At the end, the search removes or reduces it.
 #pragma once
 
 #include <algorithm>
@@ -18,10 +18,11 @@
 
 namespace palpate::friction {
 
-inline constexpr double kCompliance = 1e-6;  // compliance c of a kink [m]
-// a place is a solution if |R| (friction.h) is at most this share of the sum of strengths
+inline constexpr double kCompliance = 1e-6;  // largest final compliance c of a kink [m]
+// a place is a solution if |R| (friction.h) is at most this share of the sum of strengths, or at
+// most the rounding of R (enoughAt)
 inline constexpr double kEnough = 1e-10;
-// the same limit while followHomotopy() makes the kinks harder
+// the same limit while a search reduces the compliance
 inline constexpr double kRoughly = 1e-6;
 inline constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
@@ -34,15 +35,15 @@ inline Vec3 inBall(const Vec3& v) noexcept {
   return length > 1.0 ? Vec3(v / length) : v;
 }
 /// Returns the derivative of v/m by v. T projects on the possible directions of v. If the kink
-/// sticks, m is constant. If it slips, m = |v|, and the dual b replaces one factor v/|v|.
+/// sticks, m is constant. If it slips, m counts as |v|, and the dual b replaces one factor v/|v|.
 inline Mat3 turnOf(const Mat3& T, const Vec3& b, const Vec3& v, double m, bool sticks) noexcept {
   const double length = v.norm();
   if (sticks || !(length > 0.0)) return T / m;
   return (T - b * (v / length).transpose()) / m;
 }
 
-/// Searches the balance in which every kink has the compliance c. All places are relative to the
-/// old proxy.
+/// Searches the balance in which every kink has the compliance c. All places in it are relative to
+/// the old proxy; the constructor's `probe` and the set are in W.
 class Compliant {
  public:
   Compliant(const Vec3& probe, double stiffness, const PrimitiveSet& set, const Vec3& proxy,
@@ -105,7 +106,8 @@ class Compliant {
     if (!known_) dropKept();
   }
 
-  /// Finds loads and frictions, then removes the compliance. Returns false if the search fails.
+  /// Finds loads and frictions, then removes or reduces the compliance. Returns false if the search
+  /// fails.
   bool solve() noexcept {
     if (known_ && warmStart() && removeCompliance()) return true;
     dropKept();
@@ -150,8 +152,8 @@ class Compliant {
   // smallest compliance while loads are kept, as a share of `hard_`
   static constexpr double kLeastKept = 1e-2;
 
-  /// Returns the largest |R| that counts as a solution, as a share of S. This limit is larger for a
-  /// smaller c, because rounding counts more.
+  /// Returns the largest |R| that counts as a solution, as a share of S. For a small c this limit
+  /// can exceed kEnough, because rounding counts more.
   [[nodiscard]] double enoughAt(double c) const noexcept {
     return std::max(kEnough, rounding_ * hard_ / c);
   }
@@ -166,7 +168,7 @@ class Compliant {
   }
 
   /// The slip of a kink. v is the displacement from the place where the kink holds the proxy, plus
-  /// the kept pull. m is c if the kink sticks, else max(|v|, c).
+  /// c times the kept pull. m is c if the kink sticks, else max(|v|, c).
   struct Slip {
     Vec3 v;
     double m;
@@ -274,8 +276,8 @@ class Compliant {
     return residual().dot(d);
   }
 
-  /// If a step overshot, shortens it to where R.d has fallen to a tenth of its value at the start.
-  /// Returns false if it did not overshoot.
+  /// If a step overshot, shortens it to where |R.d| is at most a tenth of its value at the start,
+  /// as far as 40 trials find this place. Returns false if the step did not overshoot.
   bool shortenOvershoot(double c, const Vec3& from, const Vec3& d) noexcept {
     const double end = slopeAt(c, from, d, 1.0);
     const double start = slopeAt(c, from, d, 0.0);
@@ -324,8 +326,9 @@ class Compliant {
   }
 
   /// Runs Newton's method at compliance c until |R| <= enough S. The first step uses the present
-  /// pieces. Returns false after `most` steps, or after `patience` successive steps that do not
-  /// halve |R|.
+  /// pieces. Returns false in these cases: `most` steps (kMostHard more after the first fold), or
+  /// the solves of the search, are used up; `patience` successive steps do not halve the least |R|;
+  /// a step is not finite.
   bool newton(double c, int most, int patience, double enough) noexcept {
     double last = kUnbounded;
     double least = kUnbounded;
@@ -373,7 +376,7 @@ class Compliant {
   }
 
   /// Starts from the pieces and kept values of the last tick, rotated with their planes and lines.
-  /// One step is enough if the balance is the same as in the last tick.
+  /// Returns false if Newton's method fails.
   bool warmStart() noexcept {
     const auto turned = [](const Vec3& q, const Vec3& b, bool sticks) {
       const Vec3 v = across(q, b);

@@ -14,16 +14,16 @@ struct CouplingParams {
   double damping = 0.0;      ///< D of eq. (3) [N s/m], >= 0.
 };
 
-/// Time over which the change of a spring's length is measured [s], approximately. Over a single
-/// tick, one step of the encoder would give a rate in proportion to the rate of the loop. A longer
-/// time delays the damping: docs/stability.md, "The time span of the damper".
+/// Approximate time over which the change of a spring's length is measured [s]. Over a single tick,
+/// one step of the encoder would give a rate in proportion to the rate of the loop. A longer time
+/// delays the damping: docs/stability.md, "The time span of the damper".
 inline constexpr double kRateTime = 2e-3;
 
 /// Measures the rate at which a spring's length changes. The rate is the difference from the stored
 /// length with an age nearest to `time` [s], divided by that age.
 class LengthRate {
  public:
-  /// @param time  Age of the reading to compare with [s]; 0 selects the previous reading.
+  /// @param time  Age of the length to compare with [s]; 0 selects the previous length.
   explicit LengthRate(double time = kRateTime) noexcept : time_(time) {}
   /// Adds a length [m], `dt` [s] after the previous, and returns the rate [m/s]. The rate of the
   /// first length is 0. If dt is not above 0, the length is ignored and the rate is 0. RT: no
@@ -32,7 +32,7 @@ class LengthRate {
   /// Forgets all lengths.
   void forget() noexcept { count_ = 0; }
 
-  /// Largest number of stored lengths, enough for 2 ms at 64 kHz.
+  /// Largest number of stored lengths, enough for 2 ms at 63 kHz.
   static constexpr std::size_t kMost = 128;
 
  private:
@@ -56,15 +56,17 @@ class LengthRate {
 /// double the spring's force. With eq. (3) as written, the damper pulls a leaving hand back into
 /// the surface, and pushes a hand forward that slides over a convex surface. Every jump of the
 /// proxy would also cause a jump of the force in proportion to D. Along the spring, the damper
-/// always dissipates. In free space, where the proxy is at the probe, the force is exactly zero.
+/// dissipates if `length_rate` has the sign of the true rate. In free space, where the proxy is at
+/// the probe, the force is exactly zero.
 ///
 /// @param offset       x_proxy - x_probe [m].
-/// @param length_rate  Rate of change of the offset's length [m/s]: LengthRate.
+/// @param length_rate  Rate of change of the offset's length [m/s]: LengthRate. NaN counts as 0.
 /// RT: no allocation.
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                                  double length_rate) noexcept PALPATE_NONBLOCKING;
 
-/// Largest rate of a varying stiffness [N/m per s]: 25 N/s at a length of 5 mm feels smooth.
+/// Largest rate of a varying stiffness [N/m per s]. At a length of 5 mm the force then changes by
+/// at most 25 N/s.
 inline constexpr double kStiffnessRate = 5000.0;
 /// Largest energy in the tank of a varying stiffness [J]. At a length of 6 mm, this energy raises
 /// the stiffness from 300 to 800 N/m.
@@ -77,11 +79,11 @@ struct VaryingStiffness {
   double tank = 0.0;
 };
 
-/// Moves the stiffness towards `wanted` at a limited rate, so that the spring stays passive. A
-/// stiffer spring holds (k_new - k)/2 |offset|^2 more energy, which must come from the tank. The
-/// tank is filled by the energy that the proxy's motion dissipates (friction, viscosity, yielding),
-/// and by the energy that a softening spring releases. While the proxy is pressed against a hard
-/// surface, the stiffness waits until the proxy dissipates energy or the hand retreats.
+/// Moves the stiffness towards `wanted` at a limited rate, and limits its rise so that the spring
+/// stays passive. A stiffer spring holds (k_new - k)/2 |offset|^2 more energy, which must come from
+/// the tank. The energy that the proxy's motion dissipates (friction, viscosity, yielding), and the
+/// energy that a softening spring releases, fill the tank. While the proxy is pressed against a
+/// hard surface, the stiffness waits until the proxy dissipates energy or the hand retreats.
 ///
 /// @param wanted      Stiffness to reach [N/m]. If not finite or <= 0, the stiffness stays.
 /// @param offset      x_proxy - x_probe [m].

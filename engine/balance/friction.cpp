@@ -20,11 +20,12 @@ using friction::OnePlane;
 //     else if one plane, its friction, drags: closed form, or one scalar Newton   (OnePlane)
 //     else give every kink the compliance c, and find x, loads and pulls with R = 0 (Compliant):
 //         warm start: Newton from the last tick's active set (which planes press, which stick)
-//         else homotopy: Newton at a large c, then at smaller ones down to 1 um
+//         else homotopy: Newton at a large c, then at smaller ones, down to at most 1 um
 //         else Newton from the old proxy, where the frictions stick
-//         each Newton step: line search if it overshot, backtracking if |R| grew, and a jump over
-//             a fold if the followed solution ends there
-//         remove c by the method of multipliers: kinks keep their loads, x moves onto them
+//         each Newton step that leaves more than 0.9 |R|: line search if it overshot, else
+//             backtracking, and a jump over a fold if the followed solution ends there
+//         remove or reduce c by the method of multipliers: kinks keep their loads, x moves onto
+//             them
 //     set each friction's strength to mu times its plane's load; solveProxy bounds the error
 
 void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
@@ -72,7 +73,8 @@ bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexce
   return directions > (eigen.eigenvalues().array() > kSome).count();
 }
 
-/// Solves a set without friction. If loads are not unique, their sum |f|^2/s is the least possible.
+/// Solves a set without friction. If loads are not unique and Newton's method converges, their sum
+/// |f|^2/s is the least possible.
 SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet& set,
                         const Vec3& proxy, const SolverParams& params, WarmStart& warm,
                         FrictionStart& start, std::span<Vec3> forces) noexcept {
@@ -157,10 +159,10 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   for (std::size_t i = 0; i < links.size(); ++i) start.held[i] = items[links[i].line].strength;
   if (!found) {
     result.status = SolveStatus::kIterationLimit;
-    start.plane_count = 0;  // the next balance starts without memory of this balance
+    start.plane_count = 0;  // the next search starts without the pieces of this one
   } else {
-    // The result is the solution of `search`, whose frictions satisfy Coulomb's law. Its bound is
-    // the distance to the balance with the strengths in the set.
+    // The result is the solution of `search`, whose frictions satisfy Coulomb's law. Its bound
+    // includes the distance to the balance with the strengths in the set.
     const Vec3 offset = search.place() + (proxy - probe);
     result.error_bound += (offset - result.offset).norm();
     result.error_bound += search.missing() / stiffness;

@@ -67,7 +67,7 @@ struct FrictionStart {
 ///
 ///     s_t = mu n,   n the load of its plane in the same balance,
 ///
-/// and writes those strengths to the set. Every kink gets the compliance c = 1 um. Loads and
+/// and writes those strengths to the set. Every kink gets a compliance c of at most 1 um. Loads and
 /// frictions are then functions of the place,
 ///
 ///     n_i = s_i clamp(-h_i/c, 0, 1),   f_i = -mu_i n_i beta(u_i/c),   f_j = -s_j beta(d_j/c),
@@ -79,30 +79,32 @@ struct FrictionStart {
 /// ceases to exist, the search jumps to another. The method is Newton with the duals b and z in its
 /// derivative (Hintermueller and Stadler 2006); friction.cpp lists the steps.
 ///
-/// The method of multipliers removes c. Finally solveProxy runs with those strengths, and bounds
-/// the error of the proxy. If no balance is found, each friction gets the larger of two strengths:
-/// in the last tick, and in the trial with the least |R|. So a failed search does not make a
-/// friction slip. In all cases, the primitives are anchored at the old proxy, or at its foot (see
-/// below). So the balance adds no energy beyond the effect of error_bound.
+/// The method of multipliers removes c, if it converges. Finally solveProxy runs with those
+/// strengths, and bounds the error of the proxy. If no balance is found, each friction gets the
+/// larger of two strengths: in the last tick, and in the trial with the least |R|. So a failed
+/// search seldom weakens a friction that held in the last tick. In all cases, the friction lines
+/// are anchored at their grips, or at the feet of the grips (see below). If the grips are at the
+/// old proxy, friction adds no energy beyond the effect of error_bound.
 ///
 /// @param forces  At least as many entries as primitives. Receives the forces as in solveProxy. If
 ///                several kinks share a load, a balance without memory has the least sum |f|^2/s.
 ///                Later balances change the shares as little as possible.
-/// @return        The result of solveProxy. error_bound is the distance to the balance with the
+/// @return        As from solveProxy. error_bound bounds the distance to the balance with the
 ///                strengths in the set, plus |s_t - mu n|/k of each link. Other balances may
 ///                satisfy Coulomb's law as well. `iterations` counts all methods; kIterationLimit
-///                means that some friction does not satisfy the law. If frictions press each
-///                other's planes, error_bound can exceed the tolerance although all frictions
-///                satisfy the law.
+///                means that a search failed, so that some friction may not satisfy the law. If
+///                frictions press each other's planes, error_bound can exceed the tolerance
+///                although all frictions satisfy the law.
 ///
 /// A common case is one plane with friction and drags (points where the friction grips). If the
-/// plane bears the spring and all drags, the solution is unique: a closed form or a scalar
+/// plane bears the spring and all drags, the solution is unique, from a closed form or a scalar
 /// equation. If the plane has moved in front of the grip, friction and drags hold the proxy at the
 /// foot of the grip on the plane. The function moves them in `set` to the foot.
 ///
-/// RT: no allocation. Cost: without links, one solveProxy; for one plane and drags, a closed form;
-/// otherwise some 10 to 20 3x3 solves (at most SolverParams::max_iterations) and one solveProxy. In
-/// a test, 19 of 180,000 balances along motions over one to four rough planes were not found.
+/// RT: no allocation. Cost: for one plane and drags, a closed form or a scalar equation; otherwise
+/// one solveProxy and, if there are links or several kinks share a load, at most
+/// SolverParams::max_iterations 3x3 solves. A search can fail: docs/decisions/0019 counts the
+/// failures (palpate_bench_friction).
 [[nodiscard]] SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet& set,
                                             const Vec3& proxy, const SolverParams& params,
                                             WarmStart& warm, FrictionStart& start,

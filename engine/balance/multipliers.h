@@ -32,9 +32,9 @@ enum class Pieces : std::uint8_t {
   kBelieved,  ///< Decides by the multiplier: the primitive is on its kink if |z| < 1.
 };
 
-/// Returns the gradient at y of the potential in which the Moreau envelope around z replaces each
-/// norm, and writes the (generalised) Hessian. With u = z + (P y - b)/gamma, the gradient of a term
-/// is sigma u on its kink and sigma u/|u| off its kink.
+/// Returns the gradient at `at` of the potential in which the Moreau envelope around z replaces
+/// each norm, and writes the (generalised) Hessian and Terms::u. With u = z + (P at - b)/gamma, the
+/// gradient of a term is sigma u on its kink and sigma u/|u| off its kink.
 template <Pieces pieces>
 inline Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat3& H) noexcept {
   Terms& t = problem.terms;
@@ -141,10 +141,11 @@ class Line {
     return slope_ + at * curvature_ + gamma_ * sum;
   }
 
-  /// Returns the t between 0 and 1 at which |slope| is at most kSlopeLeft times its value at 0. The
-  /// slope is `at_start` < 0 at 0 and `at_end` > 0 at 1. The search is bracketed, by Chandrupatla's
-  /// mix of inverse quadratic interpolation and halving. Kinks may be many orders of magnitude
-  /// nearer to 0 than to 1, so the halving applies to the exponent of t.
+  /// Searches a t between 0 and 1 at which |slope| is at most kSlopeLeft times its value at 0, with
+  /// at most 40 trials. The slope is `at_start` < 0 at 0 and `at_end` > 0 at 1. The search is
+  /// bracketed, by Chandrupatla's mix of inverse quadratic interpolation and halving. Kinks may be
+  /// many orders of magnitude nearer to 0 than to 1. So if the ends of the bracket differ more than
+  /// tenfold, the halving applies to the exponent of t.
   [[nodiscard]] double lowest(double at_start, double at_end) const noexcept {
     constexpr int kMostTrials = 40;
     constexpr double kNearest = 1e-15;
@@ -192,7 +193,8 @@ class Line {
   double curvature_;
 };
 
-/// Sets the multipliers to u, or to its nearest point of the unit ball.
+/// Sets the multipliers to u, or to its nearest point of the unit ball. With kBelieved, shortens a
+/// multiplier instead if u points against it.
 template <Pieces pieces>
 inline void updateMultipliers(Problem& problem, double gamma, const Vec3& at) noexcept {
   Terms& t = problem.terms;
@@ -306,7 +308,8 @@ class Search {
     return false;
   }
 
-  /// Returns true if a bound proves that the guess is within the tolerance.
+  /// Keeps the guess if its bound is the least so far. Returns true if the least bound is within
+  /// the tolerance.
   bool prove(const Vec3& guess) noexcept {
     bool by_multipliers = true;
     const double bound = certify(problem_, guess, by_multipliers);

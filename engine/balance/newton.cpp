@@ -79,10 +79,11 @@ Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
   return held;
 }
 
+constexpr double kFloor = 0.05;  // least magnitude of an eigenvalue in solveFree()
+
 /// Returns x = S^-1 b if all eigenvalues of S (for N = 3, of its symmetric part) are above kFloor.
 /// Otherwise the balance is a ridge (newton.h), and the step leads down from it, by the magnitudes
 /// of the eigenvalues, each at least kFloor.
-constexpr double kFloor = 0.05;
 template <int N>
 Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
                                       const Eigen::Matrix<double, N, 1>& b) noexcept {
@@ -119,8 +120,8 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
 
 using Basis = std::array<Vec3, 3>;
 
-/// Returns the step [m]: `held`, plus a part in N free directions. `pulls` must vanish along
-/// `forces`. A is the rate at which `pulls` falls as the place moves along `places`.
+/// Returns the step [m]: `held`, plus a part in N free directions, `places`. At the end of the step
+/// the pulls vanish along `forces`. A step d reduces the pulls from `pulls` to pulls - A d.
 template <int N>
 Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec3& pulls,
               const Vec3& held) noexcept {

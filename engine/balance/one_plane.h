@@ -54,7 +54,8 @@ class OnePlane {
     }
   }
 
-  /// Returns true if all strength belongs to one plane, its friction, drags and directed forces.
+  /// Returns true if all primitives are valid, and all strength belongs to one plane, its friction,
+  /// drags at the friction's grip, and directed forces.
   [[nodiscard]] static bool fits(const PrimitiveSet& set) noexcept {
     if (set.links().size() != 1) return false;
     const FrictionLink& link = set.links()[0];
@@ -138,7 +139,8 @@ class OnePlane {
   }
 
   /// Writes the load of the drags: `pull` if friction is at its limit. If the proxy has not moved,
-  /// friction and drags share the load in proportion to their strengths.
+  /// friction and drags share the load in proportion to their strengths; friction bears more if the
+  /// drags cannot bear their part.
   void share(Vec3 pull) noexcept {
     if (!(drags_ > 0.0)) return;
     const double sliding = link_.coefficient * load_;

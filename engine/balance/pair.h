@@ -10,10 +10,10 @@
 
 namespace palpate::solver {
 
-/// Balances a plane and one other primitive, such as a surface with its friction or drag: the most
-/// common case. The plane's force a = sigma_plane zeta shifts the spring's end. A soft threshold
-/// then balances the other primitive. zeta is -1 behind the plane, 1 in front of it, and between -1
-/// and 1 on it. This condition is monotone in the force.
+/// Balances a plane and one other primitive, such as a surface with a drag. The plane's term shifts
+/// the spring's end by -a q, with a = sigma_plane zeta. A soft threshold then balances the other
+/// primitive. zeta is -1 behind the plane, 1 in front of it, and between -1 and 1 on it. This
+/// condition is monotone in a.
 ///
 /// Let e = P q, let d be the displacement of the other primitive from its kink before its own force
 /// acts, and s = q.d. Then a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, and the height over
@@ -41,7 +41,8 @@ class Pair {
         h0_(q_.dot(kink_) - foot_),
         aside2_((d_ - (s0_ / e2_) * e_).squaredNorm()) {}
 
-  /// Finds the plane's force at which |height| <= `enough`. Returns the number of evaluations.
+  /// Finds the plane's force at which |height| <= `enough`; if the proxy is off the plane, the
+  /// force is at its limit. Returns the number of heights evaluated.
   int solve(double enough) noexcept {
     double low = s0_ - most_ * e2_;
     double high = s0_ + most_ * e2_;
@@ -105,7 +106,8 @@ class Pair {
   }
 
   /// Runs Newton from `start` within [low, high], where h(low) <= 0 <= h(high). There h is convex
-  /// or concave, so Newton overshoots at most once. Returns the number of heights evaluated.
+  /// or concave, so Newton overshoots at most once. Returns the number of heights evaluated; kMost
+  /// if Newton's method did not converge.
   int slide(double low, double high, double start, double enough, double& s) const noexcept {
     constexpr int kMost = 22;
     const double last_digit = kEpsilon * (std::abs(s0_) + most_ * e2_);
@@ -137,7 +139,7 @@ class Pair {
   double s0_;
   double h0_;
   double aside2_;
-  double force_ = 0.0;  ///< a, the force of the plane
+  double force_ = 0.0;  ///< a, minus the force of the plane's term along q
 };
 
 /// Balances two primitives by Pair. Returns false if neither primitive is a plane, or the bound

@@ -130,7 +130,7 @@ class Pivots {
     std::size_t stop = t.count;
     Met* first = met_.data();
     Met* last = first + count;
-    constexpr int kMostPartings = 64;  // largest number of partitions; on average six are enough
+    constexpr int kMostPartings = 64;  // largest number of partitions
     for (int parting = 0; first != last && parting < kMostPartings; ++parting) {
       const double at = first[(last - first) / 2].way;
       Met* const here = std::partition(first, last, [at](const Met& m) { return m.way < at; });
@@ -173,7 +173,7 @@ class Pivots {
   }
 
   /// Releases the plane whose force exceeds its strength most. Returns false if no force exceeds
-  /// its strength.
+  /// its strength by more than rounding.
   bool release(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     double worst = 64.0 * kEpsilon;

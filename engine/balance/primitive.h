@@ -19,7 +19,7 @@ enum class PrimitiveKind : std::uint8_t {
   kPlane,  ///< eq. (13): push of s_i along `direction` behind the plane (eq. 12), else zero.
 };
 
-/// Returns the paper's name of a kind: "force", "point", "line" or "plane".
+/// Returns "force", "point", "line" or "plane"; an empty string for other values.
 [[nodiscard]] const char* wordFor(PrimitiveKind kind) noexcept;
 
 /// One primitive in W.
@@ -30,8 +30,9 @@ struct Primitive {
   double strength = 0.0;           ///< Strength s_i [N], >= 0.
 };
 
-/// Returns true if a balance accepts the primitive: its kind exists, its numbers are finite, its
-/// strength is >= 0 and its direction has unit length. RT: no allocation.
+/// Returns true if a balance accepts the primitive: its kind exists, its strength is finite and >=
+/// 0, its position is finite and its direction has unit length. Does not check members that its
+/// kind ignores. RT: no allocation.
 [[nodiscard]] bool isValid(const Primitive& primitive) noexcept PALPATE_NONBLOCKING;
 
 /// Returns the distance [m] of x from the point or line, or its depth behind the plane. Returns 0
@@ -41,9 +42,9 @@ struct Primitive {
 
 /// State of a primitive in a balance.
 enum class Load : std::uint8_t {
-  kNone,      ///< The load is at most 1e-12 N.
-  kHeld,      ///< 0 < load < strength: the balance is on the primitive.
-  kYielding,  ///< load = strength: the primitive cannot hold the proxy.
+  kNone,      ///< The load is at most 1e-12 N, or NaN.
+  kHeld,      ///< The load is between kNone and kYielding: the balance is on the primitive.
+  kYielding,  ///< The load is at least (1 - 1e-9) strength: the primitive cannot hold the proxy.
 };
 /// Returns the load of a primitive, given its force on the proxy [N]. RT: no allocation.
 [[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
@@ -59,9 +60,9 @@ struct Varying {
   std::size_t index = 0;      ///< Index of the primitive that varies.
   Mat3 turn = Mat3::Zero();   ///< dn/dx [1/m], where n is the direction of a force or a plane.
   Vec3 slope = Vec3::Zero();  ///< ds/dx [N/m], where s is the strength.
-  /// For a plane: a step from x stays on the plane if across . step = -height. For a surface: c,
-  /// the outward unit vector along the slope of the interpolated value at x. In trilinear data it
-  /// differs from n.
+  /// For a plane: a step from x ends on the plane if across . step = -height; zero if n replaces
+  /// it. For a surface: c, the outward unit vector along the slope of the interpolated value at x.
+  /// In trilinear data c differs from n.
   Vec3 across = Vec3::Zero();
   double height = 0.0;   ///< Height of x above the plane, along `across` [m].
   bool surface = false;  ///< True for the plane of a surface.

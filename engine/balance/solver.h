@@ -14,15 +14,16 @@ namespace palpate {
 enum class SolveStatus : std::uint8_t {
   kConverged,       ///< error_bound is within the tolerance, or as small as rounding allows.
   kIterationLimit,  ///< proxy is the best point found, within error_bound of the balance.
-  kBadInput,        ///< The input is invalid: a NaN, an infinity, stiffness <= 0, strength < 0, a
-              ///< direction that is not of unit length, an unknown kind, too many primitives, or an
-              ///< overflow. proxy is `start`; offset is meaningless, so send no force; error_bound
-              ///< is infinite.
+  /// The input is invalid: a NaN, an infinity, stiffness <= 0, a primitive that isValid() rejects,
+  /// too many primitives, too few entries in `forces`, or an overflow. proxy is `start`; offset is
+  /// meaningless, so send no force; error_bound is infinite.
+  kBadInput,
 };
 
 /// The method that found the result.
 enum class SolverKind : std::uint8_t {
-  kClosedForm,  ///< Any primitive alone, orthogonal primitives, and directed forces.
+  kClosedForm,  ///< A primitive alone, two or three orthogonal primitives, directed forces, or a
+                ///< plane with friction and drags.
   kPair,        ///< A plane with another primitive, or with friction and drags: a scalar equation.
   kGeneral,     ///< Pivots between planes, Newton with memory, or the method of multipliers.
 };
@@ -30,12 +31,11 @@ enum class SolverKind : std::uint8_t {
 /// Stopping criteria of solveProxy.
 struct SolverParams {
   /// Wanted error_bound as a share of T/k. T is the sum of the strengths of points and lines, and
-  /// of half the strengths of planes. T/k is the largest distance by which these can move the
-  /// proxy. Rounding allows 1e-8 in most sets. If the tolerance is NaN, or less than the rounding
-  /// of the input, that rounding replaces it.
+  /// of half the strengths of planes. Rounding allows 1e-8 in most sets. If the tolerance is NaN,
+  /// or less than the rounding of the input, that rounding replaces it.
   double tolerance = 1e-6;
-  /// Largest number of 3x3 linear solves, >= 1, in addition to at most 40 pivots between planes. In
-  /// a test, ten million random balances took at most 50 each, and hard ones at most 80.
+  /// Largest number of 3x3 linear solves of solveProxy, >= 1, in addition to at most 40 pivots
+  /// between planes. solveWithFriction may use this number twice.
   int max_iterations = 120;
 };
 
@@ -55,15 +55,16 @@ struct SolveResult {
 };
 
 /// Result of the last balance, from which the next one starts, because the same primitives usually
-/// hold the proxy. The memory is used only if the number of primitives is the same and the last
-/// balance was kGeneral and kConverged. The primitives must be in the same order. Wrong memory
-/// costs a few more solves but never makes the result wrong. The constructor allocates all memory.
+/// hold the proxy. solveProxy uses the memory only if the number of primitives is the same and the
+/// last balance was kGeneral and kConverged. The primitives must be in the same order. Wrong memory
+/// costs more solves but never makes the result wrong. The constructor allocates all memory.
 struct WarmStart {
   WarmStart() : multipliers(kMaxPrimitives, Vec3::Zero()) {}
   /// Makes the next balance start without memory.
   void forget() noexcept { count = 0; }
 
-  /// Multiplier of each primitive: -f/s for a point or line, -(f - s q/2)/(s/2) for a plane.
+  /// Multiplier of each primitive: -f/s for a point or line, -(f - s q/2)/(s/2) for a plane. If two
+  /// opposed planes count as one slab, the first has -f/s with the force f of both.
   std::vector<Vec3> multipliers;
   Vec3 motion = Vec3::Zero();  ///< proxy - start of the last balance [m].
   std::size_t count = 0;       ///< Number of primitives of the last balance; 0 if there is none.
@@ -88,17 +89,17 @@ struct WarmStart {
 /// @param primitives  The primitives to balance; at most kMaxPrimitives.
 /// @param start       Last position of the proxy [m]; returned as the proxy if the input is bad.
 /// @param warm        Memory of the last balance, which this balance replaces; may be null. With
-///                    memory a balance takes one to four solves, without memory two to nine. The
-///                    solver proves every result that it finds from memory.
+///                    memory a balance usually takes fewer solves. The solver proves every result
+///                    that it finds from memory.
 /// @param forces      Empty, or at least as many entries as primitives: the force of each primitive
 ///                    on the proxy [N]. Their sum with k (probe - proxy) is zero, up to k
 ///                    error_bound, unless the status is kIterationLimit. If primitives share a load
 ///                    (parallel planes), the forces are one possible distribution. Meaningless
 ///                    after kBadInput.
 ///
-/// RT: no allocation, no lock, no system call; about 150 KB of stack, touched only as far as
-/// needed. Cost: O(primitives) per iteration. Deterministic: the same input and `warm` give the
-/// same bits.
+/// RT: no allocation, no lock, no system call; about 150 KB of stack for more than 16 primitives,
+/// touched only as far as needed. Cost: O(primitives) per iteration. Deterministic: in the same
+/// program, the same input and `warm` give the same bits.
 [[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
                                      std::span<const Primitive> primitives, const Vec3& start,
                                      const SolverParams& params = {}, WarmStart* warm = nullptr,

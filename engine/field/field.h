@@ -18,7 +18,7 @@ struct ScalarSample {
   double value = 0.0;  ///< Value V, in the data's unit.
   /// Continuous gradient of V in W, per unit of the data's space.
   Vec3 gradient = Vec3::Zero();
-  bool inside = false;  ///< True if the data are valid here; else modes add no primitives.
+  bool inside = false;  ///< True if the data are valid here.
   bool coarse = false;  ///< True if coarser data, or data of another time, replaced missing data.
 };
 
@@ -26,7 +26,7 @@ struct ScalarSample {
 struct VectorSample {
   Vec3 value = Vec3::Zero();     ///< Value v, in the data's unit.
   Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d v_i / d x_j, per unit of the data's space.
-  bool inside = false;           ///< True if the data are valid here; else modes add no primitives.
+  bool inside = false;           ///< True if the data are valid here.
   bool coarse = false;           ///< Same as ScalarSample::coarse.
 };
 
@@ -45,14 +45,15 @@ struct alignas(64) FieldCache {
   std::array<std::byte, 1984> bytes;
 };
 
-/// Result of a search on a straight path for the first point where a value falls below a level.
+/// Result of ScalarField::firstFall.
 struct Crossing {
   bool found = false;  ///< True if the path has this point.
   double share =
       1.0;  ///< Position of the point on the path, 0 to 1; if not found, the searched share.
   /// Number of cells searched; for a field without cells, the number of values read.
   int cells = 0;
-  /// True if the searched path is nowhere above the level, and ends below the level.
+  /// True if h (see firstFall) is nowhere above zero on the searched path, and below zero at its
+  /// end.
   bool behind = false;
 };
 
@@ -84,7 +85,7 @@ class AnyField {
   /// Prepares `cache` for reads of this field. RT: no allocation.
   virtual void reset(FieldCache& cache) const noexcept = 0;
   /// Returns a radius about p_W [m] within which the field is empty (no data, background value,
-  /// zero derivatives); 0 if unknown. RT: no allocation. Cost: a few ns.
+  /// zero derivatives); 0 if unknown. RT: no allocation. Cost: less than that of sample().
   [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
     return 0.0;
   }
@@ -92,7 +93,7 @@ class AnyField {
   /// Announces a tick that may read the field with this cache. The loop calls it only if attends()
   /// is true. The positions in `at` let other threads fetch data ahead of the hand. Returns true if
   /// the values have changed since the last tick, other than by a motion that carries the proxy
-  /// along. RT: no allocation, no lock.
+  /// along. RT: no allocation, no lock; a field that is set to wait for its data is not for RT.
   virtual bool attend(const Attention& /*at*/,
                       FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {
     return false;
@@ -120,30 +121,34 @@ class ScalarField : public AnyField {
   using AnyField::AnyField;
 
   /// Returns value and gradient at p_W [m]. If p_W is not finite or outside of the data, `inside`
-  /// is false. RT: no allocation, no lock. Cost: tens of ns.
+  /// is false. RT: no allocation, no lock.
   [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
-  /// Returns V at p_W [m] at less cost than sample(). RT: no allocation.
+  /// Returns V at p_W [m]. The default calls sample(); a trilinear grid reads only the value. RT:
+  /// no allocation.
   [[nodiscard]] virtual double value(const Vec3& p_W,
                                      FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).value;
   }
-  /// Returns the slope of the interpolated V at p_W; in a trilinear field, that of the cell's
-  /// polynomial, which jumps at faces. Cheap after sample() at the same place.
+  /// Returns the slope of the interpolated V at p_W [m], in W, per unit of the data's space. In a
+  /// trilinear field, this is the slope of the cell's polynomial, which jumps at faces. The default
+  /// returns the gradient of sample(). RT: no allocation.
   [[nodiscard]] virtual Vec3 cellGradient(const Vec3& p_W,
                                           FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).gradient;
   }
-  /// Returns the Jacobian of `gradient`, d gradient_i / d p_j [its unit / m], both in W. Cheap
-  /// after sample() at the same place. The default takes six samples. RT: no allocation.
+  /// Returns the Jacobian of `gradient` at p_W [m], d gradient_i / d p_j [its unit / m], both in W.
+  /// The default takes six samples. RT: no allocation.
   [[nodiscard]] virtual Mat3 gradientJacobian(const Vec3& p_W,
                                               FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
-  /// Finds the first point on the path from a_W to b_W [m], within the data, where h = sign (V -
-  /// level) falls below zero. A proxy that comes from h > 0 touches the surface there. If h <= 0 at
-  /// a_W, the crossing is at a_W if h falls there, otherwise where h falls below zero after h was
-  /// above zero. The default reads a value every half voxel, over at most 128 voxels. A trilinear
-  /// grid searches exactly, over at most 256 cells. If an end is not finite, `found` is false. RT:
-  /// no allocation. Cost: a sample every half voxel; in a trilinear grid, some 50 ns for each cell.
+  /// Finds the first point on the path from a_W to b_W [m] where h = sign (V - level) falls below
+  /// zero. Without data, h counts as above zero. A proxy that comes from h > 0 touches the surface
+  /// there. If h <= 0 at a_W, the crossing is at a_W if h falls there, otherwise where h falls
+  /// below zero after h was above zero. The default samples h every half voxel, over at most 128
+  /// voxels, and can miss a fall between two samples. A trilinear grid searches the polynomials of
+  /// its cells, at most 256 cells. If an end is not finite, `found` is false. RT: no allocation.
+  /// Cost: the default takes a sample every half voxel, and 40 to refine a crossing; a grid,
+  /// O(cells).
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
@@ -155,11 +160,11 @@ class VectorField : public AnyField {
   using AnyField::AnyField;
 
   /// Returns value and Jacobian at p_W [m]. If p_W is not finite or outside of the data, `inside`
-  /// is false. RT: no allocation, no lock. Cost: tens of ns.
+  /// is false. RT: no allocation, no lock.
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
   /// Traces the stream through p_W [m] (trace.h). The default assumes a smooth field; a grid traces
-  /// cell by cell. RT: no allocation. Cost: one value of v, and four for each tried step.
+  /// cell by cell. RT: no allocation. Cost: see traceCells (trace_cells.h).
   [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 };

@@ -27,15 +27,15 @@ namespace palpate {
 
 /// Returns the middle eigenvalue of S^2 + O^2 (Jeong and Hussain 1995), < 0 in a vortex. Accurate
 /// to a few roundings of |J|^2, even if eigenvalues coincide. The result is 0 if all entries of J
-/// are below 1e-160, NaN if J is not finite, and infinite if |J|^2 overflows. RT: no allocation.
-/// Cost: some 60 ns.
+/// are below 1e-160, NaN if J is not finite, and infinite if the eigenvalue overflows. RT: no
+/// allocation.
 [[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
 
-/// Least length of a vector that has a direction, in the data's unit. The reciprocal of a smaller
-/// length would exceed the range of volumes (1e100, samplers/grid/prepare_values.h).
+/// Least length for which unit() returns a direction, in the data's unit. The reciprocal of a
+/// smaller length would exceed the range of volumes (1e100, samplers/grid/prepare_values.h).
 inline constexpr double kShortest = 1e-100;
 
-/// Returns v / |v|. Returns zero if |v| is below kShortest or not finite.
+/// Returns v / |v|. Returns zero if |v| is below kShortest, or if |v|^2 overflows or is not finite.
 [[nodiscard]] inline Vec3 unit(const Vec3& v) noexcept {
   const double length = v.norm();
   // The comparison is also false for NaN.
@@ -43,7 +43,8 @@ inline constexpr double kShortest = 1e-100;
   return v / length;
 }
 
-/// Returns the derivative of v's direction, d(v/|v|)/dx; zero if v has no direction.
+/// Returns the derivative of v's direction, d(v/|v|)/dx; zero if unit() returns zero or the
+/// derivative is not finite.
 [[nodiscard]] inline Mat3 turnOf(const Vec3& v, const Mat3& J) noexcept {
   const Vec3 q = unit(v);
   if (q.isZero(0.0)) return Mat3::Zero();

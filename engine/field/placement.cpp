@@ -129,7 +129,7 @@ Pose Motion::poseAt(double time, const Deformation& about) const noexcept {
 Pose Motion::poseOf(const Vec3& p_rest, double time) const noexcept {
   if (warp_ == nullptr) return poseAt(time);
   constexpr int kMost = 8;
-  constexpr double kThere = 1e-9;  // [m]: Newton's method ends at this error
+  constexpr double kThere = 1e-9;  // [m]: Newton's method ends after a step of at most this length
   Vec3 x = p_rest;
   Deformation about;
   for (int i = 0; i < kMost; ++i) {
@@ -148,7 +148,7 @@ Box Motion::deformed(const Box& at_rest) const {
 }
 
 Box Motion::sweep(const Box& at_rest) const {
-  // [rad]: the middle of an arc of this angle is 0.05^2 / 2 of the radius away from its chord
+  // [rad]: the middle of an arc of this angle is 0.05^2 / 2 radii away from its chord
   constexpr double kStep = 0.1;
   Box box;
   if (at_rest.empty()) return box;

@@ -34,7 +34,7 @@ struct Pose {
   [[nodiscard]] Vec3 toRest(const Vec3& p) const noexcept { return back * (p - translate); }
   /// Maps a vector that moves with the material, such as a fibre's direction, to W.
   [[nodiscard]] Vec3 vector(const Vec3& v_rest) const noexcept { return linear * v_rest; }
-  /// Maps a gradient, or a surface normal, to W.
+  /// Maps a gradient, or a surface normal, to W. A mapped normal may not have unit length.
   [[nodiscard]] Vec3 gradient(const Vec3& g_rest) const noexcept {
     return back.transpose() * g_rest;
   }
@@ -46,7 +46,8 @@ struct Pose {
   [[nodiscard]] Mat3 vectorJacobian(const Mat3& of_rest) const noexcept {
     return linear * of_rest * back;
   }
-  /// Returns true if `linear` and `translate` are exactly equal. `back` follows from `linear`.
+  /// Returns true if `linear` and `translate` are exactly equal. Does not compare `back`, which
+  /// follows from `linear`.
   [[nodiscard]] bool operator==(const Pose& other) const noexcept {
     return linear == other.linear && translate == other.translate;
   }
@@ -54,7 +55,7 @@ struct Pose {
 
 /// The pose of a volume at one time: a rotation about W's origin, followed by a shift.
 struct Keyframe {
-  double time = 0.0;                                ///< Time since the scene began [s].
+  double time = 0.0;                                ///< Time since the proxy entered the scene [s].
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Quaternion; need not be normalised.
   Vec3 translate = Vec3::Zero();                    ///< Shift [m].
 };
@@ -66,12 +67,13 @@ struct Keyframe {
 class Motion {
  public:
   /// Makes a motion from keyframes. `path` is the JSON path of the keyframes, for messages. Throws
-  /// SceneError in these cases: a keyframe is missing; times do not ascend or exceed 1e9 s; a shift
-  /// is 1e6 m or more; a rotation is zero; two successive rotations are half a turn apart; a
-  /// repeated motion has one keyframe or does not end at its start.
+  /// SceneError in these cases: there is no keyframe; times do not ascend or are not within +-1e9
+  /// s; a shift is 1e6 m or more, or not finite; a quaternion has a norm of at most 1e-6, or is not
+  /// finite; two successive rotations are half a turn apart; a repeated motion has one keyframe, or
+  /// its ends differ by more than 1e-6 m or rad.
   explicit Motion(std::span<const Keyframe> keyframes, bool repeat = false,
                   const std::string& path = "/keyframes", WarpPtr warp = nullptr);
-  /// Makes a motion that only deforms the volume.
+  /// Makes a motion that only deforms the volume; its only keyframe is the identity at 0 s.
   explicit Motion(WarpPtr warp);
 
   /// Returns the keyframes' rigid pose at `time` [s]. RT: no allocation. Cost: O(log keyframes).
@@ -100,8 +102,8 @@ class Motion {
   /// Returns a box, in the resting frame, of all places to which the warp can move the material of
   /// the box `at_rest`. Without a warp the function returns `at_rest`.
   [[nodiscard]] Box deformed(const Box& at_rest) const;
-  /// Returns an upper bound of the speed of the points in a box of the resting frame [m/s]. The
-  /// warp's part of the bound comes from samples of its speed.
+  /// Returns an upper bound of the speed of the points in a box of the resting frame [m/s], moved
+  /// by the keyframes. Adds Warp::topSpeed(), which comes from samples.
   [[nodiscard]] double topSpeed(const Box& rest) const;
 
   /// Returns the number of keyframes, >= 1.
@@ -151,7 +153,7 @@ struct Body {
   /// `seen` by the pose before the last reading, minus `seen` by the pose after it [m]. The next
   /// swept path begins at seen + swept. Zero for a rigid pose.
   Vec3 swept = Vec3::Zero();
-  /// True if the volume has moved since the proxy last moved. If false, `carried` equals the proxy.
+  /// True if the volume has moved since Bodies::stand(). If false, `carried` equals the proxy.
   bool moved = false;
 };
 

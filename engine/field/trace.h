@@ -7,7 +7,8 @@ namespace palpate {
 
 /// Request for a trace. The trace ends at a given arc length, or at the point nearest to the hand.
 struct TraceOrder {
-  /// Decides which direction is forward if v has no sign, as with fibre axes.
+  /// Direction at the start that counts as forward. The trace starts along v or -v, whichever is
+  /// closer to it, so v may lack a sign, as fibre axes do.
   Vec3 along = Vec3::UnitX();
   /// Arc length [m], < 0 for backwards; if `to_hand`, the largest in either direction.
   double length = 0.0;
@@ -17,23 +18,28 @@ struct TraceOrder {
   /// A trace to the hand ends when the pull along the curve is at most this [voxels].
   double near = 1e-3;
   Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve at the start, if known [1/voxel].
-  double tolerance = 1e-4;   ///< Largest error of a step [voxels].
+  double tolerance = 1e-4;   ///< Largest estimated error of a step [voxels]. Steps of up to 0.06
+                             ///< voxel are accepted with any error.
   int max_steps =
       16;  ///< Largest number of steps, >= 1; with rejected steps, at most four times this number.
-  double stride = 0.5;  ///< First step to try [voxels]: Trace::stride of the last trace.
+  double stride = 0.5;  ///< Longest first step to try [voxels]: Trace::stride of the last trace.
 };
 
 /// The result of a trace.
 struct Trace {
-  Vec3 position = Vec3::Zero();    ///< End of the trace [m].
-  Vec3 direction = Vec3::UnitX();  ///< v / |v| at the end, with the sign that agrees with `along`.
-  double length = 0.0;             ///< Arc length traced, negative backwards [m].
-  double stride = 0.5;             ///< First step that the next trace should try [voxels].
-  int samples = 0;                 ///< Number of values of v read.
-  bool capped = false;       ///< True if the trace ended early because its steps were used up.
-  bool hairpin = false;      ///< True if the centre of curvature is nearer than the hand.
+  Vec3 position = Vec3::Zero();  ///< End of the trace [m].
+  /// v / |v| at the end, with the sign that continues `along` from the start. Near the end if v has
+  /// no direction there; `along` if v has none at the start.
+  Vec3 direction = Vec3::UnitX();
+  double length = 0.0;  ///< Arc length traced, negative backwards [m].
+  double stride = 0.5;  ///< First step that the next trace should try [voxels].
+  int samples = 0;      ///< Number of values of v read.
+  bool capped = false;  ///< True if the trace ended early because its steps were used up.
+  bool hairpin =
+      false;  ///< True if, in some step, the centre of curvature was nearer than the hand.
   bool arrived = false;      ///< True if the trace ended at a place nearest to the hand.
-  Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve in the last step [1/voxel].
+  Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve in the last step [1/voxel]; without
+                             ///< a step, that of the request.
 };
 
 }  // namespace palpate

@@ -1,7 +1,7 @@
 /// Traces a stream cell by cell, by RK4 with two error estimates. A trilinear field has kinks at
 /// the faces of its cells, and a step over a kink is of second order only. A step that ends at the
-/// face keeps the fourth order. If at most 0.1 voxel is left, the midpoint rule is used if it is
-/// accurate enough.
+/// face keeps the fourth order. If at most 0.1 voxel is left, the trace uses the midpoint rule
+/// where that rule is accurate enough.
 #pragma once
 
 #include <algorithm>
@@ -39,7 +39,7 @@ template <class Flow>
 class CellTrace {
  public:
   /// Begins at `start`, in cell coordinates. `flow` and `order` must outlive the object. The first
-  /// step is order.stride, within 0.05 to 1 voxel.
+  /// step to try is at most order.stride, limited to 0.05 to 1 voxel.
   CellTrace(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept
       : flow_(flow),
         order_(order),
@@ -79,7 +79,8 @@ class CellTrace {
   static constexpr double kLongest = 1.0;  // [voxels]: longest stride
   // a step to a face is longer by this factor, so that it crosses the face
   static constexpr double kPast = 1.03;
-  static constexpr double kMostGrowth = 4.0;  // growth of the stride after a step without error
+  // growth of the stride after a step without error, before its limits in tryStep()
+  static constexpr double kMostGrowth = 4.0;
   static constexpr double kRough =
       1.0 / 75.0;  // weight of the rough error estimate, by measurement
   // [voxels]: the trace is complete if less length is left
@@ -151,9 +152,9 @@ class CellTrace {
   }
 
   /// Makes a step of length h_ by the midpoint rule, with one value of v instead of four. The error
-  /// is at most h^3 x''' / 6. The change of the bend since the last step, divided by h_, estimates
-  /// x'''. The estimate can be too low if the last step was shorter. Returns false and makes no
-  /// step if the error is too large or the step leaves its cell.
+  /// is estimated as h^3 x''' / 6. The change of the bend since the last step, divided by h_,
+  /// estimates x'''. The estimate can be too low if the last step was shorter. Returns false and
+  /// makes no step if the error is too large, the step leaves its cell, or v has no direction.
   [[nodiscard]] bool shortStep() noexcept {
     if (!middle()) return false;
     const Vec3 change = 2.0 * (k2_ - k1_);
@@ -255,8 +256,9 @@ class CellTrace {
     return g <= order_.near;
   }
 
-  /// If the step passes the point nearest to the hand, moves the end of the step to that point.
-  /// Returns false if v has no direction there. Cost: up to five values of v.
+  /// If the step passes the point nearest to the hand, or ends just before it, moves the end of the
+  /// step to that point. Returns false if v has no direction there. Cost: usually up to five values
+  /// of v, at most 16.
   [[nodiscard]] bool backToHand() noexcept {
     constexpr int kMost = 4;
     for (int i = 0; i < kMost; ++i) {
@@ -389,7 +391,8 @@ class CellTrace {
   int samples_ = 0;
   bool hairpin_ = false;
   double aim_ = 0.0;  ///< Newton's step to the place nearest to the hand [voxels].
-  Vec3 turn_;         ///< Second derivative of the curve from the last step, in W [1/voxel].
+  Vec3 turn_;  ///< Second derivative of the curve from the last step (at first order.bend), in W
+               ///< [1/voxel].
   Vec3 gone_ = Vec3::Zero();  ///< Displacement from the trace's start, in W [voxels].
   Vec3 bend_ = Vec3::Zero();  ///< The derivative of du/ds over the last step.
   Face last_;
@@ -401,9 +404,9 @@ class CellTrace {
 };
 
 /// Returns the trace of a CellTrace from `start`, in cell coordinates. RT: no allocation, if `flow`
-/// allocates no memory. Cost: four values of v for each tried step, and one more if the step
-/// crosses a face. If at most 0.1 voxel is left and the midpoint rule is accurate enough, the step
-/// costs one value.
+/// allocates no memory. Cost: one or two values of v at the start, four or five for each tried
+/// step, and one more if the step crosses a face. A midpoint step costs one value. On a trace to
+/// the hand, a step that passes the nearest point costs up to 16 more.
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
   return CellTrace<Flow>(flow, start, order).run();

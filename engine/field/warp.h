@@ -41,8 +41,9 @@ class Warp {
   [[nodiscard]] virtual Box shifts() const = 0;
   /// Returns an upper bound of the speed of the material, from samples [m/s].
   [[nodiscard]] virtual double topSpeed() const = 0;
-  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]: this bound limits how far the
-  /// rate can predict u. The default, infinity, costs one more reading in a tick.
+  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]. This bound limits how far the
+  /// rate can predict u. With the default, infinity, u is not predicted, so a tick takes more
+  /// readings of the warp.
   [[nodiscard]] virtual double topAcceleration() const noexcept {
     return std::numeric_limits<double>::infinity();
   }
@@ -62,8 +63,8 @@ struct Deformation {
   std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(),
                            Mat3::Zero()};  ///< d^2 X_i / dx_j dx_k [1/m]
 
-  /// Returns the largest error of X at x and `when` [m], to second order. `acceleration` is
-  /// Warp::topAcceleration().
+  /// Estimates the error of X at x and `when` [m] by the second-order terms in place and in time.
+  /// Neglects the mixed term. `acceleration` is Warp::topAcceleration().
   [[nodiscard]] double errorAt(const Vec3& x, double when, double acceleration) const noexcept {
     const double later = when - time;
     const double bent =

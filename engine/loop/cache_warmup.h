@@ -1,7 +1,7 @@
 /// Cache warm-up: a tick without output, shortly before the real tick. The warm-up loads the code
 /// and the data of the tick into the processor's caches. Other programs may have replaced them
-/// since the last tick. Without a warm-up, a tick after a millisecond of sleep takes several times
-/// as long as a tick that follows another at once.
+/// since the last tick. Without a warm-up, a tick after a millisecond of sleep can take several
+/// times as long as a tick that follows another at once.
 #pragma once
 
 #include <cstdint>
@@ -24,8 +24,8 @@ class CacheWarmup {
   /// Runs a tick of the twin. The expected position of the hand is its last position plus its last
   /// displacement. If the last tick of the twin differed too much from the real tick, first copies
   /// the whole state of `real`. No tick runs if the force is cut, or before look() has recorded two
-  /// ticks. Scenes with user-defined modes have no warm-up, because a warm-up would call these
-  /// modes twice. Returns true if a tick ran.
+  /// successive ticks without a fault. Scenes with user-defined modes have no warm-up, because a
+  /// warm-up would call these modes twice. Returns true if a tick ran.
   ///
   /// RT: no allocation. Cost: a tick, and the copy if the twin differed.
   bool run(const Scene& scene, const ProxyState& real, double dt) noexcept PALPATE_NONBLOCKING;
@@ -42,7 +42,7 @@ class CacheWarmup {
   bool user_ = false;        ///< True if that scene has user-defined modes.
   HandState hand_;
   Vec3 before_ = Vec3::Zero();  ///< Position of the hand in the second-last tick [m].
-  int seen_ = 0;                ///< Number of recorded ticks, at most 2.
+  int seen_ = 0;                ///< Number of recorded ticks since the last fault, at most 2.
   StepReport real_;
   StepReport warmed_;
   bool fresh_ = false;  ///< True if both reports are of the same tick.

@@ -8,8 +8,10 @@
 
 namespace palpate {
 
-/// All inputs of a tick except the scene. The scenes and the inputs of all ticks so far determine
-/// the report of a tick to the last bit.
+/// All inputs of a tick except the scene. In the same program, the scenes and the inputs of all
+/// ticks so far determine the report of a tick to the last bit. Exceptions are volumes whose data
+/// arrive during the ticks (bricks and sequences that do not wait for them), and user-defined modes
+/// with a state.
 struct TickInput {
   HandState hand;        ///< Reading of the hand, completed by HandWatch.
   double dt = 1e-3;      ///< Time since the last tick [s].
@@ -34,10 +36,11 @@ class HandTick {
   /// sent() read. If `scene` is null, the force is zero. RT: see hapticStep.
   [[nodiscard]] StepReport step(const Scene* scene,
                                 const TickInput& in) noexcept PALPATE_NONBLOCKING;
-  /// If in.order is not kNone, removes the force from the report and releases the hand. RT: no
-  /// allocation.
+  /// If in.order is not kNone, latches it as a fault, removes the force from the report and
+  /// releases the proxy. RT: no allocation.
   void withhold(const TickInput& in, StepReport& report) noexcept PALPATE_NONBLOCKING;
-  /// Ends the tick with `given` and `unsent`, after the force was written. RT: no allocation.
+  /// Ends the tick with `given` and `unsent`, after the force was written. Latches `unsent` as a
+  /// fault. RT: no allocation.
   void sent(const TickInput& in) noexcept PALPATE_NONBLOCKING;
 
   /// Returns the state of the proxy after the last tick.

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer counts as blocked
 
-constexpr double kClock = 1.2;  ///< longest time between two ticks that are not late, in periods
+constexpr double kClock = 1.2;  ///< default of ArmDissipation::period, in periods of the loop
 
 ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   ForceLimits limits = info.limits;
@@ -178,7 +178,7 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
 }
 
 Fault HapticLoop::withheld(double took, const TickTime& time) noexcept {
-  // If the tick took too long, as in a stopped process, the guardian has removed the force.
+  // If the tick took too long, as in a stopped process, the guardian may have removed the force.
   if (!device_.info().hand) return Fault::kNone;
   return time.real && took > late_ ? Fault::kLate : ordered();
 }

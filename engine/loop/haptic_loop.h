@@ -30,7 +30,8 @@ class TickSink {
                     const ProxyState& state) noexcept PALPATE_NONBLOCKING = 0;
 };
 
-/// Atomic words that a loop shares with its guardian, which may be in another process.
+/// Atomic words that a loop shares with its guardian, which may be in another process. A null
+/// pointer disables its function.
 struct LoopWatch {
   /// Counter that the loop increments in every tick. After kWrite, kGone or kMiscounted the counter
   /// stops until clear().
@@ -66,16 +67,19 @@ struct Pulse {
 
 /// Timing of a tick.
 struct TickTime {
-  double now = 0.0;          ///< Time since the start [s].
-  double dt = 1e-3;          ///< Time since the last tick [s].
-  double late = 0.0;         ///< Delay of the tick's start after its deadline [s].
-  bool missed = false;       ///< True if the tick began after the next tick's deadline.
-  std::int64_t wake_ns = 0;  ///< Time from the deadline to the start of the tick, for the log [ns].
+  double now = 0.0;  ///< Time since the start [s].
+  double dt = 1e-3;  ///< Time since the last tick [s].
+  /// Delay of the tick's start [s]. It counts from the deadline that follows that of the last tick,
+  /// or from one period after the start of the last tick if that is later.
+  double late = 0.0;
+  bool missed = false;       ///< True for a late tick: `late` is a period or more.
+  std::int64_t wake_ns = 0;  ///< Time from the tick's own deadline to its start, for the log [ns].
   bool real = false;  ///< True for a real clock: the durations of a tick and of a write then count.
 };
 
 /// Returns the limits of a device in a loop of this rate [Hz]. If DeviceInfo::hand is true, an
-/// engagement lasts at least kEngage. Throws DeviceError if a limit is not a usable number.
+/// engagement lasts at least kEngage. Throws DeviceError if a limit is not a usable number, or if
+/// the energy tank cannot store the delayed forces at this rate.
 [[nodiscard]] ForceLimits limitsInLoop(const DeviceInfo& info, double rate);
 
 /// The loop of one device: its proxy, its reader and the newest scene.
@@ -89,7 +93,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   ///
   /// @param rate       Nominal rate of the ticks [Hz].
   /// @param heartbeat  Longest permitted pause between beats of the application [s]; 0: no limit.
-  /// Throws DeviceError if a limit of the device, or the heartbeat, is not a usable number.
+  /// Throws DeviceError as limitsInLoop does, or if the heartbeat is not a usable number.
   HapticLoop(Device& device, double rate, TickSink* sink = nullptr, double heartbeat = 0.0,
              const LoopWatch& watch = {});
 
@@ -120,8 +124,9 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// the loop. Without a clock, sequences stay at position 0.
   void playBy(const PlayClock* clock) noexcept { clock_ = clock; }
 
-  /// Sets the time after the last late tick at which the force returns by itself: 0 (never) to 60
-  /// [s]. Call this function before the first tick. Throws DeviceError for other numbers.
+  /// Sets the time after the last late tick at which the force returns by itself (Reengagement): 0
+  /// (never) to 60 [s]. Call this function before the first tick. Throws DeviceError for other
+  /// numbers.
   void reengageAfter(double seconds);
 
   /// Sets the links to remote hands. Call this function before the first tick. The links must
@@ -130,15 +135,15 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   // Functions for the haptic thread.
   /// Runs one tick: takes the newest scene, reads and checks the hand, calls hapticStep, writes the
-  /// force and publishes the telemetry. RT: no allocation, no lock; system calls of the device
-  /// only.
+  /// force and publishes the telemetry. RT: no allocation, no lock; no system calls except those of
+  /// the device, the sink and the clock.
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
   /// Allocates the memory for warmUp(). Call this function before the first warmUp().
   void prepareWarmup() { warmup_ = std::make_unique<CacheWarmup>(hand_.state().limits()); }
   /// Warms up the caches (cache_warmup.h) for the tick that comes in `lead` [s], about `dt` [s]
-  /// after the last tick. Returns false without a warm-up if the last tick took more than a quarter
-  /// of `lead`. Has no effect on results. RT: no allocation, no lock, no system call except those
-  /// of the clock.
+  /// after the last tick. Returns true if a warm-up ran. None runs if the last tick took more than
+  /// a quarter of `lead`, without a scene or prepareWarmup(), or if CacheWarmup::run() runs none.
+  /// Does not change the state of the loop's own tick. RT: no allocation, no lock, no system call.
   bool warmUp(double dt, double lead) noexcept PALPATE_NONBLOCKING;
   /// Writes zero force. Call this function after the last tick.
   void end() noexcept PALPATE_NONBLOCKING;

@@ -90,8 +90,8 @@ void HapticThread::run() noexcept {
     time.now = 1e-9 * static_cast<double>(now - begin);
     time.dt = 1e-9 * static_cast<double>(now - last_now);
     time.wake_ns = now - due;
-    // A tick is late if it begins after the deadline that follows the deadline of the last tick,
-    // and more than a period after the last tick began.
+    // The delay counts from the deadline that follows the deadline of the last tick, but at least a
+    // period after the last tick began.
     const double asked =
         std::max(static_cast<double>(due) - static_cast<double>(count - last - 1) * period,
                  static_cast<double>(last_now) + period);

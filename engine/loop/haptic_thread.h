@@ -20,10 +20,10 @@ struct LoopParams {
   double heartbeat =
       0.0;  ///< Longest permitted pause between beats of the application [s]; 0 for no limit.
   /// The thread wakes this long before a tick's deadline [s], warms up the caches (cache_warmup.h)
-  /// and busy-waits. Otherwise the tick begins 25 us or more after the deadline, with cold caches.
-  /// The time is at most a quarter of a period; if 0, the thread sleeps until the deadline. If not
-  /// set, the time is kEarly if the priority is granted and kEarly is at most a tenth of a period,
-  /// else 0. Each tick costs this time on a core, in which a second tick runs.
+  /// and busy-waits. If 0, the thread sleeps until the deadline; the tick then begins later and
+  /// with cold caches. The time is at most a quarter of a period. If not set, the time is kEarly if
+  /// the priority is granted and kEarly is at most a tenth of a period, else 0. Each tick costs
+  /// this time on a core.
   std::optional<double> early;
   RealtimeRequest realtime;          ///< The thread requests these before its first tick.
   LoopWatch watch;                   ///< Words shared with a guardian (devices/arm/guardian.h).
@@ -44,8 +44,9 @@ struct LoopParams {
 class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// Starts the thread. The force is zero until a scene is published. The device and the sink must
-  /// outlive the HapticThread. Throws DeviceError if the rate is out of range, or if the system
-  /// cannot start a thread.
+  /// outlive the HapticThread. Throws DeviceError if `rate`, `early`, `heartbeat` or `reengage` is
+  /// out of range, if a limit of the device is not usable (limitsInLoop), or if the system cannot
+  /// start a thread.
   explicit HapticThread(Device& device, const LoopParams& params = {}, TickSink* sink = nullptr);
   /// Writes zero force and ends the thread.
   ~HapticThread() { stop(); }

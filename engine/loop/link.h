@@ -12,8 +12,8 @@
 ///
 ///     w_1 + w_2  =  2 start - e_1 - e_2 + (r_1 - g_2) + (r_2 - g_1)  <=  2 start - e_1 - e_2.
 ///
-/// Neither tank may fall below zero. So the two hands together never get more than 2 start, with
-/// any network. The default `start` is the energy that lifts 100 g by 1 mm.
+/// As long as neither tank falls below zero, the two hands together get at most 2 start, with any
+/// network. The default `start` is the energy that lifts 100 g by 1 mm.
 ///
 /// A reading is within D/2 of the hand, where D is the step of the encoders. Let F_k be the force
 /// sent after reading k, and e_k the error of that reading. Summation by parts gives
@@ -91,9 +91,9 @@ class Link {
   /// @param hand   Reading of the hand, new or repeated, with the directions of its motors.
   /// @param part   Share of this spring if the hand has several springs, 0 to 1.
   /// @param dt     Time since the last call [s].
-  /// @return       |force| <= part * peak [N], finite, along hand.drives; 0 if hand or dt is not a
-  ///               usable number.
-  /// RT: no allocation. Cost: some ten nanoseconds.
+  /// @return       |force| <= part * peak [N], finite, along hand.drives; 0 if hand, proxy or dt is
+  ///               not a usable number.
+  /// RT: no allocation. Cost: O(1).
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand, double part,
                           double dt) noexcept PALPATE_NONBLOCKING;
   /// Counts the change of the sent force. Call this function after each pull(). `share`, 0 to 1, is
@@ -110,7 +110,8 @@ class Link {
   [[nodiscard]] double energy() const noexcept { return energy_; }  ///< Energy in the tank [J].
   /// Returns the share of the spring that has faded in, 0 to 1.
   [[nodiscard]] double presence() const noexcept { return presence_; }
-  /// Returns the share of the last pull()'s force that the energy in the tank allowed, 0 to 1.
+  /// Returns the share of the wanted force that the tank allowed in the last pull() with a force, 0
+  /// to 1. The share rises at most by 1 in kLinkRise.
   [[nodiscard]] double paid() const noexcept { return paid_; }
 
  private:

@@ -38,7 +38,7 @@ class PlayClock {
 
   // Functions for any thread.
   /// Sets the parameters from the next ticks on. Play continues from its position; before the first
-  /// tick, it begins at `begin`.
+  /// tick, it begins at `begin`. Keeps the speed if the new one is not finite.
   void steer(const PlayParams& params) noexcept;
   /// Returns the parameters set last.
   [[nodiscard]] PlayParams params() const noexcept;

@@ -66,7 +66,7 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     if (!report.memory) {
       refuse(report, "locked memory", errno, "raise memlock in /etc/security/limits.d");
     }
-    // The kernel may still merge locked pages into a huge page, which delays a thread by a tick.
+    // The kernel may still merge locked pages into a huge page, which can delay a thread by a tick.
     (void)prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
   }
   if (request.priority > 0) {

@@ -12,9 +12,10 @@ inline constexpr int kMostPriority = 90;
 /// Requests for becomeRealtime(). If the system refuses one, the thread continues without it.
 struct RealtimeRequest {
   int priority = 80;  ///< SCHED_FIFO priority, 1 to kMostPriority; 0 if not requested.
-  int core =
-      -1;  ///< Core on which to stay; -1 for any core. A thread without priority uses any core.
-  /// True to lock the present and future memory of the process. The lock also prevents huge pages.
+  int core = -1;  ///< Core on which to stay; -1 for any core. If a requested priority is refused,
+                  ///< the thread uses any core.
+  /// True to lock the present and future memory of the process, and to disable its transparent huge
+  /// pages.
   bool lock_memory = true;
   bool awake = true;  ///< True to keep all cores awake: costs power, but sleeping cores wake late.
 };

@@ -13,11 +13,11 @@ struct Telemetry {
   std::int64_t tick = 0;      ///< Number of the tick, from 1; 0 before the first tick.
   double time = 0.0;          ///< Time since the start [s].
   Vec3 probe = Vec3::Zero();  ///< Position of the probe [m].
-  std::int64_t tick_ns = 0;   ///< Time that hapticStep took [ns].
+  std::int64_t tick_ns = 0;   ///< Time that HandTick::step took [ns], without device and links.
   /// Delay of the tick's start after its deadline [ns]; 0 in virtual time.
   std::int64_t wake_ns = 0;
-  bool missed = false;          ///< True if the tick began after the next tick's deadline.
-  std::int64_t late_ticks = 0;  ///< Number of missed ticks so far.
+  bool missed = false;          ///< True for a late tick (TickTime::missed).
+  std::int64_t late_ticks = 0;  ///< Number of late ticks so far.
   Fault fault = Fault::kNone;   ///< Cause of the cut of the force; kNone if the force is not cut.
   std::uint64_t scene = 0;      ///< Scene::id; 0 without a scene.
   TickInput input;              ///< Inputs of the tick.

@@ -19,8 +19,8 @@ struct SurfaceSource {
   double sign = -1.0;            ///< Outward normal = sign * gradient: -1 if high values are solid.
   double voxel = 1e-3;           ///< Shortest edge of a voxel [m].
   double metres_per_unit = 1.0;  ///< Metres per unit of the data's space.
-  bool grooves = false;  ///< True if grooves increase the friction. This needs friction and a field
-                         ///< that is a distance (FieldFrame::distance).
+  bool grooves = false;  ///< True if grooves increase the friction: for an isosurface with friction
+                         ///< in a field that is a distance (FieldFrame::distance).
 };
 
 /// Corrections to the plane of a surface for other solids and other walls; see seams.h.
@@ -37,10 +37,11 @@ struct Contact {
   Vec3 normal = Vec3::UnitX();  ///< n, the outward unit normal.
   Mat3 turn = Mat3::Zero();     ///< dn/dx [1/m].
   Vec3 across = Vec3::UnitX();  ///< c, the outward unit normal of the interpolated surface.
-  double height = 0.0;          ///< Height of the last reading above the surface, along c [m].
-  double walls = 1.0;           ///< Seam::walls of the last reading.
-  bool placed = false;          ///< True if there is a plane.
-  bool seen = false;            ///< True if the last reading put the plane on the surface.
+  double height = 0.0;  ///< Height of the last reading above the surface, along c, limited to half
+                        ///< a voxel on V = Va [m].
+  double walls = 1.0;   ///< Seam::walls of the last reading.
+  bool placed = false;  ///< True if there is a plane.
+  bool seen = false;    ///< True if the last reading put the plane on the surface.
   /// True if a sweep has reached the surface, where properties are read next.
   bool touched = false;
   int plane = -1;   ///< Index of the plane in the last balance; -1 if it was not in the balance.
@@ -99,8 +100,8 @@ void readLoad(Contact& contact, std::span<const Primitive> primitives,
 
 /// Returns the offset to the free side [m] at which a sweep follows a path along the surface. `way`
 /// is the length of the path [m]. The offset is a quarter of the path, at most a quarter of a
-/// voxel; zero without a plane. If the radius of the surface is at least 5/8 of the path, the swept
-/// path is then on the free side. RT: no allocation.
+/// voxel; zero without a plane. For a path of at most a voxel between two points of a surface with
+/// a radius of at least 5/8 of the path, the swept path is on the free side. RT: no allocation.
 [[nodiscard]] Vec3 liftOff(const Contact& contact, double voxel,
                            double way) noexcept PALPATE_NONBLOCKING;
 

@@ -9,7 +9,8 @@
 namespace palpate {
 namespace {
 
-/// A flow has no vortex if |curl v| times a voxel is less than this share of |v|.
+/// A flow has no vortex if |curl v| times a voxel is less than this share of |v|. Up to twice this
+/// share, the strength of the mode rises from zero.
 constexpr double kNoVortex = 1e-5;
 
 /// Returns the unit direction of a primitive that is anchored at the proxy. This is the mean

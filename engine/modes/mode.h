@@ -43,8 +43,8 @@ struct Transfer {
   /// Returns the product, with `value` as the input of factors with scalar `index` or -1; 0 if the
   /// property of another factor has no data. RT: no allocation.
   [[nodiscard]] double at(const Properties& properties, int index, double value) const noexcept;
-  /// Returns the product even without data: a scalar then has its background value, and a magnitude
-  /// is zero. The coupling's stiffness needs this. RT: no allocation.
+  /// Returns the product even without data: a scalar volume then has its background value, and
+  /// other scalars are zero. The coupling's stiffness needs this. RT: no allocation.
   [[nodiscard]] double anywhere(const Properties& properties) const noexcept;
 };
 
@@ -59,9 +59,9 @@ struct SurfaceMemory {
 /// The side of an isosurface on which the proxy is.
 enum class Side : std::uint8_t {
   kUnknown,  ///< No reading yet.
-  kOutside,  ///< The proxy is on the free side, where the surface can hold it.
-  kYielded,  ///< The surface has yielded. The plane pulls the proxy back, until the proxy is
-             ///< IsosurfaceMode::depth behind the plane or the hand returns.
+  kOutside,  ///< The proxy is on the free side, or the surface holds it.
+  kYielded,  ///< The surface has yielded. The plane pulls the proxy back, until the proxy returns
+             ///< or is a voxel deeper than IsosurfaceMode::depth.
   kInside,   ///< The proxy is on the solid side, moves freely and may leave.
 };
 /// Memory of an IsosurfaceMode: its plane, and the side of the proxy.
@@ -123,7 +123,7 @@ struct SurfaceMode {
   SurfaceSource skin;            ///< Properties read from the volume, its solid side and its scale.
   Transfer strength;             ///< Strength of the plane [N].
   Transfer friction;             ///< Coulomb's mu.
-  Transfer viscosity;            ///< Strength of the drag [N], wherever the gradient is not zero.
+  Transfer viscosity;            ///< Strength of the drag [N]; no drag where there is no gradient.
 };
 
 /// A plane (eq. 13) on V = level, once the proxy reaches it. Friction adds a line (eq. 11).
@@ -131,10 +131,12 @@ struct IsosurfaceMode {
   using Memory = IsosurfaceMemory;  ///< The memory that is kept from tick to tick.
   SurfaceSource skin;   ///< Properties read from the volume, its solid side and its scale.
   double level = 0.0;   ///< V0, in the data's unit.
-  double depth = 3e-3;  ///< A yielding plane pushes until the proxy is this far behind it [m].
-  Transfer strength;    ///< Strength of the plane [N], at V = level until the surface yields.
-  Transfer friction;    ///< Coulomb's mu.
-  Transfer viscosity;   ///< Strength of the drag in the solid [N], a point (eq. 9).
+  double depth = 3e-3;  ///< If the proxy is farther behind a yielded plane, the strength fades over
+                        ///< a voxel [m].
+  Transfer strength;  ///< Strength of the plane [N]: until the surface yields at V = level, then at
+                      ///< the reading.
+  Transfer friction;  ///< Coulomb's mu, which a groove can increase (SurfaceSource::grooves).
+  Transfer viscosity;  ///< Strength of the drag in the solid [N], a point (eq. 9).
 };
 
 /// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. A weak line
@@ -143,7 +145,8 @@ struct IsosurfaceMode {
 struct FollowMode {
   using Memory = FollowMemory;  ///< The memory that is kept from tick to tick.
   int vector = -1;              ///< Index into Properties::vectors.
-  /// Index into Graph::vector_fields; -1 for a derived vector, which the proxy follows by tangents.
+  /// Index into Graph::vector_fields of the field with the vector's streams. -1 for a gradient, a
+  /// curl or their unit vectors: the proxy follows these by tangents.
   int field = -1;
   double voxel = 1e-3;  ///< Shortest edge of a voxel [m].
   Transfer strength;    ///< Strength of the line [N].
@@ -176,8 +179,9 @@ struct VortexTubeMode {
   Transfer strength;                ///< Strength of plane and line [N]; zero without rotation.
 };
 
-/// A point, line or plane that the scene places. While the proxy is within `snap` of the guide, the
-/// guide pulls the hand. The energy of this pull counts as injected (StepReport::injected).
+/// A point, line or plane that the scene places. While the proxy is within `snap` of the guide, or
+/// in front of the plane, the guide acts. The energy of its pull counts as injected
+/// (StepReport::injected).
 struct GuideMode {
   using Memory = std::monostate;                ///< The mode has no memory.
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Any kind except kForce.
@@ -203,8 +207,9 @@ struct ModeInput {
 };
 
 /// Adds primitives. Returns false if the set was full. Each balance of a tick calls this function:
-/// first without a new reading (`foreseen`), then after each reading. Do not allocate, lock or
-/// throw. Anchor primitives at the proxy; other anchors can add energy, which counts as injected.
+/// in each slice first without a new reading (`foreseen`), then after each reading. Do not
+/// allocate, lock or throw. Anchor primitives at the proxy; other anchors can add energy, which
+/// counts as injected.
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
 
 /// A user-defined mode.
@@ -289,10 +294,9 @@ struct SurfaceAhead {
 
 /// The streamline to which a mode holds the proxy.
 struct Curve {
-  OnCurve* on = nullptr;  ///< Null if the mode does not hold the proxy to a curve.
-  /// Index into Graph::vector_fields; -1 for a derived vector, which the proxy follows by tangents.
-  int field = -1;
-  double voxel = 0.0;  ///< Finest voxel that the mode reads [m].
+  OnCurve* on = nullptr;  ///< Null if the mode is not a FollowMode.
+  int field = -1;         ///< FollowMode::field.
+  double voxel = 0.0;     ///< FollowMode::voxel [m].
 };
 /// Returns the curve of a follow mode. For other modes `on` is null. RT: no allocation.
 [[nodiscard]] Curve curveOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
@@ -305,8 +309,8 @@ struct Curve {
 /// force is valid only near the reading. Returns false for all other modes.
 [[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
-/// Updates a mode's memory from the last balance: `primitives` and their forces on the proxy [N].
-/// RT: no allocation.
+/// Updates the load in the memory of a surface or isosurface mode from the last balance: its
+/// `primitives` and their forces on the proxy [N]. RT: no allocation.
 void readLoads(const Mode& mode, std::span<const Primitive> primitives,
                std::span<const Vec3> forces, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
@@ -314,9 +318,9 @@ void readLoads(const Mode& mode, std::span<const Primitive> primitives,
 void followYielding(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Updates a mode's memory from the place that the proxy has reached. `arrived` is true if that
-/// place is the balance. Ends the contact with a surface without load. Marks a surface as pushed
-/// through if it yields and the proxy is behind it. Once the proxy rests, a released front may be
-/// placed again. RT: no allocation.
+/// place is the balance. Ends the contact with an isosurface that bears no load and is behind the
+/// proxy. Marks an isosurface as pushed through if it yields and the proxy is behind it. Once the
+/// proxy has arrived, a released front may be placed again. RT: no allocation.
 void settle(const Mode& mode, const Vec3& proxy, bool arrived,
             ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 

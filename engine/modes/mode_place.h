@@ -10,7 +10,7 @@ namespace palpate {
 /// Derivatives of a primitive by the place where properties were read; see Varying.
 struct Variation {
   Mat3 turn = Mat3::Zero();  ///< Derivative of the direction [1/m].
-  /// Gradient of the strength [N/m]; zero for primitives that are anchored at the proxy.
+  /// Gradient of the strength [N/m]; zero except for directed forces.
   Vec3 slope = Vec3::Zero();
   Vec3 across = Vec3::Zero();  ///< Varying::across of a plane that turns.
   double height = 0.0;         ///< Varying::height of a plane that turns [m].
@@ -81,7 +81,8 @@ inline const double* levelOf(const SurfaceMode& /*mode*/, const SurfaceMemory& m
 /// Returns the surface if the proxy is outside and the surface did not yield; else null pointers.
 SurfaceAhead ahead(const IsosurfaceMode& mode, IsosurfaceMemory& memory) noexcept;
 /// Marks a surface as pushed through if it yielded and the proxy is more than 0.05 voxel behind it.
-/// Ends the contact if the surface bears no load and the proxy is in front of it.
+/// Ends the contact if the surface bears no load and the proxy is more than 1e-4 voxel in front of
+/// it.
 void settle(const IsosurfaceMode& mode, const Vec3& proxy, bool arrived,
             IsosurfaceMemory& memory) noexcept;
 /// Allows a released front to be placed again, once the proxy has `arrived` at its balance.

@@ -29,7 +29,7 @@ class TransferFunction {
   [[nodiscard]] double lowest() const noexcept;  ///< Returns the curve's smallest output, >= 0.
 
   /// Returns true if the output is 0 at x and at all inputs above x (sign > 0) or below x (sign <
-  /// 0).
+  /// 0). Returns false if a step at x has an output above 0 on either side.
   [[nodiscard]] bool isZeroFrom(double x, double sign) const noexcept;
 
   /// Returns the curve's output at x; 0 if x is NaN. RT: no allocation. Cost: O(log knots).

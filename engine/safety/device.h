@@ -64,7 +64,7 @@ class Device {
   virtual void carry(bool /*may*/) noexcept PALPATE_NONBLOCKING {}
   /// Returns the share, 0 to 1, of the last written force that the motors could apply within their
   /// limits. The motors keep the direction. Rounding, lag and delay are not included
-  /// (ArmDissipation). The loop calls it after every write. RT: no allocation, no lock.
+  /// (ArmDissipation). The loop calls it after the write of each tick. RT: no allocation, no lock.
   [[nodiscard]] virtual double given() const noexcept PALPATE_NONBLOCKING { return 1.0; }
   /// Returns true when there are no more readings, as at the end of a recorded path.
   [[nodiscard]] virtual bool ended() const noexcept { return false; }

@@ -55,7 +55,8 @@ struct LimiterState {
   [[nodiscard]] double letsOut(double wanted, double peak) const noexcept {
     return waiting || share < 1.0 ? 0.0 : std::min(wanted, peak);
   }
-  /// Begins an engagement: zero force until the wanted force is small, then a ramp of `length` [s].
+  /// Begins an engagement: zero force until the wanted force is below kEngageBelow or kEngageWait
+  /// has passed, then a ramp of `length` [s].
   void engage(double length) noexcept {
     waiting = true;
     waited = 0.0;
@@ -95,7 +96,8 @@ struct LimitedForce {
 /// delayed, the result never exceeds the wanted force, and |force| <= |previous| + slew * dt.
 ///
 /// For the continuous limit, `heat` follows |force|^2 with the time constant `heating`.
-/// allowedByHeat() gives the largest force, so that the heat never exceeds continuous^2.
+/// allowedByHeat() gives the largest force. If dt is short enough, below 0.2 heating
+/// (continuous/peak)^2, the heat does not rise above continuous^2.
 ///
 /// @param wanted    Wanted force [N]. Any number is allowed, also NaN.
 /// @param hand      Position of the hand as read [m]. Any number is allowed, also NaN. Only the

@@ -1,6 +1,7 @@
 /// The energy tank counts the energy that the arm and the hand exchange, and limits the force to
-/// what this energy can pay for. If the arm has at least the assumed friction, the hand never gets
-/// more energy than it has put in. Proof: docs/passivity.md.
+/// what this energy can pay for. If the arm has at least the assumed friction and timing, the hand
+/// gets at most the energy that it has put in, plus refilled() and debt(). Proof:
+/// docs/passivity.md.
 #pragma once
 
 #include <array>
@@ -62,7 +63,7 @@ class Tank {
  public:
   /// Returns a lower bound of the energy in the tank [J]; below zero only if the tank observes.
   [[nodiscard]] double energy() const noexcept { return sure_; }
-  /// Returns the energy that could not be paid so far [J], because ticks were later than
+  /// Returns the energy that could not be paid so far [J], as after ticks later than
   /// ArmDissipation::period. The guarantee is weaker by this amount. The tank continues as if the
   /// debt were paid.
   [[nodiscard]] double debt() const noexcept { return debt_; }
@@ -92,8 +93,9 @@ class Tank {
   /// until all old forces are certainly over and a fresh position was read. RT: no allocation.
   void forget() noexcept;
 
-  static constexpr std::size_t kForces = 64;  ///< Largest number of forces that act or are on their
-                                              ///< way; with one more, the tank calls forget().
+  /// Largest number of forces that act or are on their way. If so many remain at the next call of
+  /// pass(), the tank calls forget().
+  static constexpr std::size_t kForces = 64;
 
  private:
   struct Amplifier;

@@ -17,7 +17,8 @@ struct FaultWords {
 
 constexpr std::array<FaultWords, kFaults> kFaultWords{{
     {"none", "", ""},
-    {"not-finite", "a position, sample or force was not finite", "repair the device or the volume"},
+    {"not-finite", "a position, sample or force was not finite, or a position was out of range",
+     "repair the device or the volume"},
     {"late", "the loop was late", "give the loop a core, real-time priority or a lower rate"},
     {"stale", "the device's reports are too old", "check its cable, or the program that shares it"},
     {"jump", "the position jumped: an encoder may have lost counts", "home the device"},

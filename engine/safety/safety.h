@@ -14,17 +14,20 @@ namespace palpate {
 /// The cause of a cut of the force, with the remedy.
 enum class Fault : std::uint8_t {
   kNone,
-  kNotFinite,  ///< A position, sample or force was not finite. Repair the device or the volume.
+  kNotFinite,  ///< A position, sample or force was not finite, or a position was 1e6 m or more.
+               ///< Repair the device or the volume.
   kLate,   ///< A tick was too late (WatchLimits::late). Give the loop a core, real-time priority
            ///< or a lower rate.
   kStale,  ///< The device's position or another report is too old (WatchLimits::stale). Check the
            ///< cable, or the program that shares the device.
-  kJump,   ///< The position changed too fast for a hand: an encoder lost counts. Home the device.
-  kOverSpeed,   ///< The device stayed too fast although it was braked. Hold it, and check the signs
-                ///< of its motors.
-  kWrite,       ///< The device did not take a force in time. Check its cable.
-  kGone,        ///< The device is unplugged. Plug it in again.
-  kMiscounted,  ///< The device's counters may have wrapped around between two readings. Home it.
+  kJump,   ///< The position changed too fast for a hand: an encoder may have lost counts. Home the
+           ///< device.
+  kOverSpeed,  ///< The device stayed too fast although it was braked. Hold it, and check the signs
+               ///< of its motors.
+  kWrite,      ///< The device did not take a force in time. Check its cable or plug-in.
+  kGone,  ///< The device is unplugged, or its plug-in no longer answers. Plug it in again, or check
+          ///< the plug-in.
+  kMiscounted,   ///< The device's counters may have wrapped around between two readings. Home it.
   kTemperature,  ///< The device reports that it is too hot. Let it cool.
   kPower,        ///< The device reports that it has no power. Switch it on.
   kSwitch,       ///< The device's safety switch is open. Close it.
@@ -64,12 +67,13 @@ struct HandState {
   double max_speed = 0.0;  ///< WatchLimits::max_speed [m/s].
 };
 
-/// Distinguishes new readings from repeated ones, which have the same bits and a greater age. If
-/// the hand rests, a new reading may look repeated. The next reading that counts as new then covers
-/// the time of both.
+/// Distinguishes new readings from repeated ones, which have the same position and a greater age.
+/// If the hand rests, a new reading may look repeated. The next reading that counts as new then
+/// covers the time of both.
 class NewReadings {
  public:
-  /// Returns true at the first call, and for a new position. RT: no allocation.
+  /// Returns false if `hand` has the position of the last call and a greater age; else true. RT: no
+  /// allocation.
   [[nodiscard]] bool look(const HandState& hand) noexcept PALPATE_NONBLOCKING;
 
  private:
@@ -78,7 +82,7 @@ class NewReadings {
   double age_ = 0.0;
 };
 
-/// Limits of the hand's motion and timing. The defaults are safe for any desktop arm.
+/// Limits of the hand's motion and timing. The defaults suit desktop arms.
 struct WatchLimits {
   double stale = 0.05;  ///< Largest age of a position [s]; set by the device's profile.
   /// Largest speed [m/s]. The loop brakes a faster hand, and after 0.05 s cuts the force.
@@ -92,7 +96,8 @@ class HandWatch {
   /// Starts without a position. The first position cannot be a jump, and has zero velocity.
   explicit HandWatch(const WatchLimits& limits = {}) noexcept : limits_(limits) {}
 
-  /// Fills in velocity, max_speed and too_fast, from positions only (not Handle::velocity).
+  /// Fills in velocity, max_speed and too_fast, from positions only (not Handle::velocity). Leaves
+  /// them unchanged if it returns a fault other than kOverSpeed.
   ///
   /// @param now   Time [s] of any monotonic clock.
   /// @return      The cause if the force must be cut, else kNone.
@@ -123,7 +128,8 @@ class HandWatch {
 };
 
 /// Decides when the force returns after a cut that only late ticks caused. After another fault, or
-/// a pause of more than kPause, the application must clear the fault.
+/// a pause of more than kPause, the application must clear the fault. After kMost returns within
+/// kWithin, the force stays cut until kWithin is over or the application clears the fault.
 class Reengagement {
  public:
   /// @param after  Time without late ticks after which the force returns [s]; 0 for never.
@@ -155,14 +161,14 @@ class Reengagement {
 ///
 /// Only the time distinguishes this arm from an arm that a hand holds still. If no counter has
 /// changed for kStill while the force is larger than the friction, the force fades to zero in
-/// kFade. A real hand moves by a count long before kStill. When a counter changes, the force
-/// returns at the same rate. The force that is missing at that moment is at most the friction, plus
-/// the stiffness of the hand times one count.
+/// kFade. A real hand usually moves by a count long before kStill. When a counter changes, the
+/// force returns at the same rate. The force that is missing at that moment is at most twice the
+/// friction, plus the stiffness of the hand times one count.
 class StillFade {
  public:
   /// Returns the share of the force that is left, 0 to 1.
   ///
-  /// @param force     Magnitude of the force that is sent [N].
+  /// @param force     Magnitude of the force before the fade [N].
   /// @param still     HandState::still [s].
   /// @param friction  A smaller force than this may fail to move the arm [N].
   /// @param dt        Time since the last tick [s]. If not above 0, the share stays.

@@ -20,8 +20,9 @@ class BroadPhase {
   /// Returns the number of boxes, including boxes that are never found.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
-  /// Moves the boxes. Queries cost more the farther the boxes have moved. Do not call this function
-  /// while a tick of any thread may query the tree. No allocation.
+  /// Moves the boxes. Queries cost more the farther the boxes have moved. A box that was empty or
+  /// not finite at construction is never found. Do not call this function while a tick of any
+  /// thread may query the tree. No allocation.
   ///
   /// @pre boxes.size() == size().
   void refit(std::span<const Box> boxes) noexcept;
@@ -29,8 +30,8 @@ class BroadPhase {
   /// Writes the indices of the boxes that overlap or touch `query` [m] into `found`, in any order.
   /// A box whose distance from the query is less than a millionth of its distance from the origin
   /// may count as touching. Returns the number of these boxes. If this number exceeds the size of
-  /// `found`, `found` misses the excess indices. A query that is not finite overlaps no box. RT: no
-  /// allocation. Cost: the nodes that the query overlaps, and their children.
+  /// `found`, `found` misses the excess indices. A query that is empty or not finite overlaps no
+  /// box. RT: no allocation. Cost: the nodes that the query overlaps, and their children.
   std::size_t meeting(const Box& query,
                       std::span<std::uint32_t> found) const noexcept PALPATE_NONBLOCKING;
 

@@ -44,8 +44,9 @@ bool isSilent(const ModeSpec& mode) {
          mode.viscosity.highest() == 0.0;
 }
 
-/// Returns the index of the motion that carries a mode's primitives: that of the mode's volume. For
-/// a user-defined mode, all volumes that it reads must share this motion.
+/// Returns the index of the motion that carries a mode's primitives: that of the mode's volume; -1
+/// if it stands still. Returns -1 for a user-defined mode if the volumes that it reads do not share
+/// a motion.
 int motionOf(const ModeSpec& mode, const FieldSet& support, GraphReads& reads) {
   if (mode.kind == ModeKind::kGuide) return mode.in.empty() ? -1 : reads.motionOf(mode.in);
   return reads.motionOf(mode.kind == ModeKind::kUser ? reads.current : support);

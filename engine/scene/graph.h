@@ -101,7 +101,7 @@ struct TransferSpec {
   /// Makes a constant >= 0. Throws SceneError if it is negative or not finite.
   TransferSpec(double number = 0.0)  // NOLINT(google-explicit-constructor): a number is one
       : TransferSpec(TransferFunction(number)) {}
-  /// Makes a product of at least one factor.
+  /// Makes a product. compileGraph rejects a product without factors.
   explicit TransferSpec(std::vector<Factor> product) : factors(std::move(product)) {}
 
   /// Returns an upper bound: the product of the curves' highest outputs.
@@ -139,11 +139,12 @@ struct ModeSpec {
   std::string by;  ///< Name of the scalar input of these properties; if empty, the mode's scalar.
   double value = 0.0;           ///< isosurface: V0, in the data's unit.
   Solid solid = Solid::kAbove;  ///< surface and isosurface: the solid side.
-  double depth_voxels = 3.0;    ///< isosurface: a yielded surface pushes to this depth [voxels].
-  std::optional<Sense> sense;   ///< force: default kAttract for a vector, kRepel for a gradient.
-  bool two_sided = true;        ///< front shape: holds in both directions along its normal.
-  double snap_voxels = 0.0;     ///< front shape: distance of snap-drag [voxels]; 0 disables it.
-  GuideSpec guide;              ///< guide: its shape and its place.
+  double depth_voxels =
+      3.0;  ///< isosurface: below this depth, a yielded surface fades over a voxel [voxels].
+  std::optional<Sense> sense;  ///< force: default kAttract for a vector, kRepel for a gradient.
+  bool two_sided = true;       ///< front shape: holds in both directions along its normal.
+  double snap_voxels = 0.0;    ///< front shape: distance of snap-drag [voxels]; 0 disables it.
+  GuideSpec guide;             ///< guide: its shape and its place.
   std::string in;  ///< guide: the volume that it moves with; empty if it stands still. The guide is
                    ///< placed relative to that volume at rest.
   UserSpec user;   ///< user: its function and its inputs.
@@ -221,13 +222,13 @@ struct MagnitudeStep {
   int to = 0;    ///< Index into Properties::scalars.
 };
 
-/// The graph that the tick runs, as flat lists. Each field is sampled at most once.
+/// The graph that the tick runs, as flat lists. Each field is sampled at most once in a reading.
 struct Graph {
   std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Fields that modes read.
   std::vector<std::shared_ptr<const VectorField>> vector_fields;  ///< Fields that modes read.
   std::vector<FieldFrame> scalar_frames;  ///< Placement of each scalar field in W, at rest.
   std::vector<FieldFrame> vector_frames;  ///< Placement of each vector field in W, at rest.
-  std::vector<MotionPtr> motions;         ///< No duplicates; empty if all fields rest.
+  std::vector<MotionPtr> motions;         ///< No duplicates; empty if all fields and guides rest.
   std::vector<int> scalar_motions;  ///< Index into motions for each scalar field; -1: at rest.
   std::vector<int> vector_motions;  ///< Index into motions for each vector field; -1: at rest.
   std::vector<std::string> scalar_names;       ///< Names of scalar_fields, for messages.
@@ -239,16 +240,16 @@ struct Graph {
   std::vector<UnitStep> units;                 ///< Each step comes after those that it depends on.
   std::vector<MagnitudeStep> magnitudes;       ///< Run after all `units`.
   std::vector<Mode> modes;  ///< The modes in the spec's order, without those in `silent`.
-  std::vector<ModeFields> mode_fields;    ///< The fields of each mode.
-  std::vector<double> mode_voxels;        ///< Finest voxel of each mode [m]; may be infinite.
-  std::vector<char> mode_follows;         ///< followsValue() of each mode.
-  std::vector<int> mode_motions;          ///< Index of the motion that carries each mode, or -1.
+  std::vector<ModeFields> mode_fields;  ///< The fields of each mode.
+  std::vector<double> mode_voxels;  ///< Finest voxel of each mode [m]; infinite without a field.
+  std::vector<char> mode_follows;   ///< followsValue() of each mode.
+  std::vector<int> mode_motions;    ///< Index of the motion that carries each mode, or -1.
   std::vector<std::size_t> mode_sources;  ///< Number of each mode, by GraphSpec::mode_numbers.
   std::vector<std::string>
       mode_names;      ///< Names of modes in messages; without a name the path, such as /modes/5.
   Transfer stiffness;  ///< Coupling stiffness [N/m]. Without factors it is constant.
-  FieldSet stiffness_reads;  ///< Fields that the stiffness reads. A field without data counts with
-                             ///< its background.
+  FieldSet stiffness_reads;  ///< Fields that the stiffness reads, even without data
+                             ///< (Transfer::anywhere).
   /// Fields that matter only in contact (bit i: scalar_fields[i]). These fields need no attend(),
   /// and only two kinds of modes read them. The first kind is an isosurface with the same strength
   /// everywhere on V = level, and with the background on its free side. The second kind is a drag
@@ -257,7 +258,8 @@ struct Graph {
   std::uint64_t contact_only = 0;
   /// Fields that need attend(), numbered through: scalar_fields, then vector_fields.
   std::vector<std::size_t> attentive;
-  std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
+  std::vector<std::string> unused;  ///< Fields and derived fields that neither a mode nor the
+                                    ///< stiffness reads: not sampled.
   std::vector<std::string> silent;  ///< Modes left out, because strength and viscosity are zero.
 };
 

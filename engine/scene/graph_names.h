@@ -18,13 +18,15 @@ class GraphNames {
   GraphNames(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields)
       : spec_(spec), fields_(fields) {}
 
-  /// Throws if a derived field has a volume's name, an unsuitable operand, or itself as operand.
+  /// Throws if a derived field has a volume's name, an unknown or unsuitable operand, or is derived
+  /// from itself.
   void checkDerived() const;
-  /// Returns true if `name` is or derives a vector. Throws for unknown names and cycles.
+  /// Returns true if `name` is or derives a vector. Throws for unknown names, unsuitable operands
+  /// and cycles.
   [[nodiscard]] bool isVector(const std::string& path, const std::string& name) const;
   /// Throws if `name` is unknown or not a scalar.
   void checkScalar(const std::string& path, const std::string& name) const;
-  /// Throws an error for an unknown name, with the nearest known name as remedy.
+  /// Throws an error for an unknown name. The remedy is the nearest known name, or all known names.
   [[noreturn]] void throwUnknown(const std::string& path, const std::string& name) const;
 
   /// Returns the volume called `name`; null if it does not exist.

@@ -20,29 +20,31 @@ namespace palpate {
 /// Accuracy of the motion within a tick.
 struct StepParams {
   /// Largest number of readings in a tick after which a primitive holds the proxy, 1 to 64. At the
-  /// limit, the rest of the path waits for the next tick. Between two readings within data, the
-  /// proxy moves at most one voxel. Only kMostSubsteps limits the readings of a free proxy.
+  /// limit, the rest of the path waits for the next tick. This number does not limit the readings
+  /// of a free proxy (kMostSubsteps).
   int max_substeps = 16;
   /// Limit of a tick's iterations (StepReport::iterations), >= 1. At the limit, the tick reads
   /// properties once more in each remaining slice (iteration.h), and completes the balance in
   /// progress (at most twice SolverParams::max_iterations and 40 pivots). The rest of the path
   /// waits.
   int max_iterations = 130;
-  /// Largest distance between the proxy and its surface or stream in the interpolated volume that
-  /// the motion may cause [voxels]; above 0, at most kMostTolerance.
+  /// Wanted bound of the distance between a converged proxy and its surface or stream in the
+  /// interpolated volume [voxels]; above 0, at most kMostTolerance.
   double tolerance_voxels = 0.01;
 };
 
 /// Largest StepParams::tolerance_voxels.
 inline constexpr double kMostTolerance = 1.0;
-/// Largest number of sub-steps (readings) of one tick.
+/// Largest number of sub-steps (readings) of one tick. A free proxy may get a few more, at a
+/// surface or at new parts on its path.
 inline constexpr int kMostSubsteps = 64;
 
 /// One of many objects in a scene: volumes with their modes, evaluated only near the hand.
 struct Part {
   Graph graph;        ///< Graph of the part. Its fields stand still, and its stiffness is constant.
   Box bounds;         ///< Box that contains all effects of the part [m].
-  double most = 0.0;  ///< Upper bound of the sum of the forces of the part's modes [N].
+  double most = 0.0;  ///< Upper bound of the sum of the forces of the part's modes [N], without the
+                      ///< effect of grooves on friction (SurfaceSource::grooves).
 };
 
 /// A field counts as near within this distance from its bounds [voxels].
@@ -57,8 +59,8 @@ inline constexpr std::size_t kMaxNearParts = 64;
 struct Scene {
   /// Id, unique in the process. A proxy compares it to notice a new scene.
   std::uint64_t id = 0;
-  /// Equal for scenes with the same fields, kinds of modes and motions. A change between these
-  /// scenes has the short ramp of an edit (kEngageEdit).
+  /// Hash of the fields, the kinds of modes and the motions. A change between scenes with equal
+  /// hashes has the short ramp of an edit (kEngageEdit).
   std::uint64_t shape = 0;
   /// Graph that every tick evaluates. Only it may have motions, guides and a varying stiffness.
   Graph graph;
@@ -69,19 +71,19 @@ struct Scene {
   CouplingParams coupling;
   StepParams step;      ///< Accuracy of the motion within each tick.
   SolverParams solver;  ///< Stopping criteria of each balance. makeScene leaves the defaults.
-  /// True if forces come only from volumes at rest: without parts, motions, guides and user-defined
-  /// modes. A tick on a free path then needs no reading (moveProxy).
+  /// True if the scene has no parts, motions, guides and user-defined modes. A tick on a free path
+  /// then needs no reading (moveProxy).
   bool still = false;
 };
 
 /// Returns the fields that a tick reads at p_W [m]: those of modes whose support contains p_W and
 /// of the varying stiffness, within their bounds. Moving fields are tested at Body::seen; without
-/// bodies, all fields stand still. RT: no allocation. Cost: a few ns for each field and mode.
+/// bodies, all fields stand still. RT: no allocation. Cost: O(fields + modes).
 [[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W,
                                 std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
 /// Returns true while the data of a field that modes read are unavailable (Fault::kVolume). RT: no
-/// allocation. Cost: a few ns for each attentive field.
+/// allocation. Cost: O(attentive fields).
 [[nodiscard]] bool dataLost(const Graph& graph) noexcept PALPATE_NONBLOCKING;
 
 /// Checks and compiles a part from fields by name. Safe to call from several threads. Throws
@@ -158,8 +160,8 @@ class Reader {
         fields_(caches_.size()),
         parts_(kMaxNearParts) {}
 
-  /// Binds the scene's own graph. If the scene is new, prepares the caches of all fields with a
-  /// changed index. RT: no allocation. Cost: O(fields).
+  /// Binds the scene's own graph. If the scene is new, unbinds all parts, and prepares the caches
+  /// whose index now has another field. RT: no allocation. Cost: O(fields).
   BoundGraph bind(const Scene& scene) noexcept;
   /// Binds a part to one of kMaxNearParts slots. If the slot contained another part, prepares its
   /// caches. Call this function after bind(scene). RT: no allocation. Cost: O(fields).

@@ -32,7 +32,7 @@ class Bodies {
   /// Moves the volumes to their poses in slice `part` of 1 to `parts`, and finds the proxy's place
   /// relative to each. A warp is predicted from its last reading if the error is at most a quarter
   /// of a voxel. Otherwise it is sampled at the place to which it has carried the proxy. Returns
-  /// the number of warps sampled.
+  /// the number of warps sampled; plan() has counted those of a single slice.
   int move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
   /// Ends the motion that plan() began: the poses are now those of its `time`.
   void arrive() noexcept { posed_at_ = time_; }
@@ -51,8 +51,8 @@ class Bodies {
   /// Returns the distance [m] that the proxy may move on the path from a to b [m] before properties
   /// are read again. This is one voxel of the finest volume on the path, and infinity without a
   /// volume. If a volume has carried the place of its reading away from a, the distance counts from
-  /// that place. `onward` is true if a is the place of the last reading, false if it is the proxy's
-  /// place.
+  /// that place, but is at least half a voxel. `onward` is true if a is the place of the last
+  /// reading, false if it is the proxy's place.
   [[nodiscard]] double reachFrom(std::span<const Felt> felt, const Vec3& a, const Vec3& b,
                                  bool onward) const noexcept PALPATE_NONBLOCKING;
   /// Serves a proxy that a moving volume holds back. Sets `end` to the point one voxel of that

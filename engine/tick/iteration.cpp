@@ -11,7 +11,8 @@ namespace palpate {
 namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
-/// A balance gets at least this number of iterations, even near the tick's limit.
+/// A balance gets at least this number of iterations, even near the tick's limit, unless
+/// SolverParams::max_iterations is smaller.
 constexpr int kLeastIterations = 70;
 /// A step up to this share of the distance between the last two readings shows fast convergence.
 constexpr double kFalls = 0.25;
@@ -77,7 +78,8 @@ bool varies(const Tick& tick, const Iteration& now) noexcept {
   return now.follows || tick.balance.surfaces > 0;
 }
 
-/// Records a balance in the trace; only its place if the balance failed (`balanced` is false).
+/// Records a balance in the trace; without yielding modes if the balance failed (`balanced` is
+/// false).
 void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
           bool balanced = true) noexcept {
   StepTrace& trace = *tick.trace;

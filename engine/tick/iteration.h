@@ -18,7 +18,7 @@ struct Balanced {
   Vec3 step = Vec3::Zero();           ///< Newton's step from x [m].
   Vec3 target = Vec3::Zero();         ///< End of Newton's step [m].
   Vec3 target_offset = Vec3::Zero();  ///< The target minus the probe [m].
-  bool found = true;                  ///< False if the solver's iterations were used up.
+  bool found = true;                  ///< False after SolveStatus::kIterationLimit.
 };
 
 /// Limits the length of Newton's step, in addition to the validity of a reading (one voxel). If a
@@ -29,13 +29,15 @@ struct TrustRegion {
   double radius = std::numeric_limits<double>::infinity();  ///< The trust radius [m].
   /// Upper bound of the distance to the balance [m]; infinite if unknown.
   double ahead = std::numeric_limits<double>::infinity();
-  bool closed = false;  ///< True if `ahead` is within the tolerance.
+  bool closed = false;  ///< True if half of `ahead` is within the tolerance, although Newton's step
+                        ///< is longer.
   double reach =
       0.0;  ///< Distance from the hand to which the last reading's primitives can hold [m].
   double went = 0.0;  ///< Distance between the last two readings [m].
-  double least = std::numeric_limits<double>::infinity();  ///< Shortest step of this move [m].
-  Vec3 least_at = Vec3::Zero();                            ///< Start of the shortest step [m].
-  Vec3 least_target = Vec3::Zero();                        ///< Target of the shortest step [m].
+  /// Shortest Newton's step since the proxy last moved [m].
+  double least = std::numeric_limits<double>::infinity();
+  Vec3 least_at = Vec3::Zero();      ///< Start of the shortest step [m].
+  Vec3 least_target = Vec3::Zero();  ///< Target of the shortest step [m].
 
   /// Forgets the shortest step so far.
   void forgetLeast() noexcept { least = std::numeric_limits<double>::infinity(); }
@@ -51,8 +53,8 @@ struct Iteration {
   TrustRegion trust;  ///< Limit of Newton's step.
   /// Finest voxel of all primitives that vary [m].
   double voxel = std::numeric_limits<double>::infinity();
-  /// True if primitives other than surfaces vary, or varied in this slice. A reading is then valid
-  /// only at its place.
+  /// True if primitives other than surfaces vary; without surfaces, also if such primitives varied
+  /// earlier in this slice. A reading is then valid only at its place.
   bool follows = false;
   /// Finest voxel of the varying primitives that are not surfaces [m].
   double followed = std::numeric_limits<double>::infinity();
@@ -72,8 +74,8 @@ void initContacts(Tick& tick) noexcept PALPATE_NONBLOCKING;
 
 /// Places the primitives (step 2), finds their balance (eqs. 14, 15), and computes Newton's step
 /// from the place of their reading, `from` [m]. If `foreseen`, uses the planes of the last reading,
-/// carried along with their volumes. Returns false after a sample that is not finite. RT: no
-/// allocation.
+/// carried along with their volumes. Returns false if solveProxy rejects the primitives, as after a
+/// sample that is not finite. RT: no allocation.
 [[nodiscard]] bool balance(Tick& tick, Iteration& now, bool foreseen,
                            const Vec3& from) noexcept PALPATE_NONBLOCKING;
 
@@ -84,30 +86,33 @@ void initContacts(Tick& tick) noexcept PALPATE_NONBLOCKING;
 /// Some forces jump, such as a force towards an axis at that axis. Newton's step then does not lead
 /// to a balance. The balance is where even a very short step turns back: a force between those on
 /// both sides balances there (Filippov's solution). If that place is found to the tolerance, the
-/// target is the place of the last reading. If the primitives are `anchored`, the target is the
-/// balance at the last reading, which adds no energy.
+/// target is the place of the last reading, but at most the reach of the strengths from the hand.
+/// If the primitives are `anchored`, the target is the balance at the last reading, which adds no
+/// energy.
 void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noexcept;
 
-/// Returns true if the error that remains after Newton's step is within the tolerance, in one of
-/// two cases. (1) The step is within the tolerance; if the primitives are `anchored`, the balance
-/// must also be within the tolerance of the last reading. (2) Only planes of surfaces hold the
-/// proxy, the target is on the surfaces, and the step is much shorter than the previous step. The
-/// next step would then be within the tolerance.
+/// Returns true if no primitive varies, if TrustRegion::closed, or if the error that remains after
+/// Newton's step is within the tolerance. The latter has two cases. (1) The step is within the
+/// tolerance; if the primitives are `anchored`, the balance must also be within the tolerance of
+/// the last reading. (2) All primitives are planes of surfaces, the target is on the surfaces, and
+/// the step is much shorter than the previous step. The next step would then be within the
+/// tolerance. In both cases the target must be within the reach of the strengths from the hand.
 [[nodiscard]] bool steady(const Tick& tick, const Iteration& now) noexcept;
 /// Returns true if p [m] is within `within` [m] of every surface that holds the proxy in the last
 /// balance. Behind a surface without load, p may also be at most `within` away. Uses the values at
 /// p, because slopes jump at the faces of trilinear cells. Cost: a value and a slope for each
 /// surface.
 [[nodiscard]] bool onSurfaces(const Tick& tick, const Vec3& p, double within) noexcept;
-/// Returns the final place of the proxy [m], once the remaining error is within the tolerance. If
-/// only planes of surfaces hold the proxy, this is the target of Newton's step. Otherwise, if the
-/// last reading is within the tolerance of the balance, this is the balance. Its last digit
-/// matters, because friction's threshold depends on it. Otherwise this is Newton's target. If
-/// neither place is certain to be on the surface, the function returns the place of the last
-/// reading.
+/// Returns the final place of the proxy [m], once steady() is true: Newton's target or the balance.
+/// Prefers the target if no primitive varies, if TrustRegion::closed, if Newton's step exceeds the
+/// tolerance, or if all primitives are planes of surfaces. Otherwise prefers the balance, if the
+/// last reading is within the tolerance of it. The last digit of the balance matters, because
+/// friction's threshold depends on it. If neither place is certain to be on the surfaces, returns
+/// the place of the last reading.
 [[nodiscard]] Vec3 answer(const Tick& tick, const Iteration& now) noexcept;
 
-/// Returns the distance from the hand to which all placed primitives can hold the proxy [m].
+/// Returns the sum of the strengths of all placed primitives, divided by k [m]. No balance is
+/// farther from the hand.
 [[nodiscard]] double reachOfStrengths(const Tick& tick) noexcept;
 
 }  // namespace palpate

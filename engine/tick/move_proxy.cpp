@@ -13,15 +13,16 @@
 namespace palpate {
 namespace {
 
-/// Largest number of choices of parts in a tick; two choices are at least 2 mm apart.
+/// Largest number of steps of a tick that lead beyond the chosen parts.
 constexpr int kMostStrays = 16;
-/// Largest distance that a waiting proxy is pulled through surfaces that cannot hold it [voxels].
+/// Largest number of steps in which a waiting proxy is pulled through surfaces that cannot hold it.
 constexpr int kMostStrides = 4;
 /// After this number of free ticks, the memories are those of a place without primitives. The
 /// memories stay the same while the path is free, and a tick need not read.
 constexpr int kSettled = 2;
 constexpr double kFree = 1e-9;  ///< [m]: a proxy within this distance of the probe counts as free
-/// A reading that advances less than this share of the tolerance stalls. Two stalls end the slice.
+/// A reading that advances at most this share of the tolerance stalls. Two successive stalls end
+/// the slice.
 constexpr double kStalls = 0.1;
 
 /// Returns true if a reading displaced by `way` [m] made no progress on a stream. A stream ends
@@ -175,8 +176,9 @@ Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept 
   return Slice::kArrived;
 }
 
-/// Returns true if this slice has no readings left. `later` readings are reserved for later slices.
-/// `stalled` is the number of consecutive readings without progress on a stream.
+/// Returns true if no readings, iterations or choices of parts are left for this slice, or if its
+/// stream stalls. `later` readings are reserved for later slices. `stalled` is the number of
+/// consecutive readings without progress on a stream.
 bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexcept {
   const StepParams& params = tick.scene.step;
   return tick.held + later >= params.max_substeps ||
@@ -189,8 +191,7 @@ bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexc
 /// that only the hand has moved since then, and that only surfaces without friction hold the proxy.
 /// The balance must be within the tolerance of the place of that reading. The scene's finest voxel
 /// counts, because a mode without a contact may begin there. Fields that stream or play data are
-/// read in every tick. The path from that place is swept. Returns false, with `now` unchanged, if
-/// properties must be read.
+/// read in every tick. The path from that place is swept. Returns false if properties must be read.
 bool stay(Tick& tick, Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
   const Graph& graph = tick.scene.graph;
@@ -221,8 +222,8 @@ bool stay(Tick& tick, Iteration& now) noexcept {
 
 /// Moves the proxy to the balance, while volumes and hand do not move. First balances the
 /// primitives of the last reading. Then reads properties at the end of the step, places new planes
-/// and balances again, until Newton's step is within the tolerance. Leaves at least `later`
-/// readings for later slices.
+/// and balances again, until Newton's step is within the tolerance or no readings are left. Leaves
+/// `later` readings for later slices.
 Slice follow(Tick& tick, int later) noexcept {
   Iteration now;
   now.read_at = tick.proxy.position;
@@ -276,9 +277,10 @@ Slice follow(Tick& tick, int later) noexcept {
   }
 }
 
-/// Returns the number of slices of the hand's motion if a stream holds the proxy. Each slice is at
-/// most a voxel long, but has at least two readings. In a single slice, a fast hand would be
-/// farther from the tangent at the proxy than from the curve.
+/// Returns the number of slices of the hand's motion: more than one only if a stream holds the
+/// proxy. Each slice is at most a voxel long, as long as each has two of StepParams::max_substeps
+/// readings. In a single slice, a fast hand would be farther from the tangent at the proxy than
+/// from the curve.
 int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   double most = std::numeric_limits<double>::infinity();
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
@@ -308,7 +310,8 @@ struct OnWay {
 };
 
 /// Returns the fields with bounds on the straight path from the proxy to the hand. Omits fields
-/// that are empty within the distance to the hand.
+/// that are empty within the distance to the hand. Ends at the first field that may act without a
+/// contact.
 OnWay fieldsOnWay(const Tick& tick) noexcept {
   const Graph& graph = tick.scene.graph;
   const Vec3& a = tick.proxy.position;

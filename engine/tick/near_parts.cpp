@@ -115,8 +115,7 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
 }
 
 /// Moves the parts with the largest Part::most, at most kMaxNearParts, to the front, in the scene's
-/// order. Of equal parts, prefers the earlier. Returns the
-/// number of parts at the front.
+/// order. Of equal parts, prefers the earlier. Returns the number of parts at the front.
 std::size_t NearParts::strongest(const Scene& scene, std::span<std::uint32_t> parts,
                                  StepReport& report) noexcept {
   const auto begin = parts.begin();

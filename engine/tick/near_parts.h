@@ -39,10 +39,11 @@ class NearParts {
   void forget() noexcept;
 
   /// Chooses the parts that have data within a radius about the proxy: its distance from the probe
-  /// plus a margin of 2 mm. Reads a new part at the proxy; its modes place primitives in `scratch`.
-  /// Sets `parts`, `left_out` and `missing` of the report, and adds to `samples`. RT: no
-  /// allocation. Cost: six comparisons if the choice stays, else a few ns for each part with a near
-  /// box.
+  /// plus a margin of 2 mm. If these are too many, chooses without the margin, and if needed only
+  /// the strongest. Reads a new part at the proxy; its modes place primitives in `scratch`. Sets
+  /// `parts` of the report, raises `left_out` and `missing`, and adds to `samples`. RT: no
+  /// allocation. Cost: a few comparisons if the choice stays, else a query of AnyField::freeWithin
+  /// for each field of each part with a near box.
   void meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
             PrimitiveSet& scratch, StepReport& report) noexcept PALPATE_NONBLOCKING;
 
@@ -51,7 +52,7 @@ class NearParts {
   std::size_t bind(const Scene& scene, Reader& reader,
                    std::span<Felt> felt) noexcept PALPATE_NONBLOCKING;
 
-  /// Returns the share, 0 to 1, of the path [m] on which only chosen parts have data.
+  /// Returns a share, 0 to 1, of the path [m] on which only chosen parts can have data.
   [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
 
   /// Returns the part in a slot. The slots in order() are in use; all others are empty.

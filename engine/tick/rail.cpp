@@ -14,7 +14,7 @@ constexpr double kNear = 0.1;
 /// Longest path along a curve in one trial step [voxels].
 constexpr double kLongest = 16.0;
 
-/// A trace and its tangent line, in W.
+/// A trace, and the line at its end in W.
 struct Laid {
   Trace trace;        ///< The trace in the resting frame of its volume.
   Vec3 place;         ///< The end of the trace [m].
@@ -144,12 +144,13 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
   order.to_hand = !fixed;
   order.length = uncut ? std::max(reach, std::abs(straight)) : std::abs(straight);
   if (fixed) order.length = straight;
-  // All pulls at the line count as a displacement of the hand.
+  // The forces of the other primitives, divided by k, count as a displacement of the hand.
   order.hand = aside - tick.balance.forces[one.index] / tick.balance.stiffness - rail.waiting;
   const Body* body = tick.around.bodies.of(one.motion());
   const Laid laid = traceLine(tick, along, *one.felt, body, line, order);
   const Trace& trace = laid.trace;
-  // If the stream ends, the step continues straight, but not beyond the hand.
+  // If the stream ends, the step continues straight: by the rest of its length if a wall fixes its
+  // end, else at most to the point nearest to the hand.
   const bool ends =
       !trace.arrived && !trace.capped && laid.gone < std::abs(order.length) - 1e-9 * along.voxel;
   Vec3 place = laid.place;

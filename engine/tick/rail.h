@@ -67,7 +67,7 @@ void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept PALPATE_NON
 /// all yield. Each other stream is traced to the point of its curve that is nearest to the end of
 /// the trial step. Its line then pulls to that point, so that parallel streams hold together.
 /// `balance` [m] is the last balance. See docs/tick.md, streamline tracking. RT: no allocation.
-/// Cost: VectorField::trace for each stream.
+/// Cost: VectorField::trace for at most 1 + Rail::kMost streams.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;
 

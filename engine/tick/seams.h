@@ -25,13 +25,14 @@ namespace palpate {
 /// the tangent plane of i. Row a of dd/dx is the sum of +-(slope of the chosen branch at y - slope
 /// of v_i at y) / 2.
 ///
-/// Returns no value if the plane needs no correction. The gradient's terms are zero in these cases:
-/// no other isosurface that holds is within two steps; the hand has pushed through the surface; the
-/// gradient is not a difference of values (splines, formulas). Surfaces of the same field do not
-/// fill each other's samples. For moving volumes the samples are taken in each resting frame; a
-/// warp counts as linear about x. RT: no allocation. Cost: a check of each other surface. Beside
-/// another surface, six values of this surface and at most six of each other one. In a groove with
-/// friction (SurfaceSource::grooves), six values.
+/// Returns no value in these cases: no other isosurface that holds is within two steps, and the
+/// surface has no grooves; the hand has pushed through the surface; the proxy is free and does not
+/// touch it; the gradient is not a difference of values (splines, formulas); the reading is coarse.
+/// At most eight other surfaces count. Surfaces of the same field do not fill each other's samples.
+/// For moving volumes the samples are taken in each resting frame; a warp counts as linear about x.
+/// RT: no allocation. Cost: a check of each other surface. Beside another surface, seven values of
+/// this surface, at most six of each other one, and their slopes. In a groove with friction
+/// (SurfaceSource::grooves), nine values.
 [[nodiscard]] std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memory,
                                          const Felt& felt,
                                          const Vec3& x) noexcept PALPATE_NONBLOCKING;

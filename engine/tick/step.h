@@ -31,8 +31,8 @@ class ProxyState {
   void cut(Fault fault) noexcept {
     if (gate_.fault == Fault::kNone) gate_.fault = fault;
   }
-  /// Clears the fault: force returns through an engagement. The proxy restarts at the hand without
-  /// contacts. The scene's time has continued during the fault.
+  /// Clears the fault: force returns through an engagement, if ForceLimits::engage is above 0. The
+  /// proxy restarts at the hand without contacts. The scene's time has continued during the fault.
   void clearFault() noexcept {
     gate_.fault = Fault::kNone;
     proxy_.placed = false;
@@ -50,8 +50,8 @@ class ProxyState {
     const TankParams& tank = gate_.limits.tank;
     if (tank.use != TankUse::kOff) gate_.limiter.tank.weaken(share, tank.arm);
   }
-  /// Begins an engagement: the force is zero until the wanted force is small or kEngageWait has
-  /// passed; then it ramps up.
+  /// Begins an engagement, if ForceLimits::engage is above 0: the force is zero until the wanted
+  /// force is small or kEngageWait has passed; then it ramps up.
   void engage() noexcept { gate_.engage(); }
   /// Sets the play position of sequences [s] from the next tick on, and its rate [s/s] since the
   /// last tick. A difference that the rate does not explain is a jump. Volumes move by time()
@@ -60,7 +60,8 @@ class ProxyState {
     play_ = play;
     play_rate_ = rate;
   }
-  /// Adds this force [N] to the spring's force from the next tick on. See hand_links.h.
+  /// Adds this force [N], along HandState::drives, to the spring's force from the next tick on. See
+  /// hand_links.h.
   void pullBy(const Vec3& force) noexcept { pull_ = force; }
   /// Returns the play position set by playAt() [s].
   [[nodiscard]] double play() const noexcept { return play_; }
@@ -79,7 +80,8 @@ class ProxyState {
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_.position; }
   /// Returns the sum of the ticks' dt since this proxy entered the scene [s]: the time of motions.
   [[nodiscard]] double time() const noexcept { return met_.time; }
-  /// Returns the properties of the last reading for the scene's own graph (else NearPart).
+  /// Returns the properties of the last reading for the scene's own graph. NearPart::properties has
+  /// those of a part.
   [[nodiscard]] const Properties& properties() const noexcept { return around_.properties; }
   /// Returns the primitives of the last sub-step, in the order of the modes.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return balance_.primitives; }
@@ -140,24 +142,27 @@ class ProxyState {
 
 /// Runs one tick of the engine: steps 1 to 3 of the paper's figure 1.
 ///
-/// The proxy starts at the first probe position. Within data, the proxy moves at most one voxel
-/// before properties are read again. If the scene is new, the proxy keeps its place, contacts are
+/// The proxy starts at the first probe position. Within data, the tick reads properties again at
+/// the latest after each voxel of the proxy's path (along a single stream, after 16 voxels), as
+/// long as readings are left. If the scene is new, the proxy keeps its place, contacts are
 /// forgotten and time begins at zero.
 ///
 /// Before the balance, a moving volume carries its contents along. The tick reads the volume's
 /// fields at the place to which the volume has carried the old proxy, and places the volume's
-/// primitives there. If a volume moves farther than half a voxel in a tick, it moves in several
-/// slices (iteration.h).
+/// primitives there. If a volume near the hand moves farther than half a voxel in a tick, it moves
+/// in several slices (iteration.h).
 ///
 /// @param reader  This thread's reader; bound to the scene as needed.
-/// @param hand    Reading. A position not finite or beyond 1e6 m latches a fault: zero force.
-/// @param dt      Time since the last tick [s], > 0. For other values the force does not grow and
-///                volumes do not move.
-/// @param trace   If not null, filled with the steps of the tick. RT: no allocation, no lock, no
-///                system call, no exception. Cost: about a microsecond for a few primitives without
-///                friction. There are at most 64 sub-steps with a balance each (solver.h,
-///                friction.h), and one more balance in each slice. StepParams::max_iterations
-///                limits the sum of their iterations.
+/// @param hand    Reading. If a coordinate is not finite, or 1e6 m or more, the tick latches a
+///                fault and sends zero force.
+/// @param dt      Time since the last tick [s], finite and > 0. For other values the force does not
+///                grow and volumes do not move.
+/// @param trace   If not null, filled with the steps of the tick.
+///
+/// RT: no allocation, no lock, no system call, no exception. Cost: there are at most about 64
+/// sub-steps with a balance each (solver.h, friction.h), and one more balance in each slice. If the
+/// sum of their iterations has reached StepParams::max_iterations, each slice has at most one more
+/// reading.
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                     ProxyState& state, double dt,
                                     StepTrace* trace = nullptr) noexcept PALPATE_NONBLOCKING;

@@ -13,8 +13,8 @@ namespace palpate {
 enum class StepStatus : std::uint8_t {
   kConverged,  ///< None of the conditions below occurred.
   /// The centre of curvature of a stream is nearer than the hand: several points may be nearest to
-  /// the hand. The proxy may jump; the force then changes by at most the mode's strength, plus the
-  /// change by the hand's motion. Remedy: less strength, or a hand nearer to the stream.
+  /// the hand. The proxy may jump; the force then changes by at most twice the mode's strength,
+  /// plus the change by the hand's motion. Remedy: less strength, or a hand nearer to the stream.
   kHairpin,
   kSubstepLimit,  ///< The proxy did not arrive before a limit was reached: of readings, of
                   ///< iterations, or of 16 steps along a stream for each reading. Causes are a fast
@@ -35,11 +35,13 @@ inline constexpr std::size_t kStepStatuses = 6;  ///< Number of values of StepSt
 
 /// Results of a tick.
 struct StepReport {
-  Vec3 force = Vec3::Zero();   ///< Force for the device, after limitForce [N].
-  Vec3 wanted = Vec3::Zero();  ///< Sum of spring, remote hands and DataFade, before limitForce [N].
-  Vec3 proxy = Vec3::Zero();   ///< Position of the proxy [m].
-  double stiffness = 0.0;      ///< Coupling stiffness k in this tick [N/m].
-  double error_bound = 0.0;    ///< SolveResult::error_bound of the last balance [m].
+  Vec3 force = Vec3::Zero();  ///< Force for the device, after limitForce [N].
+  /// Force before limitForce [N]: spring and remote hands, after DataFade, StillFade and brake().
+  /// Zero if the hand is not ready, or after a fault.
+  Vec3 wanted = Vec3::Zero();
+  Vec3 proxy = Vec3::Zero();    ///< Position of the proxy [m].
+  double stiffness = 0.0;       ///< Coupling stiffness k in this tick [N/m].
+  double error_bound = 0.0;     ///< SolveResult::error_bound of the last balance [m].
   Vec3 waiting = Vec3::Zero();  ///< Negative of the pull that is left along a stream [m], at most
                                 ///< the tolerance. A probe displaced by this would have its balance
                                 ///< at the proxy, on the tangent.
@@ -48,25 +50,27 @@ struct StepReport {
             ///< - p_old)) over its moves, h the hand in that move. Along a curve: the rise of the
             ///< spring's energy. If k o.dp - k/2 |dp - dh|^2 is larger, `injected` has that value
             ///< (symbols and reason: docs/tick.md, Energy).
-  int iterations = 0;    ///< Solver iterations (SolveResult::iterations) of all sub-steps.
-  int substeps = 0;      ///< Number of readings of properties on the path; a balance follows each.
-                         ///< 0 if the hand is free and meets no surface, or rests on surfaces.
-  int samples = 0;       ///< Number of field reads in all sub-steps.
-  bool coarse = false;   ///< True if coarser data, or data of another time, replaced missing data.
-  int traced = 0;        ///< Number of vector reads along streams.
-  int walked = 0;        ///< Number of cells searched for a surface on the path.
-  int primitives = 0;    ///< Number of primitives in the balance of the last sub-step.
-  int parts = 0;         ///< Number of sampled parts, as chosen in this tick or an earlier tick.
-  int left_out = 0;      ///< Number of near parts left out for lack of room, the weakest ones.
-  double missing = 0.0;  ///< Upper bound of the force error that left_out causes [N].
+  int iterations = 0;  ///< Solver iterations (SolveResult::iterations) of all sub-steps.
+  int substeps = 0;  ///< Number of readings of properties on the path; a balance follows each. May
+                     ///< be 0 if the hand is free and meets no surface, or rests on surfaces.
+  int samples = 0;   ///< Number of field reads in all sub-steps.
+  bool coarse = false;  ///< True if coarser data, or data of another time, replaced missing data.
+  int traced = 0;       ///< Number of vector reads along streams.
+  int walked = 0;       ///< Sum of Crossing::cells of the searches for a surface on the path.
+  int primitives = 0;   ///< Number of primitives in the balance of the last sub-step.
+  int parts = 0;        ///< Number of sampled parts, as chosen in this tick or an earlier tick.
+  int left_out = 0;  ///< Number of near parts left out: the weakest, and those that NearBoxes could
+                     ///< not return.
+  double missing = 0.0;  ///< Bound of the force error that left_out causes [N], from Part::most.
   SolverKind solver = SolverKind::kClosedForm;  ///< The solver's method in the last sub-step.
   StepStatus status = StepStatus::kConverged;   ///< The worst status that occurred in the tick.
   bool limited = false;                         ///< True if limitForce changed the force.
-  bool fresh = true;    ///< True if the hand's position was read since the last tick (NewReadings).
+  bool fresh = true;    ///< False if the hand's position repeats the last reading (NewReadings).
   double moving = 1.0;  ///< Share of the force that StillFade leaves while the arm does not move.
   double share = 1.0;   ///< Share of the force that the energy tank can pay for (passivity.h).
   double energy = 0.0;  ///< Energy in the tank [J].
-  /// `force` divided by the sum of the forces of spring and remote hands; 0 if directions differ.
+  /// Share, 0 to 1, that `force` is of the force before StillFade, brake() and limitForce; 0 if the
+  /// directions differ.
   double left = 0.0;
 };
 

@@ -16,8 +16,8 @@ namespace palpate {
 /// The limit of the proxy's step after a balance.
 enum class StepEnd : std::uint8_t {
   kFree,     ///< No limit: the step reached the target of Newton's step.
-  kVoxel,    ///< The distance to which the last reading is valid.
-  kTrusted,  ///< The trust radius of Newton's step, after the last step turned back.
+  kVoxel,    ///< The distance to which the last reading is valid, or the end of a traced stream.
+  kTrusted,  ///< The trust radius of Newton's step, after a step turned back.
   kSurface,  ///< A surface on the path.
   kParts,    ///< The border of the chosen parts of the scene.
 };

@@ -13,14 +13,14 @@ namespace palpate {
 /// the resting frame of each surface's volume. For a surface in contact, the path is lifted by a
 /// quarter of its length, at most a quarter of a voxel. If this path is shorter than a tenth of a
 /// voxel, the last reading suffices. For any other surface, the path has the common lift of the
-/// planes that bear load. A surface that yields does not end the step. RT: no allocation. Cost:
-/// ScalarField::firstFall.
+/// planes that bear load. A surface that yields or has no strength does not end the step. RT: no
+/// allocation. Cost: ScalarField::firstFall for each surface near the path.
 void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept PALPATE_NONBLOCKING;
 
 /// Returns true if no surface with a field in `fields` stops the proxy. The proxy must be in front
 /// of all these surfaces without contact, and the straight path to the hand must pass none. Bit i
 /// of `fields` is Graph::scalar_fields[i]. Requires a scene without parts and motions. RT: no
-/// allocation. Cost: ScalarField::firstFall.
+/// allocation. Cost: ScalarField::firstFall for each of these surfaces.
 [[nodiscard]] bool isPathClear(Tick& tick, std::uint64_t fields) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

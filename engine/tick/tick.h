@@ -71,9 +71,10 @@ struct Tick {
   StepReport& report;      ///< Filled during the tick.
   StepTrace* trace;        ///< Null if no trace is requested.
   Vec3 probe;              ///< Position of the hand in this slice of the tick [m].
-  int held = 0;            ///< Number of readings after which a primitive held the proxy.
-  int strayed = 0;         ///< Number of steps that led beyond the chosen parts.
-  bool changed = false;    ///< True if the data have changed since the last tick without a motion.
+  int held = 0;  ///< Number of readings at a surface on the path, or after which a primitive held
+                 ///< the proxy.
+  int strayed = 0;       ///< Number of steps that led beyond the chosen parts.
+  bool changed = false;  ///< Result of BoundGraph::attend in this tick.
 
   /// Returns Surroundings::felt of this tick.
   [[nodiscard]] std::span<const Felt> felt() const noexcept { return around.felt(); }

@@ -12,7 +12,8 @@ struct Iteration;
 struct Trial {
   Vec3 end;              ///< End of the step [m].
   bool complete = true;  ///< True if the step reaches its target.
-  bool cut = false;  ///< True if the proxy moves to `end`, because the reading is valid no farther.
+  bool cut = false;  ///< True if the proxy moves to `end`: the reading is valid no farther, or a
+                     ///< surface without a plane is there.
   bool trusted = false;  ///< True if the trust radius of Newton's step ended the step.
   bool near = true;  ///< True if the reading at the start of the step is still valid at the target.
   bool met = false;  ///< True if the step reached a surface.
@@ -24,9 +25,9 @@ struct Trial {
 };
 
 /// Returns the trial step towards the target of an iteration. Within data the step is at most one
-/// voxel long, and at most the trust radius. The step follows the curve that holds the proxy, and
-/// ends at the first surface. `unread` is true if properties will not be read on the path. RT: no
-/// allocation.
+/// voxel long (along a single stream 16), and at most the trust radius. The step follows the curve
+/// that holds the proxy, and ends at the first surface. If `unread` is true, properties will not be
+/// read on the path, and the voxel does not limit the step. RT: no allocation.
 [[nodiscard]] Trial advance(Tick& tick, Iteration& now, bool unread) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -105,7 +105,7 @@ bool BrickCodec::isOthers(const BrickId& id, std::span<const std::byte> slot) co
 }
 
 bool BrickCodec::isFinite(std::span<const std::byte> slot) const {
-  // Tests whether all bits of the exponent are set, without a branch, for vectorisation.
+  // Tests whether all bits of the exponent are set, without a branch on values, for vectorisation.
   const std::size_t count = kBrickVoxels * format_.components();
   unsigned endless = 0;
   for (std::size_t n = 0; n < count; ++n) {

@@ -26,9 +26,10 @@ using Json = nlohmann::ordered_json;
 constexpr std::string_view kMagic = "PALPBRK1";
 constexpr int kVersion = 1;
 constexpr const char* kRemedy = "copy or write it again";
-/// Longest JSON text of a manifest [bytes]. The parser needs some twenty times this memory.
+/// Longest JSON text of a manifest [bytes]. Limits the memory of the parser.
 constexpr std::size_t kMostText = 1U << 16U;
-/// Largest coordinate of a voxel, so that sums of a few coordinates fit into 32 bits.
+/// Largest magnitude of a voxel's coordinate, so that coordinate plus edge of a brick fits into 32
+/// bits.
 constexpr std::int32_t kFarthestVoxel = 1 << 30;
 /// Largest number of bricks of a level. Bounds the time of the writer, which visits each brick.
 constexpr std::uint64_t kMostBricks = std::uint64_t{1} << 32U;
@@ -448,7 +449,8 @@ void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& 
   info.mean = FactsReader::number(statistics.at("mean"));
 }
 
-/// Returns true if a correct writer can have produced the entry.
+/// Returns false if the brick is outside of the pyramid, its kind is unknown, a value is not
+/// finite, or its size contradicts its kind.
 bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifest& manifest) {
   if (!manifest.has(id) || entry.kind > BrickKind::kStored) return false;
   const auto is_finite = [](float v) { return std::isfinite(v); };
@@ -456,7 +458,8 @@ bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifes
          (entry.kind == BrickKind::kStored) == (entry.bytes > 0);
 }
 
-/// Reads the entries of a level. Throws VolumeError if they are not in the order of BrickId.
+/// Reads the entries of a level. Throws VolumeError if one is invalid, or if they are not in the
+/// order of BrickId.
 std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest& manifest,
                                     std::int32_t level) {
   const auto count = reader.takeNumber<std::uint64_t>();

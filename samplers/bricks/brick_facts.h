@@ -1,4 +1,4 @@
-/// Private to samplers, for .cpp files only: makes, writes and parses a manifest.
+/// Private to samplers, for .cpp files only: makes, serialises and parses a manifest.
 #pragma once
 
 #include <cstddef>
@@ -33,7 +33,7 @@ struct BrickStatistics {
 /// A manifest under construction, with its facts as JSON.
 class BrickFacts {
  public:
-  /// Makes a manifest without entries. Throws VolumeError for an invalid input.
+  /// Makes a manifest without entries. Throws VolumeError for an invalid input or option.
   BrickFacts(const BrickInput& input, const BrickOptions& options);
 
   /// Returns the manifest with the entries that have been set so far.
@@ -51,7 +51,8 @@ class BrickFacts {
 
   /// Returns the identity in the text of .zattrs; 0 if the text has no identity.
   [[nodiscard]] static std::uint64_t identityIn(const std::string& attributes) noexcept;
-  /// Returns the length of a manifest's head, the part before the table of entries [bytes].
+  /// Returns the length of a manifest's head, the part before the table of entries [bytes]. If the
+  /// manifest is truncated, the length may exceed the manifest's.
   [[nodiscard]] static std::size_t headOf(std::span<const std::byte> manifest) noexcept;
   /// See BrickManifest::parse.
   [[nodiscard]] static BrickManifest parse(std::span<const std::byte> bytes,

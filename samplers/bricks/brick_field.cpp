@@ -121,7 +121,7 @@ class BrickField : public Base {
     typename Level::Cache cache;
     int level = -1;
   };
-  /// A region in which only the finest level is read. Most readings of a tick lie in it.
+  /// A region in which only the finest level is read.
   struct Finest {
     bool settled = false;  ///< True if no brick in the region or next to it is still fading in.
     std::uint64_t changes = 0;  ///< BrickWindow::changes when the region was found.
@@ -139,7 +139,7 @@ class BrickField : public Base {
     Cache(typename Level::Cache&& a, typename Level::Cache&& b)
         : fine(std::move(a)), coarse(std::move(b)) {}
     Read fine;    ///< Finest level of the last reading.
-    Read coarse;  ///< Next coarser level that contributed to the last reading.
+    Read coarse;  ///< Coarsest level that contributed to the last reading of several levels.
     /// Time of the last tick, on the clock of BrickWindow::arrival. Before the first tick, and
     /// always if the window waits, it has its initial value: every loaded brick counts as
     /// completely faded in.

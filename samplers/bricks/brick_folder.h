@@ -9,7 +9,8 @@
 
 namespace palpate {
 
-/// An open folder. The object keeps using this folder if the path is renamed or replaced.
+/// An open folder. The object keeps using this folder if the path is renamed or replaced; only
+/// removePartial() uses the path.
 class BrickFolder {
  public:
   /// Opens an existing folder. Throws VolumeError.
@@ -23,11 +24,12 @@ class BrickFolder {
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
   /// Returns true if the folder has been removed.
   [[nodiscard]] bool isGone() const noexcept;
-  /// Identifies a version of a file or folder. Changes if the file or folder is replaced.
+  /// Identifies a version of a file, or a folder. Changes if the file or folder is replaced, or if
+  /// the file is written.
   struct Stamp {
     std::uint64_t device = 0;  ///< Number of the device.
     std::uint64_t file = 0;    ///< Number of the file on the device.
-    std::int64_t time = 0;     ///< Time of the last write to the file [ns].
+    std::int64_t time = 0;     ///< Time of the last write to the file [ns]; 0 for a folder.
 
     /// Returns true if no file was found.
     [[nodiscard]] bool isNone() const noexcept { return *this == Stamp(); }
@@ -47,16 +49,19 @@ class BrickFolder {
                          std::size_t& got) const noexcept;
 
   /// Locks the folder against other writers. Throws Error if any other BrickFolder has the lock.
+  /// Does nothing on file systems without locks.
   void lock();
-  /// Makes a folder inside this folder if it does not exist.
+  /// Makes a folder inside this folder if it does not exist. Throws Error.
   void makeFolder(const std::string& name) const;
-  /// Writes a whole file. On failure an existing file stays unchanged. Throws Error.
+  /// Writes a whole file. On failure an existing file stays unchanged. Throws Error. The folder
+  /// .partial must exist (makeFolder).
   void write(const std::string& name, std::span<const std::byte> bytes) const;
   /// Writes a text as the other overload writes bytes.
   void write(const std::string& name, const std::string& text) const;
-  /// Removes partial files of terminated processes. Call this function before and after all writes.
+  /// Removes all partial files and their folder .partial. Call this function only while no process
+  /// writes into the folder.
   void removePartial() const;
-  /// Waits until all earlier writes are on the disk.
+  /// Waits until all earlier writes are on the disk. Throws Error.
   void sync() const;
 
  private:

@@ -156,8 +156,9 @@ class GridBoxes {
   }
 
  private:
-  /// Returns true if a whole box lies in one tile. The box is not larger than a node above the
-  /// leaves, so its corners show every node that it overlaps.
+  /// If a whole box lies in tiles of one value and state, sets its first voxel and returns true.
+  /// The box is not larger than a node above the leaves, so its corners show every node that it
+  /// overlaps.
   bool isOneTile(const Accessor& accessor, const CoordBBox& all, const BrickBox& box) const {
     static_assert(Above::DIM >= kBrickEdge);
     const Value value = accessor.getValue(all.min());
@@ -469,7 +470,8 @@ openvdb::GridClass classOf(GridClass grid_class) {
   return openvdb::GRID_UNKNOWN;
 }
 
-/// Returns an input without `fill` and what depends on the values.
+/// Returns an input without `fill` and without the members that lookAt() sets. Throws VolumeError
+/// if the volume does not consist of one grid.
 BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& parts, bool half) {
   if (parts.size() != 1) {
     throw VolumeError(

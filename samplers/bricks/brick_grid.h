@@ -30,9 +30,9 @@ struct GridParts {
 };
 
 /// Returns a grid as input of writeBricks. All ranks of the group must call this function. Except
-/// for `fill` and the shares, the result equals brickInput of the whole grid in memory. Throws
-/// VolumeError, with the grid's name, if the volume is unusable. Slow: makes every voxel. Memory:
-/// 24 bytes for each leaf.
+/// for `fill`, `share`, `parts` and `open`, the result equals brickInput of the whole grid in
+/// memory. Throws VolumeError, with the grid's name, if the volume is unusable. Slow: makes every
+/// voxel. Memory: 24 bytes for each leaf, and in a group again as much.
 [[nodiscard]] BrickInput brickInput(const GridParts& parts, ProcessGroup& group);
 
 }  // namespace palpate

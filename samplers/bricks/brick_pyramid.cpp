@@ -12,7 +12,7 @@ namespace {
 constexpr int kHalf = kBrickSide / 2;
 /// Distance within which both signs occur around a voxel of a level set's band [voxels].
 constexpr int kPyramidReach = 3;
-/// Number of voxels that are read around a brick's own voxels, on each side.
+/// Number of coarser voxels around a brick's own voxels that coarserBrick() computes, on each side.
 constexpr int kAround = kBrickApron + kPyramidReach;
 constexpr int kBlock = kBrickSide + 2 * kAround;
 
@@ -57,7 +57,8 @@ void spread(std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, std:
   from.swap(to);
 }
 
-/// Returns the Morton code of a brick's index. Bricks with similar codes are near each other.
+/// Returns the Morton code of a brick's index. Bricks with successive codes are mostly near each
+/// other.
 std::uint64_t mortonOf(const VoxelAt& at) noexcept {
   std::uint64_t code = 0;
   for (unsigned bit = 0; bit < 21; ++bit) {

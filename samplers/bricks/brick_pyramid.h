@@ -17,7 +17,7 @@ namespace palpate {
 
 /// A brick's own voxels at half the resolution: 32^3 voxels, or a single value.
 struct HalvedBrick {
-  /// If kStored, each voxel has its own value; else all voxels have `value`.
+  /// If kStored, each voxel has its own value and state; else all have `value` and one state.
   BrickKind kind = BrickKind::kStored;
   std::array<float, 3> value{};  ///< Value of all voxels, if `kind` is not kStored.
   std::vector<float> values;     ///< Means of eight voxels each, rounded to the format.
@@ -25,8 +25,8 @@ struct HalvedBrick {
   std::vector<std::uint8_t> active;
 };
 
-/// Makes the halved bricks of a level on request. Caches the kMost bricks that were requested last.
-/// Thread-safe.
+/// Makes the halved bricks of a level on request. Caches the kMost stored bricks that were
+/// requested last. Thread-safe.
 class HalvedBricks {
  public:
   /// @param source  Source of the bricks of `level`. Its manifest must contain their entries.
@@ -69,7 +69,8 @@ struct CoarserSpace {
 /// @param level_set  True to activate the voxels that have both signs within three voxels.
 /// @param values  Receives kBrickVoxels values.
 /// @param active  Receives kBrickActiveBytes bytes of active bits.
-/// @return        True if all voxels have one value and state. Then only the first voxel is set.
+/// @return        True if all finer bricks around it have the same single value and state. Then
+///                only the first voxel is set.
 [[nodiscard]] bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set,
                                 CoarserSpace& space, std::span<float> values,
                                 std::span<std::uint8_t> active);

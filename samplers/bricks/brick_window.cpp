@@ -10,9 +10,10 @@
 namespace palpate {
 namespace {
 
-/// Movement of a hand since the last choice that requires a new choice of requests [voxels].
+/// Movement of a proxy or probe since the last written report that requires a new choice of
+/// requests [voxels of level 0].
 constexpr double kMoved = 8.0;
-/// Movement of a hand's predicted position that requires a new choice [voxels].
+/// Change of a hand's predicted displacement that requires a new choice [voxels of level 0].
 constexpr double kMovedAhead = kBrickSide / 2.0;
 
 }  // namespace

@@ -16,9 +16,10 @@
 
 namespace palpate {
 
-/// Limits of a window's memory, and its look-ahead along the hands' paths.
+/// Parameters of a window.
 struct WindowParams {
-  /// Memory for the pool, the tables and the fetches in progress [bytes].
+  /// Memory for the pool, the tables of bricks and one fetch [bytes]. Further connections of a
+  /// remote store need more memory.
   std::uint64_t budget = 256ULL << 20;
   /// Look-ahead along a hand's path [s]. The window extends it if bricks arrive slowly.
   double horizon = 0.25;
@@ -35,10 +36,10 @@ struct WindowParams {
 struct WindowState {
   std::uint64_t slots = 0;     ///< Number of bricks for which the pool has room.
   std::uint64_t resident = 0;  ///< Number of bricks in the pool, including the coarsest level.
-  /// Memory for the pool, the tables and the fetches in progress [bytes].
+  /// Memory that WindowParams::budget limits: the pool, the tables and one fetch [bytes].
   std::uint64_t bytes = 0;
   std::uint64_t fetched = 0;  ///< Number of bricks fetched so far, including those at the start.
-  /// Number of bricks that could not be fetched yet. A coarser level is read instead.
+  /// Number of bricks whose last fetch failed. Readers use a coarser level instead.
   std::uint64_t failed = 0;
   bool locked = false;  ///< True if the pool is locked in memory.
   bool gone = false;    ///< Value of BrickWindow::lost().
@@ -56,7 +57,8 @@ class BrickWindow {
   static constexpr std::size_t kMostHands = 16;
 
   /// Fetches the coarsest level and starts the loader. Throws VolumeError if the level cannot be
-  /// fetched, or if the budget does not suffice for this level and 27 more bricks.
+  /// fetched. Also throws it if the budget does not suffice for this level and 27 more bricks (or
+  /// all bricks of a smaller volume), or if the pool is too large for the machine's memory.
   BrickWindow(std::unique_ptr<BrickSource> source, const WindowParams& params = {});
   BrickWindow(const BrickWindow&) = delete;
   BrickWindow& operator=(const BrickWindow&) = delete;
@@ -66,7 +68,8 @@ class BrickWindow {
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_->manifest(); }
   /// Returns the parameters of this window.
   [[nodiscard]] const WindowParams& params() const noexcept { return params_; }
-  /// Returns the coarsest level as a volume, for display and statistics. Throws VolumeError. Slow.
+  /// Reads the coarsest level from the source as a volume, for display and statistics. Slow. Throws
+  /// VolumeError in the cases of loadBricks.
   [[nodiscard]] std::shared_ptr<const Volume> coarsest() const;
 
   /// Returns the number of a new hand, for use with aim(). RT: wait-free.
@@ -77,8 +80,8 @@ class BrickWindow {
     Vec3 probe = Vec3::Zero();     ///< Position of the probe.
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the probe.
   };
-  /// Reports the position and velocity of a hand. Call it once in each tick: a hand without reports
-  /// for 1 s is ignored. RT: wait-free.
+  /// Reports the position and velocity of a hand. Call it once in each tick: the loader ignores a
+  /// hand without reports for 1 s, unless WindowParams::waits is true. RT: wait-free.
   void aim(std::size_t hand, const Aim& at) const noexcept;
 
   /// Registers a reader. Bricks from later calls of entryAt() stay readable until leave(). Until
@@ -87,7 +90,7 @@ class BrickWindow {
   /// Ends the registration of a reader. `side` is the value that enter() returned. RT: wait-free.
   void leave(std::uint32_t side) const noexcept;
 
-  /// State of a brick at one moment: missing, of one value, or in a slot. RT: call entryAt() again
+  /// State of a brick at one moment: missing, of one value, or in a slot. Call entryAt() again
   /// before each reading, because the state may change.
   class Entry {
    public:
@@ -115,32 +118,36 @@ class BrickWindow {
     }
     /// Returns the entry as one number, for atomic access.
     [[nodiscard]] std::uint64_t bits() const noexcept { return bits_; }
-    /// Returns true for the same brick in the same slot.
+    /// Returns true if kind, index and generation are equal. If true for kSlot, the slot still has
+    /// the same brick. All missing bricks have equal entries.
     [[nodiscard]] bool operator==(const Entry&) const = default;
 
    private:
     std::uint64_t bits_ = 0;
   };
 
-  /// Returns the number of changes of the tables. While this number stays the same, all entries do.
-  /// RT: no lock.
+  /// Returns the number of changes of the tables. It grows just after each change of an entry. RT:
+  /// no lock.
   [[nodiscard]] std::uint64_t changes() const noexcept;
 
-  /// Returns the entry of the brick that contains cell (i, j, k) of a level. For a cell outside of
-  /// the pyramid, this is the entry of the background. RT: no lock.
+  /// Returns the entry of the brick that contains cell (i, j, k) of a level, which must exist. For
+  /// a cell outside of the level, this is the entry of the background. RT: no lock.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
   /// Returns the time at which the brick in a slot arrived [ns of the steady clock]. Returns the
-  /// smallest number for other entries, and for bricks that arrived far from all proxies. RT: no
-  /// lock.
+  /// smallest std::int64_t for other entries, and for bricks that arrived far from all proxies. RT:
+  /// no lock.
   [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
 
   /// A block of 4^3 voxels: pointers to its rows along the last axis, and its active bits in the
   /// order of a kernel's mask (cell.h).
   struct Cell {
     std::array<const float*, 16> rows;  ///< Rows in the pool, or in `room`.
-    std::uint64_t active = 0;           ///< One bit for each voxel, set if the voxel is active.
-    std::array<float, 64UL * 3> room;   ///< Memory for rows that the pool stores in another form.
+    /// Bits of active voxels in the four inner rows; other bits are 0. All bits of a brick of one
+    /// value are equal.
+    std::uint64_t active = 0;
+    /// Memory for rows that the pool does not store as 32-bit floats.
+    std::array<float, 64UL * 3> room;
   };
   /// Reads the block of 4^3 voxels around a cell, from one voxel before the cell's lowest corner
   /// on. `entry` must come from entryAt() after the last enter(). Returns false if the brick is
@@ -149,14 +156,14 @@ class BrickWindow {
                             Cell& out) const noexcept;
 
   [[nodiscard]] WindowState state() const;  ///< Returns the present state. Takes a lock.
-  /// Returns true while the volume is missing (BrickSource::isThere), 1 to 2 s after the loss.
-  /// Bricks in memory stay readable. RT: wait-free.
+  /// Returns true after two successive checks, 1 s or more apart, have not found the volume
+  /// (BrickSource::isThere), until a check finds it. Bricks in memory stay readable. RT: wait-free.
   [[nodiscard]] bool lost() const noexcept;
-  /// Returns the errors since the last call: a line for each brick and kind of error, at most 8 of
-  /// a kind. Adds a line when the whole volume is lost or available again.
+  /// Returns the errors since the last call. The window reports each brick and kind of error once,
+  /// at most 8 of a kind in all. It also reports when the whole volume is lost or available again.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
   /// Waits until every requested brick has arrived or failed. Returns false after `seconds` [s]. In
-  /// virtual time, call it before each tick. Cost: two loads if no request changed.
+  /// virtual time, call it before each tick. Cost: three atomic loads if no request is open.
   [[nodiscard]] bool settle(double seconds) const;
 
  private:

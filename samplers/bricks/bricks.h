@@ -30,12 +30,13 @@ inline constexpr std::size_t kBrickVoxels =
 /// Size of a brick's active bits, one for each voxel [bytes].
 inline constexpr std::size_t kBrickActiveBytes = kBrickVoxels / 8;
 
-/// Index of a voxel in the index space of a level.
+/// Index of a voxel in the index space of a level, or of a brick in a level.
 using VoxelAt = std::array<std::int32_t, 3>;
 
 /// Memory layout of a brick: the values (last axis fastest, components side by side), one active
-/// bit for each voxel (lowest bit first), padding, and the brick's identity in the last bytes. The
-/// size is a whole number of slabs. A slab holds the values of one index along the first axis.
+/// bit for each voxel (lowest bit first), padding, and the brick's identity in the last bytes (0 if
+/// the brick has no object). The size is a whole number of slabs. A slab holds the values of one
+/// index along the first axis.
 struct BrickFormat {
   bool vector = false;  ///< True for vectors of three components, false for scalars.
   bool half = false;    ///< True if a component has 16 bits, false if it has 32 bits.
@@ -108,8 +109,8 @@ struct BrickId {
   }
 };
 
-/// One level of a pyramid. Voxel I of a level is the mean of the voxels 2 I and 2 I + 1, along each
-/// axis, of the next finer level. Its centre lies in the middle of their centres.
+/// One level of a pyramid. In levels above 0, voxel I is the mean of the voxels 2 I and 2 I + 1,
+/// along each axis, of the next finer level. Its centre lies in the middle of their centres.
 struct BrickLevel {
   /// Linear part of file = linear * index + origin, with index in this level's index space.
   Mat3 linear = Mat3::Identity();
@@ -144,14 +145,15 @@ struct BrickEntry {
   std::array<float, 3> value{};           ///< Value of all voxels, if `kind` is not kStored.
 };
 
-/// Description of a volume in bricks, without its values. Needs a few hundred bytes, and 36 bytes
-/// for each brick that differs from the background.
+/// Description of a volume in bricks, without the values of its stored bricks. Memory: less than
+/// 100 kB, and 36 bytes for each entry.
 class BrickManifest {
  public:
   /// Reads the manifest of a finished folder. Throws VolumeError if the folder is missing, is
-  /// unfinished, has no bricks or another version, or if its manifest is truncated or damaged.
+  /// unfinished, cannot be read or has no bricks. Also throws VolumeError as parse() does.
   [[nodiscard]] static BrickManifest read(const std::filesystem::path& folder);
-  /// Parses a manifest in memory. Throws VolumeError for the same errors as read().
+  /// Parses a manifest in memory. Throws VolumeError if it is truncated, damaged, or of another
+  /// version, or if the system has too little memory to parse its text.
   /// @param called  Name of the manifest in error messages.
   [[nodiscard]] static BrickManifest parse(std::span<const std::byte> bytes,
                                            const std::string& called);
@@ -164,22 +166,25 @@ class BrickManifest {
   [[nodiscard]] const std::array<float, 3>& background() const noexcept { return background_; }
   /// Returns the levels from the finest to the coarsest. The coarsest level has at most 8 bricks.
   [[nodiscard]] const std::vector<BrickLevel>& levels() const noexcept { return levels_; }
-  /// Returns the entries of a level in the order of BrickId. Bricks without an entry are
-  /// background.
+  /// Returns the entries of a level in the order of BrickId; none if the level does not exist.
+  /// Bricks without an entry are background.
   [[nodiscard]] std::span<const BrickEntry> entries(std::int32_t level) const noexcept;
   /// Returns true if the pyramid contains this brick.
   [[nodiscard]] bool has(const BrickId& id) const noexcept;
   /// Returns the entry of a brick; for a brick without an entry or outside of the pyramid, an entry
   /// of the background. RT: no allocation. Cost: logarithm of the number of entries.
   [[nodiscard]] BrickEntry entry(const BrickId& id) const noexcept;
-  /// Returns the brick that owns the voxel; std::nullopt if the voxel is outside of the level.
+  /// Returns the brick that owns the voxel; std::nullopt if no brick of the level does, or if the
+  /// level does not exist.
   [[nodiscard]] std::optional<BrickId> holding(std::int32_t level,
                                                const VoxelAt& voxel) const noexcept;
-  /// Returns the volume's identity, which is equal for equal values and options.
+  /// Returns the volume's identity: a hash of the description in BrickInput, of the compression
+  /// level and of the version of zstd.
   [[nodiscard]] std::uint64_t identity() const noexcept { return identity_; }
   /// Returns the first and last voxel of the box in which level 0 may differ from background.
   [[nodiscard]] const std::array<VoxelAt, 2>& extent() const noexcept { return extent_; }
-  /// Returns the first and the last voxel of the box of the active voxels of level 0.
+  /// Returns the first and the last voxel of the box of the active voxels of level 0. Both are
+  /// (0, 0, 0) if no voxel is active.
   [[nodiscard]] const std::array<VoxelAt, 2>& activeBox() const noexcept { return active_box_; }
   /// Returns the meaning of inactive voxels in activeBox().
   [[nodiscard]] Inactive inactive() const noexcept { return inactive_; }
@@ -204,11 +209,12 @@ class BrickManifest {
   std::string metadata_;
 };
 
-/// Returns the name of a brick's object, relative to the folder of the volume: "0/1.2.3.0.0.0".
+/// Returns the name of a brick's object, relative to the folder of the volume: "0/1.2.3.0.0.0" for
+/// brick (1, 2, 3) of level 0. For vectors, ".0" is added.
 [[nodiscard]] std::string brickObject(const BrickId& id, const BrickFormat& format);
 
-/// Result of a brick's fetch. After an error, other bricks can still be fetched. The remedy for
-/// kMissing, kCut, kDamaged and kOthers is to copy or write the volume again.
+/// Result of a brick's fetch. After all errors except kGone, other bricks can still be fetched. The
+/// remedy for kMissing, kCut, kDamaged and kOthers is to copy or write the volume again.
 enum class BrickStatus : std::uint8_t {
   kArrived,  ///< The slot contains the brick.
   kUnknown,  ///< The pyramid does not contain this brick. The caller made an error.
@@ -218,8 +224,8 @@ enum class BrickStatus : std::uint8_t {
   kDamaged,  ///< The checksum or the content of the object is wrong.
   /// The object contains another brick, or a brick of another volume.
   kOthers,
-  kGone,        ///< The whole volume no longer exists. Do not retry.
-  kUnreadable,  ///< The system reports an error. A retry may succeed.
+  kGone,        ///< The whole volume no longer exists. Retries fail until isThere() is true.
+  kUnreadable,  ///< The system or server reports an error or does not answer. A retry may succeed.
 };
 
 /// Returns the word for a status, such as "arrived", "missing" or "cut".
@@ -228,8 +234,8 @@ enum class BrickStatus : std::uint8_t {
 /// A requested brick.
 struct BrickWish {
   BrickId id;  ///< The brick.
-  /// Priority. The source fetches the brick of the highest priority first, and bricks of equal
-  /// priorities in the order of the list.
+  /// Priority. The source begins with the brick of the highest priority, and takes bricks of equal
+  /// priorities in the order of the list. NaN is the lowest priority.
   double priority = 0.0;
 };
 
@@ -261,37 +267,39 @@ class BrickSource {
   /// Returns the manifest of the volume.
   [[nodiscard]] virtual const BrickManifest& manifest() const noexcept = 0;
 
-  /// Requests these bricks and drops all earlier requests. Never waits for a fetch.
+  /// Requests these bricks and drops all earlier requests, except for fetches in progress. Never
+  /// waits for a fetch.
   virtual void want(std::vector<BrickWish> wishes) = 0;
 
-  /// Fetches the requested brick of the highest priority into `slot`, also if all its voxels have
-  /// one value. Several threads may call next(), each with its own slot. Waits for a request for at
-  /// most `patience`, then for the fetch.
+  /// Puts a requested brick into `slot`, also if all its voxels have one value. Several threads may
+  /// call next(), each with its own slot. A folder waits for a request for at most `patience`, then
+  /// fetches the brick of the highest priority. A store has several fetches in progress. It waits
+  /// for the end of one for at most `patience`.
   /// @param slot  BrickFormat::bytes() bytes; unspecified if the brick has not arrived.
-  /// @return      std::nullopt if no brick was requested within `patience`. A store also returns
-  ///              std::nullopt if no requested brick arrived within `patience`.
+  /// @return      The result of one fetch; std::nullopt if `patience` has passed.
   [[nodiscard]] virtual std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                          std::chrono::milliseconds patience) = 0;
 
-  /// Returns true if the source has the finished volume with the same manifest. If a lost volume
-  /// returns, later fetches read it. Cost: reads a small file.
+  /// Returns true if the source still has this volume. If a lost volume returns, later fetches read
+  /// it.
   [[nodiscard]] virtual bool isThere() = 0;
 
-  /// Fetches one brick immediately, independently of all requests.
+  /// Fetches one brick independently of all requests, and waits for it.
   [[nodiscard]] virtual BrickArrival read(const BrickId& id, std::span<std::byte> slot) = 0;
 
-  /// Returns the recent mean duration of a fetch; 0 if it is negligible. The window's look-ahead
-  /// grows by a few times this value.
+  /// Returns the recent mean duration of a fetch; 0 for a source that does not measure it, such as
+  /// a folder. The window's look-ahead grows by four times this value.
   [[nodiscard]] virtual std::chrono::duration<double> delay() const { return {}; }
 };
 
-/// Bricks in a folder. Has no thread: the thread that calls next() reads, decompresses and checks
-/// the brick. Keeps working memory for each thread that was in next() at the same time.
+/// Bricks in a folder. Has no thread: the thread that calls next() or read() reads, decompresses
+/// and checks the brick. Keeps working memory for the largest number of simultaneous calls so far.
 class PosixBricks final : public BrickSource {
  public:
   /// Opens a finished folder. Throws VolumeError in the cases of BrickManifest::read.
   explicit PosixBricks(const std::filesystem::path& folder);
-  /// Opens a folder with a given manifest. The folder need not contain a manifest yet.
+  /// Opens a folder with a given manifest. The folder need not contain a manifest yet. Throws
+  /// VolumeError if the folder cannot be opened.
   PosixBricks(const std::filesystem::path& folder, BrickManifest manifest);
   ~PosixBricks() override;
 
@@ -299,7 +307,9 @@ class PosixBricks final : public BrickSource {
   void want(std::vector<BrickWish> wishes) override;
   [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                  std::chrono::milliseconds patience) override;
-  /// Returns true if the folder is still at its path and contains the manifest of this volume.
+  /// Returns true if the folder is still at its path and contains a manifest with this volume's
+  /// identity. Reads the manifest only if it has changed. For a folder that was opened without a
+  /// manifest, returns true if the folder has not been removed.
   [[nodiscard]] bool isThere() override;
   [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override;
 
@@ -308,14 +318,17 @@ class PosixBricks final : public BrickSource {
   std::unique_ptr<State> state_;
 };
 
-/// Returns true if the folder contains bricks, even if the volume is unfinished.
+/// Returns true if the folder contains a manifest, or the attributes (.zattrs) with which
+/// writeBricks() begins a volume. Does not check the manifest.
 [[nodiscard]] bool isBricks(const std::filesystem::path& folder) noexcept;
 
 /// Loads a level as one grid in memory, equal to the written values and active states. Throws
-/// VolumeError like BrickManifest::read, and if the level is missing or a brick does not arrive.
+/// VolumeError like BrickManifest::read, and if the level is missing, a brick does not arrive, or
+/// the resulting grid is unusable (loadVolume).
 [[nodiscard]] std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder,
                                                        std::int32_t level = 0);
 /// Loads a level from any source in the same way.
+/// @param called  Name of the volume in error messages.
 [[nodiscard]] std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level,
                                                        const std::string& called);
 

@@ -22,13 +22,13 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// Longest manifest that is accepted [bytes], enough for 30 million bricks with 36 bytes each.
+/// Longest manifest that is accepted [bytes], enough for 29 million bricks with 36 bytes each.
 constexpr std::size_t kLongestManifest = std::size_t{1} << 30U;
 /// Longest part of a manifest's head that is compared to identify the volume [bytes].
 constexpr std::size_t kLongestHead = std::size_t{64} << 10U;
-/// Largest number of bytes by which compression can enlarge a brick.
+/// Upper bound for the number of bytes by which compression enlarges a brick.
 constexpr std::size_t kMostAround = std::size_t{64} << 10U;
-/// Number of recent bricks over which the delay is averaged.
+/// Each new brick has the weight 1 / kDelaysAveraged in the mean delay.
 constexpr double kDelaysAveraged = 8.0;
 /// Longest time that the thread waits for an event.
 constexpr std::chrono::milliseconds kTurn{100};
@@ -147,9 +147,9 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));
   const auto known = std::min({body.size(), BrickFacts::headOf(body), kLongestHead});
   head.assign(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(known));
-  // Allocates the fetching thread's memory now. Later only the store allocates memory in this
-  // thread, and the store reports a lack of memory. Decoding allocates in the thread that calls
-  // next().
+  // Allocates the fetching thread's memory now. Later this thread allocates only objects' names and
+  // the store's memory, and a lack of memory ends the fetch. Decoding allocates in the thread that
+  // calls next().
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
     free.back()->request = store->make();
@@ -239,7 +239,7 @@ void FarBricks::State::come(FetchPtr fetch) {
   arrived.notify_one();
 }
 
-/// Starts requested fetches until `free` is empty. next() returns a complete fetch to `free`.
+/// Starts requested fetches while `free` has one. next() returns a complete fetch to `free`.
 void FarBricks::State::beginFetches() {
   while (true) {
     FetchPtr fetch;
@@ -290,7 +290,7 @@ void FarBricks::State::endStalled() {
     ObjectRequest& request = *away[i]->request;
     if (now - request.last <= params.stalled && now - away[i]->begun <= params.longest) continue;
     store->drop(request);
-    request.fail("the transfer stalled");
+    request.fail("the transfer stalled or took too long");
     end(&request);
   }
 }

@@ -16,15 +16,18 @@ namespace palpate {
 
 /// Limits of the requests to a store.
 struct StoreParams {
-  /// Number of simultaneous connections, 1 to 32. Each transfers one brick at a time.
+  /// Number of simultaneous connections; values outside of 1 to 32 are clamped. Each transfers one
+  /// brick at a time.
   int connections = 6;
-  std::chrono::milliseconds connect{2'000};   ///< Longest time to establish a connection.
-  std::chrono::milliseconds stalled{2'000};   ///< Longest pause within a transfer.
-  std::chrono::milliseconds longest{30'000};  ///< Longest duration of a transfer.
+  std::chrono::milliseconds connect{2'000};  ///< Longest time to establish a connection.
+  std::chrono::milliseconds stalled{2'000};  ///< Longest pause within a transfer.
+  /// Longest duration of a transfer in the background. `opened` limits blocking fetches.
+  std::chrono::milliseconds longest{30'000};
 
-  /// isThere() returns false if the store has not answered for this time.
+  /// isThere() returns false if the store has not answered a check for this time.
   std::chrono::milliseconds silent{2'000};
-  /// Longest duration of a blocking fetch, including all its tries.
+  /// Longest duration of a blocking fetch, including all its tries. A store that cannot stop a try,
+  /// such as Ceph, only starts no further try after this time.
   std::chrono::milliseconds opened{60'000};
 };
 
@@ -42,13 +45,16 @@ struct ObjectRequest {
   // Members that contain the result.
   std::vector<std::byte> body;  ///< Received bytes, at most `limit`.
 
-  /// Result of the request. kCut means that the object's length is not within `least` and `limit`.
+  /// Result of the request. kCut means that the object is longer than `limit`, or that the server
+  /// stated a length outside of `least` to `limit`.
   BrickStatus status = BrickStatus::kUnreadable;
-  /// Length of the object that the server stated [bytes]; set only if that length is invalid.
+  /// Length of the object that the server stated [bytes]; set only if that length is invalid. 0 if
+  /// the server sent a range that does not begin at byte 0.
   std::optional<std::size_t> announced;
-  const char* why = nullptr;  ///< Reason for kUnreadable. The text stays valid.
+  const char* why = nullptr;  ///< Reason for kUnreadable; null if unknown. The text stays valid.
   long code = 0;              ///< Status code of the server for kUnreadable; 0 if unknown.
-  /// Time at which the last data arrived, or else at which the request began.
+  /// Time at which the last data arrived, if the store records it; else the time at which the
+  /// request began.
   std::chrono::steady_clock::time_point last;
 
   /// Sets the members that describe a request, and clears the result.
@@ -80,8 +86,8 @@ class ObjectStore {
 
   /// Makes a request object for this store. Any thread may call it.
   [[nodiscard]] virtual std::unique_ptr<ObjectRequest> make() = 0;
-  /// Fetches an object and waits for the result. Any thread may call it, but not with a request
-  /// that is ever passed to begin().
+  /// Fetches an object and waits for the result. Any thread may call it. Do not use the same
+  /// request object for get() and for begin().
   virtual void get(const std::string& name, ObjectRequest& request) noexcept = 0;
   /// Starts a request. When the request has ended, ended() returns it. If the request cannot be
   /// started, begin() returns false, and `request` contains the reason.
@@ -94,11 +100,12 @@ class ObjectStore {
 };
 
 /// A folder of bricks in a store. A thread of this object requests objects from the store. The
-/// thread that calls next() decompresses and checks them like files, so a faulty server cannot
-/// deliver wrong bricks.
+/// thread that calls next() decompresses the objects and checks them against the manifest, so it
+/// rejects damaged objects.
 class FarBricks final : public BrickSource {
  public:
-  /// Fetches the manifest. Throws VolumeError if the store does not answer or has no manifest.
+  /// Fetches the manifest. Throws VolumeError if the store does not answer, reports an error or has
+  /// no manifest, or if the manifest is longer than 1 GiB or rejected by BrickManifest::parse.
   /// @param address  Address of the folder, for messages.
   FarBricks(const std::string& address, std::unique_ptr<ObjectStore> store,
             const StoreParams& params = {});
@@ -108,8 +115,9 @@ class FarBricks final : public BrickSource {
   void want(std::vector<BrickWish> wishes) override;
   [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                  std::chrono::milliseconds patience) override;
-  /// Returns the last answer of the store about the manifest, and requests a new answer. Does not
-  /// wait. The result is at most as old as StoreParams::silent.
+  /// Returns true if the store's last answer had the manifest's unchanged head, or if there is no
+  /// answer yet. Requests a new answer, and does not wait for it. Returns false while a request is
+  /// unanswered for longer than StoreParams::silent.
   [[nodiscard]] bool isThere() override;
   [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override;
   [[nodiscard]] std::chrono::duration<double> delay() const override;

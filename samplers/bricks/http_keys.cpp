@@ -26,7 +26,8 @@ constexpr std::size_t kLongest = 1U << 16U;
   throw VolumeError(file, why, remedy);
 }
 
-/// Returns the content of a file that only this user can read.
+/// Returns the content of a file. Throws VolumeError if the file is longer than kLongest, or if
+/// this user is not its owner or other users have permissions for it.
 std::string readSecret(const std::string& file) {
   const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) {

@@ -114,7 +114,7 @@ struct Read {
   class RadosStore* of = nullptr;
 };
 
-/// Returns the name of an error of librados; the string stays valid.
+/// Returns the description of an error of librados; the string stays valid.
 const char* nameOf(int error) noexcept {
   // ::strerror is not thread-safe.
   const char* const name = strerrordesc_np(-error);
@@ -288,7 +288,7 @@ bool RadosStore::begin(const std::string& name, ObjectRequest& request) noexcept
   return false;
 }
 
-/// Marks a read as done. librados calls this function in one of its own threads.
+/// Marks a read as done. librados calls this function in one of its own threads, or in aio_cancel.
 void RadosStore::finish(rados_completion_t /*completion*/, void* of) noexcept {
   auto& read = *static_cast<Read*>(of);
   RadosStore& store = *read.of;

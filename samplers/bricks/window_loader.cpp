@@ -10,11 +10,13 @@
 namespace palpate {
 namespace {
 
-/// Bricks within this distance of a hand's present position are requested [bricks of the level].
+/// Bricks within this distance of a hand's present position, along each axis, are requested [bricks
+/// of the level].
 constexpr double kReachHere = 2.0;
-/// Bricks within this distance of a hand's predicted positions are requested [bricks of the level].
+/// Bricks within this distance of a hand's predicted positions, along each axis, are requested
+/// [bricks of the level].
 constexpr double kReachAhead = 1.0;
-/// Largest number of predicted positions of a hand. They are one brick apart.
+/// Largest number of predicted positions of a hand. They are at most one brick of level 0 apart.
 constexpr int kMostAhead = 8;
 /// The look-ahead time grows by the delay of a brick times this number.
 constexpr double kDelaysAhead = 4.0;
@@ -113,7 +115,8 @@ std::size_t BrickWindow::Loader::takeFree() {
 }
 
 /// Removes a brick from the tables: the one that has been unwanted for the longest time, else the
-/// farthest wanted one if `id` is nearer. Returns its slot, which readers may still read.
+/// farthest wanted one if `id` is nearer. Returns its slot, which readers may still read;
+/// std::nullopt if no brick can be removed.
 std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   const auto key = [&](const BrickId& of, std::uint64_t last) {
     const auto found = wanted.find(of);

@@ -36,7 +36,7 @@ struct BrickWindow::Loader {
   void run();
   [[nodiscard]] bool settle(Clock::time_point until);
 
-  // Callers hold `mutex`, except for checkVolume() and leftByAll().
+  // Callers hold `mutex`, except in the constructor, and for checkVolume() and leftByAll().
   void chooseRequests();
   void handleArrival(const BrickArrival& arrival, std::unique_lock<std::mutex>& lock);
   void reportOnce(const BrickArrival& of);
@@ -54,19 +54,21 @@ struct BrickWindow::Loader {
   const double own_horizon;        ///< Value of WindowParams::horizon.
   std::vector<std::byte> staging;  ///< Brick that arrived last; only the thread uses it.
 
-  /// Guards the members from here down to `troubles`. The thread does not hold it during a fetch.
+  /// Guards the members from here down to `troubles`, except `checked_at`, which only the thread
+  /// uses. The thread does not hold the mutex during a fetch.
   mutable std::mutex mutex;
   std::condition_variable changed;             ///< Notified when `pending` may have changed.
   std::vector<std::size_t> free;               ///< Slots that have never contained a brick.
   std::vector<std::optional<BrickId>> owners;  ///< For each slot, the brick that it contains.
   /// For each slot, the number of bricks that it has contained.
   std::vector<std::uint32_t> generations;
-  /// For each slot, the number of the last choice that wanted its brick.
+  /// For each slot, the number of the last choice that wanted its brick, or else of the last choice
+  /// before the brick arrived.
   std::vector<std::uint64_t> used;
   std::uint64_t choices = 0;         ///< Number of calls of chooseRequests().
   std::map<BrickId, double> wanted;  ///< Bricks of the last choice, with their distances.
   std::set<BrickId> awaited;         ///< Requested bricks that have neither arrived nor failed.
-  detail::Retries<BrickId> failing;  ///< Bricks that cannot be fetched.
+  detail::Retries<BrickId> failing;  ///< Bricks whose last fetch failed.
   bool doubt = false;                ///< True if the last check did not find the volume.
   Clock::time_point checked_at;
   std::set<std::pair<BrickId, BrickStatus>> reported;  ///< Errors that reportOnce() has reported.
@@ -74,7 +76,7 @@ struct BrickWindow::Loader {
   /// State of the reports of one hand.
   struct Following {
     std::uint32_t beats = 0;  ///< Value of HandReport::beats at the last check.
-    Clock::time_point at;     ///< Time at which the last report was noticed.
+    Clock::time_point at;     ///< Time of the last check with a new report or a settle() call.
     bool alive = false;       ///< True if the loader follows the hand.
   };
   std::array<Following, kMostHands> following;

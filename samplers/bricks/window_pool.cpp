@@ -12,7 +12,7 @@ namespace {
 
 /// Slots that a window needs in addition to the coarsest level: the 27 bricks around a hand.
 constexpr std::uint64_t kLeastSlots = 27;
-/// Largest part of the machine's memory that a window may use.
+/// Largest share of the machine's memory that the slots of a window may use.
 constexpr double kMostOfMemory = 0.75;
 
 }  // namespace

@@ -15,7 +15,8 @@
 
 namespace palpate {
 
-/// The last report of a hand, as a seqlock with one writing and one reading thread.
+/// The last report of a hand that required a new choice of requests, as a seqlock. The hand's
+/// thread writes it; threads that hold Loader::mutex read it.
 struct BrickWindow::HandReport {
   std::atomic<std::uint32_t> count{0};
   std::atomic<std::uint32_t> beats{0};  ///< Number of calls of aim().
@@ -32,7 +33,8 @@ struct BrickWindow::HandReport {
     }
     count.store(begun + 1U, std::memory_order_release);
   }
-  /// Returns the values that were written last. Only the writing thread may call it.
+  /// Returns the values that were written last. Outside of the writing thread, they may belong to
+  /// two reports, which read() detects.
   [[nodiscard]] Aim last() const noexcept {
     Aim out;
     for (std::size_t i = 0; i < 3; ++i) {
@@ -57,7 +59,7 @@ struct BrickWindow::HandReport {
 struct BrickWindow::Pool {
   /// Memory beyond the pool [bricks]: the brick that is being read, compressed and decompressed.
   static constexpr std::uint64_t kReading = 2;
-  /// Arrival time of bricks for which no reader has waited [ns].
+  /// Arrival time of bricks that do not fade in, because they arrived far from all proxies [ns].
   static constexpr std::int64_t kLongAgo = std::numeric_limits<std::int64_t>::min();
 
   struct Constant {
@@ -128,7 +130,8 @@ struct BrickWindow::Pool {
   bool waits;
   std::array<HandReport, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};  ///< Number of calls of newHand().
-  /// Number of reports that require a new choice of requests.
+  /// Number of events that require a new choice of requests: reports of moved hands, and hands that
+  /// begin or end their reports.
   std::atomic<std::uint64_t> aimed{0};
   std::byte* memory = nullptr;  ///< Memory of all slots, in the order of their indices.
   std::size_t slots = 0;

@@ -35,7 +35,7 @@ std::string contentsOf(const fs::path& file) {
 }
 
 /// Returns the state of the folder, and makes the folder if it is missing. Throws Error if the
-/// folder contains anything else.
+/// folder contains anything but bricks of this identity, or cannot be made.
 Found lookInto(const fs::path& folder, std::uint64_t identity) {
   std::error_code error;
   if (!fs::exists(fs::symlink_status(folder, error))) {
@@ -95,7 +95,7 @@ BrickStatistics statisticsOf(const Space& space, std::size_t components, const V
   BrickStatistics s;
   for (int i = 0; i < kBrickSide; ++i) {
     for (int j = 0; j < kBrickSide; ++j) {
-      // Row by row for speed: the function visits every voxel of the volume.
+      // Adds up each row separately for speed.
       const std::size_t begin = BrickView::numberOf(i, j, 0);
       const VoxelAt lower{voxel[0] + i, voxel[1] + j, voxel[2] + kBrickSide};
       const VoxelAt upper{lower[0], lower[1], voxel[2]};
@@ -202,7 +202,8 @@ class Writer {
     return facts_.manifest().levels()[static_cast<std::size_t>(l)];
   }
 
-  /// Writes level 0: each rank one slab along the last axis, which is the slowest in image files.
+  /// Writes level 0. Each rank writes the bricks of one range along the last axis, which is the
+  /// slowest in image files.
   void writeFinest() {
     const auto& first = level(0).first;
     const auto& count = level(0).count;
@@ -228,7 +229,7 @@ class Writer {
       });
     };
     for (std::size_t p = 0; p < input_.parts.size(); ++p) {
-      // The background may fill a whole part.
+      // A part may be outside of the extent, where all bricks are background.
       if (layers(input_.parts[p]) == 0) continue;
       input_.open(p);
       write_part(input_.parts[p]);
@@ -317,7 +318,8 @@ class Writer {
                       input_.format.half ? "replace it, or store 32 bits" : "replace it");
   }
 
-  /// Sets all voxels outside of the extent to the background, even if the input has set them.
+  /// Makes all voxels outside of the extent inactive background, even if the input has set them.
+  /// Returns true if all voxels still have one value, of which only the first voxel is set.
   bool clip(const VoxelAt& lower, bool one, Space& space) {
     std::array<int, 3> begin{};
     std::array<int, 3> end{};

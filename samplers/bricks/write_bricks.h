@@ -22,7 +22,8 @@ namespace palpate {
 /// A brick of level 0 to fill in, with its apron.
 struct BrickBox {
   VoxelAt lower{};  ///< Index of the first voxel of the apron.
-  /// Values to set, kBrickVoxels in the layout of BrickFormat. Not initialised.
+  /// Values to set, kBrickVoxels in the order of BrickFormat, as floats also if BrickFormat::half
+  /// is true. Not initialised.
   std::span<float> values;
   std::span<std::uint8_t> active;  ///< Active bits to set, kBrickActiveBytes. All are 0 initially.
 };
@@ -57,14 +58,16 @@ struct BrickInput {
   /// Consecutive parts of `share`, if `fill` can provide only one part at a time. Empty: `fill` can
   /// provide all bricks at any time.
   std::vector<Share> parts;
-  /// Prepares `fill` for parts[part]. The writer calls it for each part in turn.
+  /// Prepares `fill` for parts[part]. The writer calls it for each part in turn, except for parts
+  /// outside of the extent.
   std::function<void(std::size_t part)> open;
 };
 
 /// Options of writeBricks.
 struct BrickOptions {
   int compression = 3;  ///< Compression level of zstd: 1 is the fastest, 19 the smallest.
-  /// Receives the progress from 0 to 1, one call at a time. An exception ends the writing.
+  /// Receives the progress from 0 to 1, from any thread, one call at a time. An exception ends the
+  /// writing.
   std::function<void(double done)> progress;
   /// Process group that writes together into one shared folder; null for a single process.
   ProcessGroup* group = nullptr;
@@ -79,13 +82,14 @@ struct BrickReport {
 
 /// Writes a volume into a folder. Level 0 comes from `fill`, each further level from the bricks of
 /// the level before. The manifest is written last, and readers reject a folder without one.
-/// Parallel. Memory: ten bricks for each thread, 128 bricks at half their resolution, and a hundred
-/// bytes for each brick that is not the background.
+/// Parallel. Memory: about ten bricks for each thread, 128 bricks at half their resolution, and
+/// about a hundred bytes for each brick that is not the background.
 ///
 /// The same call resumes an interrupted run. The written bytes do not depend on interruptions,
 /// threads or ranks. A finished folder stays unchanged.
 ///
-/// In a process group, all ranks must call this with the same input, except for `fill` and `share`.
+/// In a process group, all ranks must call this with the same input, except for `fill`, `share`,
+/// `parts` and `open`.
 /// If a rank throws, the others end with GroupEnded (workTogether()). Rank 0 alone locks the folder
 /// and writes the files that are not bricks. Each rank gets the report about all ranks.
 ///
@@ -93,16 +97,18 @@ struct BrickReport {
 /// active if one of these eight voxels is active; in a level set, also if both signs occur within 3
 /// voxels. So cells that the surface crosses, and the two cells next to each, have all data.
 ///
-/// Throws Error if the folder contains other files, or bricks of another input or other options.
-/// Also throws Error if another run writes into the folder, the disk is full, or the ranks' inputs
-/// differ. Throws VolumeError for values that are not finite or exceed the range of the format, and
-/// for an invalid extent, transform or class.
+/// Throws Error if the folder cannot be made, contains other files, or contains bricks of another
+/// input, other options or another version of zstd. Also throws Error if another run writes into
+/// the folder, a file cannot be written, or the ranks' inputs differ. Throws VolumeError for values
+/// that are not finite or exceed the range of the format, and for an invalid extent, transform,
+/// class, background or compression level. Also throws it if a written file cannot be read back.
 [[nodiscard]] BrickReport writeBricks(const std::filesystem::path& folder, const BrickInput& input,
                                       const BrickOptions& options = {});
 
 /// Returns a volume in memory as input of writeBricks. Rounds doubles to 32 bits. Throws
-/// VolumeError if a vector's components have different positions. Slow: reads every value.
-/// @param half  True to round values to 16 bits.
+/// VolumeError if a vector is staggered or has its components in separate grids. Slow: reads every
+/// value.
+/// @param half  True to round values to 16 bits. Otherwise GridInfo::half decides.
 [[nodiscard]] BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half = false);
 
 }  // namespace palpate

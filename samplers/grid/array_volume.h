@@ -22,7 +22,7 @@ struct VoxelArray {
   /// Address of value (0, 0, 0), with any alignment. The array is read during the call only.
   const void* values = nullptr;
   Type type = Type::kFloat;  ///< Type of the numbers in the array, and in the grid made from it.
-  bool vector = false;       ///< True if a value has three components, in the order of W's axes.
+  bool vector = false;       ///< True if a value has the components x, y and z, in this order.
   std::array<std::int64_t, 3> size{};  ///< Number of values along i, j and k, each > 0.
   /// Distance in memory to the next value along each axis [bytes].
   std::array<std::ptrdiff_t, 3> stride{};
@@ -34,13 +34,16 @@ struct VoxelArray {
   std::string name = "values";  ///< Name of the volume, used in messages.
   bool level_set = false;  ///< True for signed distances, negative inside. The surface is at 0.
   /// Value outside of the array. Array elements with this value have no data. If not set: zero for
-  /// vectors; for scalars the median on the array's six faces, as in `palpate import`.
+  /// vectors; for scalars the median of the finite values on the array's six faces, else 0, as in
+  /// `palpate import`. Must not be set for vectors, except to 0.
   std::optional<double> background;
 };
 
 /// Copies the values, and checks them as loadVolume checks a file. Throws VolumeError, with the
-/// array's name, in three cases. A size is not within 1 to 2^31 - 1; the axes do not span a volume;
-/// or loadVolume would reject the values. Slow: reads every value, in parallel.
+/// array's name, in these cases. A size is not within 1 to 2^31 - 1. The axes do not span a volume,
+/// are too small for OpenVDB, or are not finite. The origin or the background is not finite, or
+/// vectors have a background. All values equal the background. Or loadVolume would reject the
+/// values. Slow: reads every value, in parallel.
 [[nodiscard]] std::shared_ptr<const Volume> makeVolume(const VoxelArray& array,
                                                        const LoadOptions& options = {});
 

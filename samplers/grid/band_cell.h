@@ -12,9 +12,10 @@ namespace palpate::detail {
 /// if some corners are inactive.
 ///
 /// Along an edge, a distance changes by at most the edge's length, also if it is clipped at the
-/// band's width. The background is that width, and at least one voxel. So in a cell with the
-/// surface, values change by at most the background along each edge. A corner without data has the
-/// value of the background, so its difference to a negative neighbour exceeds the background.
+/// band's width. A valid level set has that width as background, at least one voxel. So in a cell
+/// with the surface, values change by at most the background along each edge. A corner without data
+/// has the value of the background, so its difference to a negative neighbour exceeds the
+/// background.
 ///
 /// kSlack allows for rounding and for inexact distances. It admits a corner without data only
 /// beside a neighbour within kSlack times the background of the surface. The surface moves by less

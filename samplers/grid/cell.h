@@ -4,7 +4,7 @@
 /// components of the value, then their derivatives by the first, second and third index. If
 /// kBlendsRows, a row is linear in the rows of the cell's corners, and load() rotates these into W.
 /// Data are plain arrays: in a large translation unit the compiler does not inline Eigen's
-/// expressions, and they take three times as long.
+/// expressions, which makes them slow.
 #pragma once
 
 #include <algorithm>
@@ -21,10 +21,12 @@ namespace palpate {
 /// The cubic polynomial c0 + c1 s + c2 s^2 + c3 s^3.
 using Cubic = std::array<double, 4>;
 
-/// Returns the first s from 0 to 1 at which a cubic falls below zero, else 2.
+/// Returns the first s from 0 to 1 at which a cubic falls below zero after a value above zero; 2 if
+/// the cubic does not.
 /// @param above  In: true if a value before this cubic was above zero. Out: also true if the
 ///               cubic was above zero.
-/// @param first  If true, a cubic that begins at or below zero and falls counts as a fall at s = 0.
+/// @param first  If true and `above` is false, a cubic that begins at or below zero and falls
+///               counts as a fall at s = 0.
 inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   const auto at = [&c](double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); };
   if (c[0] > 0.0) above = true;
@@ -64,7 +66,8 @@ inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
 }
 
 /// A cube of W^3 voxels, read where it is stored. `first` has the address of the first number of
-/// each row (i, j), which runs along the last axis. Components are side by side.
+/// each row (i, j), which runs along the last axis. Components are side by side. Rows at the rim
+/// along both axes may be unset if the kernel's kNeedsEdges is false.
 template <class Number, int W>
 struct Rows {
   static constexpr std::size_t kW = W;
@@ -213,11 +216,11 @@ class TrilinearKernel {
 
 /// Kernel for scalars. The value V is trilinear. The derivative along axis a is the difference
 ///
-///     g_a(t) = (V(t + r e_a) - V(t - r e_a)) / 2r,     r: the reach, 1/2 or 1 voxel,
+///     g_a(t) = (V(t + r e_a) - V(t - r e_a)) / 2r,     r: the reach, above 0 and at most 1 voxel,
 ///
-/// which is continuous, and exact for quadratics. g_a is a weighted mean of the slopes of the cell
-/// and of the cells before and after it. At r = 1/2, only the nearer of the two neighbours
-/// contributes.
+/// which is continuous, and exact for quadratics if r is 1/2 or 1. g_a is a weighted mean of the
+/// slopes of the cell and of the cells before and after it. Up to r = 1/2, at most one of these two
+/// neighbours contributes.
 template <>
 class TrilinearKernel<1> {
  public:
@@ -459,7 +462,8 @@ class SplineKernel {
   }
 
   /// Returns the derivatives of the first component's gradient as [component of the
-  /// gradient][index]. Central differences: exact for degree 2, error about 1e-6 for degree 3.
+  /// gradient][index]. Central differences: exact up to rounding for degree 2. For degree 3, the
+  /// error is 1e-6 times the cubic coefficient along the axis.
   [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t) const noexcept {
     constexpr double kAside = 1e-3;
     std::array<std::array<double, 3>, 3> by;
@@ -496,8 +500,8 @@ class SplineKernel {
     }
   }
 
-  /// kLine is even, so that a load of two numbers matches an earlier store (store forwarding).
   static constexpr std::size_t kSide = kWidth;
+  /// Even, so that a load of two numbers matches an earlier store (store forwarding).
   static constexpr std::size_t kLine = (kSide * kC + 1) / 2 * 2;
   static constexpr std::size_t kPlane = kSide * kLine;
   std::array<double, kSide * kPlane> c_{};

@@ -15,8 +15,8 @@ namespace palpate::detail {
 
 /// Calls visit(low, values, active) for each cell that has this active voxel as its first active
 /// corner. `low` is the lowest corner, `values` are the values at the eight corners, and `active`
-/// is the number of active corners. A loop over all active voxels visits each cell once. Cost:
-/// about 15 reads per voxel.
+/// is the number of active corners. A loop over all active voxels visits each cell once. Cost: 15
+/// reads for a voxel among active voxels, at most 64.
 template <class Accessor, class Visit>
 void eachCellAt(const Accessor& accessor, const openvdb::Coord& voxel, const Visit& visit) {
   for (int first = 0; first < 8; ++first) {

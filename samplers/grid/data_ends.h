@@ -1,4 +1,4 @@
-/// Private to samplers: the voxels of a lattice that have data, for differences of vectors.
+/// Private to samplers: the voxels of a lattice that have data.
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@ namespace palpate {
 }
 
 /// The voxels that have data. A difference to other voxels is not a derivative of the data. Voxels
-/// outside of the box of active voxels have no data.
+/// outside of the box of active voxels have no data. The default box is unlimited.
 struct DataEnds {
   std::array<int, 3> lower{kLeast, kLeast, kLeast};  ///< First voxel of the box.
   std::array<int, 3> upper{kMost, kMost, kMost};     ///< Last voxel of the box.

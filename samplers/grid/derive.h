@@ -15,17 +15,17 @@ namespace palpate {
 /// Derivatives are central differences at the voxels, per unit of the file, as makeVdbField
 /// interpolates them. Active states are kept. Inactive voxels and the background are 0. Where the
 /// data end (data_ends.h), the derivative of a vector is one-sided, and the gradient of a scalar is
-/// a difference to the background. Active tiles stay tiles, except that voxels at their faces
-/// become leaves. The derivative of a tile of more than 128 voxels along an edge is 0, also at the
-/// tile's faces. docs/decisions/0017 states how far results differ from properties of interpolated
-/// values.
+/// a difference to the stored values beyond. Active tiles stay tiles, except that for derivatives
+/// voxels at their faces become leaves. The derivative of a tile of more than 128 voxels along an
+/// edge is 0, also at the tile's faces. docs/decisions/0017 states how far results differ from
+/// properties of interpolated values.
 ///
-/// A vector of three grids is read trilinearly at the voxels of the first grid, where all three
-/// have data. Its tiles of more than 128 voxels along an edge become 0.
+/// A vector of three grids is read trilinearly at the voxels of the first grid. Voxels where one of
+/// the three has no data become inactive. Its tiles of more than 128 voxels along an edge become 0.
 ///
-/// Throws VolumeError if the type of the volume does not suit `what`, or if a value exceeds the
-/// range of the grid's type. Parallel over leaves. Cost per voxel on one core: 4 ns for a
-/// magnitude, 25 ns for a curl, 85 ns for lambda2.
+/// Throws VolumeError if the type of the volume does not suit `what`, if a value exceeds the range
+/// of the grid's type, or if the result has no active voxel. Parallel over leaves. Slow: computes
+/// every active voxel.
 [[nodiscard]] std::shared_ptr<const Volume> deriveVolume(
     const std::shared_ptr<const Volume>& volume, Derivation what);
 

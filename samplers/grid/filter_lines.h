@@ -1,5 +1,4 @@
-/// Private to samplers: applies a filter to all lines of voxels along an axis. Include it in .cpp
-/// files only.
+/// Private to samplers, for .cpp files only: applies a filter to all lines of voxels along an axis.
 #pragma once
 
 #include <algorithm>

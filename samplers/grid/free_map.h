@@ -31,7 +31,8 @@ class FreeMap {
 
   /// Returns a lower bound of the Chebyshev distance from p_I to the nearest voxel with data
   /// [voxels]. The Chebyshev distance is the largest distance along an axis. Returns 0 if data may
-  /// be next to p_I, or if p_I is NaN. RT: no allocation. Cost: a few ns, and one memory access.
+  /// be next to p_I, or if p_I is NaN; 1e9 if there is no data. RT: no allocation. Cost: one memory
+  /// access.
   [[nodiscard]] double around(const Vec3& p_I) const noexcept {
     double outside = 0.0;
     bool within = true;

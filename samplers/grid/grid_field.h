@@ -72,9 +72,9 @@ class LeafOrTile {
 
 /// A block of W^3 voxels, read in place. If Edges is false, omits rows at the rim along two axes.
 ///
-/// Along each axis the block lies in one leaf or in two. The code avoids branches on this, because
-/// the processor could not predict them. It finds all leaves before it reads them, so that the
-/// memory accesses overlap if the cache is cold.
+/// Along each axis the block lies in one leaf or in two. The code has few branches on this, because
+/// the processor cannot predict them. It finds all leaves before it reads them, so that the memory
+/// accesses overlap if the cache is cold.
 template <class Value, int W, bool Edges>
 class LeafBlock {
  public:
@@ -109,7 +109,8 @@ class LeafBlock {
 
   [[nodiscard]] const Rows<Number, W>& rows() const noexcept { return rows_; }
 
-  /// Returns the active states of corners: the inner two of four rows along the first two axes.
+  /// Returns the active states of the rows that can have corners: if W is 4, the inner two rows
+  /// along each of the first two axes, else all rows.
   [[nodiscard, gnu::always_inline]] std::uint64_t active() const noexcept {
     std::uint64_t bits = 0;
     forRows([&](std::size_t i, std::size_t j) __attribute__((always_inline)) {
@@ -137,7 +138,7 @@ class LeafBlock {
     const std::uint64_t here = leaves_[n].active(row) | leaves_[n + two_].active(row) << 8;
     return (here >> z_ & ((1U << W) - 1)) << (i * kW + j) * kW;
   }
-  /// Calls f(i, j) for each row, unrolled, because a loop needs a tenth more time.
+  /// Calls f(i, j) for each row, unrolled, because a loop is slower.
   template <class F>
   [[gnu::always_inline]] static void forRows(F f) noexcept {
     [&]<std::size_t... N>(std::index_sequence<N...> /*rows*/) __attribute__((always_inline)) {

@@ -27,8 +27,8 @@ namespace palpate::detail {
 
 inline constexpr int kNoCell = std::numeric_limits<int>::max();
 
-/// Copy of a block of vectors without sign, such as fibre axes. All vectors are turned to point
-/// along the main axis of the cell's eight vectors.
+/// Copy of a block of vectors without sign, such as fibre axes. Negates vectors where needed, so
+/// that none points against the main axis of the cell's eight vectors.
 class Aligned {
  public:
   template <class Number>
@@ -95,7 +95,7 @@ struct IndexMap {
   Mat3 rotation;  ///< Rotation from the file's world space to W.
   /// Matrix of gradients: g_W = gradient_from_index g_I, where g_W is per unit of the file.
   Mat3 gradient_from_index;
-  /// True if the index axes are parallel to W's axes, so that the maps are diagonal.
+  /// True if each index axis is parallel to the W axis of the same number: the maps are diagonal.
   bool straight;
 
   IndexMap(const Mat3& linear, const Vec3& origin, const Placement& placement) {
@@ -124,9 +124,9 @@ struct IndexMap {
 /// The reader is const; a Cache holds all mutable state.
 ///
 /// A Source provides the voxels. Source::Block<W, Edges> reads W^3 voxels from the lowest corner
-/// on: rows(), active() for voxels that can be corners, and allActive() for all. Source::cache()
-/// returns an empty cache, background(c) the background of component c, ends() the voxels with
-/// data.
+/// on: rows(), active() for voxels that can be corners, allActive() for all that the kernel reads.
+/// Source::cache() returns an empty cache, background(c) the background of component c, ends() the
+/// voxels with data.
 template <class Source, class Kernel>
 class LatticeReader {
   static constexpr int kComponents = static_cast<int>(std::tuple_size_v<typename Kernel::Row>) / 4;
@@ -186,8 +186,9 @@ class LatticeReader {
     return insideAt(t, cache);
   }
 
-  /// Moves p_W to the nearest place at which the slope uses only voxels with data. Returns the
-  /// slope's weight: 1 among the voxels with data, falling to 0 one voxel beyond the last.
+  /// Moves p_W to the nearest place, in index space, at which the slope uses only voxels in the box
+  /// of active voxels; in a box that is too narrow, to its middle. Returns the slope's weight: 1 in
+  /// the box, falling to 0 one voxel beyond it.
   [[nodiscard]] double towardData(Vec3& p_W) const noexcept {
     const Vec3 p_I = map_(p_W);
     Vec3 to = p_I;
@@ -245,8 +246,8 @@ class LatticeReader {
     return by * map_.index_from_world;
   }
 
-  /// Returns ScalarField::firstFall, exactly. Walks through the cells on the path. In cells that
-  /// may contain the level, the value along the path is a cubic. Only for trilinear scalars.
+  /// Returns ScalarField::firstFall. Walks through at most kMostCells cells on the path. In cells
+  /// that may contain the level, the value along the path is a cubic. Only for trilinear scalars.
   [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
                                    Cache& cache) const noexcept {
     constexpr int kMostCells = 256;
@@ -482,7 +483,7 @@ class LatticeReader {
     return bits;
   }
 
-  /// Returns true if the block's middle cell holds a level set's surface. Only for band edges.
+  /// Returns true if the block's middle cell holds a level set's surface (holdsSurface).
   template <class Number>
   [[nodiscard, gnu::noinline]] bool surfaceIn(const Rows<Number, 4>& rows) const noexcept {
     std::array<Number, 8> at;
@@ -490,8 +491,8 @@ class LatticeReader {
     return holdsSurface(at, background_[0]);
   }
 
-  /// Returns true if the cell at t has data. In a level set, load() marks all corners of a cell
-  /// with the surface as active.
+  /// Returns true if the cell at t has data. In a level set, load() has marked all corners as
+  /// active if the cell holds the surface and has an active corner.
   [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
                                                   const Cache& cache) const noexcept {
     const std::uint64_t active = cache.active;
@@ -512,8 +513,8 @@ class LatticeReader {
       return (active & cell) == cell || ((active & cell) != 0 && isWhole(t, cache));
     }
   }
-  /// Returns true if every voxel that the value at t reads has data, or is outside of the box of
-  /// active voxels.
+  /// Returns true if every voxel that a trilinear value at t would read has data, or is outside of
+  /// the box of active voxels.
   [[nodiscard, gnu::noinline]] bool isWhole(const Vec3& t, const Cache& cache) const noexcept {
     for (std::size_t n = 0; n < 8; ++n) {
       std::array<int, 3> at{};  // relative to cache.cell
@@ -539,7 +540,7 @@ class LatticeReader {
   IndexMap map_;
   DataEnds ends_;
   std::shared_ptr<const FreeMap> free_;
-  /// Length of a path that changes each index by at most 1 [m].
+  /// A straight path of this length, in any direction, changes each index by at most 1 [m].
   double voxel_;
   Row background_;
   double reach_;

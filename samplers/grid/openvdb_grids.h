@@ -1,6 +1,6 @@
 /// Private to code that uses OpenVDB: include it, in place of openvdb.h, in .cpp files and private
 /// headers only. A source that instantiates a tree or a grid compiles all its virtual functions,
-/// which takes 20 to 60 s and up to 2.4 GB. Only grid_*.cpp compile them.
+/// which takes much time and memory. Only grid_*.cpp compile those of the types below.
 #pragma once
 
 #include <openvdb/openvdb.h>

@@ -160,8 +160,8 @@ std::uint64_t memoryOfAll(const std::vector<Volume::Grid::Part>& parts) {
   return sum;
 }
 
-/// Returns the range of the magnitudes of a vector of three grids. Uses the active voxels of the
-/// first grid, and the nearest voxels of the other two.
+/// Returns the range of the magnitudes of a vector of three grids. Uses the active voxels in the
+/// leaves of the first grid, and the nearest voxels of the other two.
 template <class GridT>
 Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
   using Tree = typename GridT::TreeType;

@@ -31,7 +31,8 @@ namespace palpate::detail {
 using openvdb::Coord;
 using Progress = std::function<void(double)>;
 
-/// Returns true if v is finite and cannot overflow derivatives or spline coefficients.
+/// Returns true if v is finite and its magnitude is at most 1e100, so that derivatives and spline
+/// coefficients in double precision cannot overflow.
 template <class Real>
 bool isUsable(Real v) noexcept {
   constexpr Real kMost = std::min<double>(1e100, std::numeric_limits<Real>::max());
@@ -63,7 +64,7 @@ struct Range {
     highest = std::max(highest, other.highest);
     unusable += other.unusable;
   }
-  /// Adds the voxels of a leaf, eight at a time: a few times faster than one at a time.
+  /// Adds the voxels of a leaf, eight at a time for speed.
   template <class Leaf>
   void addLeaf(const Leaf& leaf) noexcept {
     using Size = decltype(sizeOf(*leaf.buffer().data()));

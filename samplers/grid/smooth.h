@@ -31,9 +31,9 @@ auto sizeOf(const T& value) noexcept {
 /// addition to ten for each leaf. Leaves beside other leaves are not limited.
 inline constexpr std::size_t kMostAdded = 250'000;
 
-/// Adds leaves along one axis, wherever a filter changes values that are not in leaves. Where the
-/// value changes, adds `count` leaves in both directions. Throws openvdb::ValueError if tiles need
-/// too many leaves.
+/// Adds leaves along one axis, wherever a filter changes values that are not in leaves, except at
+/// faces of tiles of 4096^3 voxels. Where the value changes, adds `count` leaves in both
+/// directions. Throws openvdb::ValueError if tiles need too many leaves.
 template <class TreeT>
 void addLeavesAlong(TreeT& tree, int axis, int count) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -43,7 +43,7 @@ void addLeavesAlong(TreeT& tree, int axis, int count) {
   constexpr int kLargest = 128;
   const openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
   std::vector<Coord> origins;
-  // Adds a cube of 8^3 equal voxels if the value beyond one of its two faces differs.
+  // Adds a cube of 8^3 equal voxels if the value beyond its lower (-1) or upper (1) face differs.
   const auto add = [&](const Coord& origin, const Value& value, int side) {
     Coord beyond = origin;
     beyond[axis] += side * kSize;
@@ -149,14 +149,14 @@ void rebuildBand(GridT& grid) {
   tracker.track();
 }
 
-/// Changes of a grid by smoothing, in one leaf.
+/// Changes of active values by smoothing, in a leaf or in a grid.
 struct Change {
-  double squares = 0.0;  ///< Sum of the squares, for voxels that were active.
+  double squares = 0.0;  ///< Sum of the squares of the changes.
   double largest = 0.0;  ///< Largest change.
 };
 
-/// Compares a grid with its values before it was smoothed. With `activate`, a voxel that has
-/// changed and differs from the background becomes active.
+/// Compares a grid with its values before it was smoothed. With `activate`, an inactive voxel that
+/// has changed and differs from the background becomes active.
 template <class TreeT>
 Change compare(TreeT& tree, const TreeT& before, bool activate) {
   using Leaf = typename TreeT::LeafNodeType;

@@ -26,8 +26,8 @@ double poleOf(int degree) {
   return degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
 }
 
-/// Adds leaves where the filter changes values: around the existing leaves, in place of small
-/// tiles, and along the faces of larger tiles with a different neighbour.
+/// Adds leaves where the filter changes values: around the existing leaves, and along faces of
+/// active tiles of 8^3 and of 128^3 voxels with a different neighbour.
 template <class TreeT>
 void addLeavesAround(TreeT& tree) {
   using Leaf = typename TreeT::LeafNodeType;

@@ -14,9 +14,11 @@ namespace palpate {
 ///
 /// The tree and the active states are those of the grid, with inactive leaves added around it. The
 /// filter reaches 8 voxels beyond the leaves, where its weight is below 1e-4. In a level set, the
-/// corners of cells that hold the surface (band_cell.h) are active too. Active tiles of 8^3 voxels
-/// become leaves. Larger tiles get leaves along their faces. At faces of 4096^3 tiles that are not
-/// next to a leaf, the spline only smooths the values. Parallel, in place.
+/// corners of cells that hold the surface (band_cell.h) are active too. Active tiles of 8^3 and of
+/// 128^3 voxels get leaves along faces with a different neighbour. At faces of 4096^3 tiles that
+/// are not next to a leaf, the spline only smooths the values. If inactive voxels have no data
+/// (DataEnds), the filter reads values that are extrapolated into them, except in level sets.
+/// Parallel.
 [[nodiscard]] const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree);
 
 }  // namespace palpate

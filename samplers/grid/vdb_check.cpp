@@ -148,7 +148,7 @@ class VdbCheck::Walk {
     if (bytes > left()) tooLarge();
   }
 
-  /// Returns the next bytes, at most kBuffer. They are valid until the next call.
+  /// Returns the next `bytes` bytes, at most kBuffer. They are valid until the next call.
   const unsigned char* take(std::size_t bytes) {
     if (filled_ - cursor_ < bytes || left() < bytes) refill(bytes);
     const unsigned char* data = buffer_.data() + cursor_;
@@ -343,8 +343,7 @@ class VdbCheck::Walk {
   }
 
   /// Reads numbers of a transform. Rejects finite numbers above 1e30, which could overflow in later
-  /// computations. Zeros, infinities and NaN make the transform singular, which later checks
-  /// reject.
+  /// computations. Later checks reject transforms that are singular or not finite.
   std::array<double, 16> numbers(std::size_t count) {
     std::array<double, 16> values{};
     for (std::size_t i = 0; i < count; ++i) {
@@ -525,7 +524,7 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads the first 16 bytes of a blosc chunk, and checks the two sizes in it.
+  /// Reads the first 16 bytes of a blosc chunk, and checks the three sizes in it.
   const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes) {
     if (packed < 16) {
       damaged("a compressed part has " + std::to_string(packed) + " bytes, fewer than 16");

@@ -27,16 +27,17 @@ struct Placement {
 };
 
 /// Returns a placement that puts the centre of the bounds at W's origin and makes their longest
-/// side `size` metres long. Throws VolumeError if the bounds have no extent.
+/// side `size` metres long. Throws VolumeError if the bounds have no extent or are not finite.
 [[nodiscard]] Placement fitInto(const Box& bounds_F, double size);
 
 /// Methods to compute values between voxels.
 enum class Interpolation : std::uint8_t {
   kTrilinear,  ///< Trilinear value. The derivatives are differences of values, and are continuous.
   kNearest,    ///< Value of the nearest voxel, without derivatives; for labels.
-  /// B-spline of degree 2 through the voxels' values. Its derivatives are continuous.
+  /// B-spline of degree 2 through the voxels' values. Its first derivatives are continuous.
   kQuadratic,
-  kCubic,  ///< B-spline of degree 3 through the voxels' values. Its derivatives are smooth.
+  /// B-spline of degree 3 through the voxels' values. First and second derivatives are continuous.
+  kCubic,
 };
 
 /// Returns the word for an interpolation: "trilinear", "nearest", "quadratic" or "cubic".
@@ -64,29 +65,33 @@ struct Sampling {
 /// By default the value V is trilinear. With r = Sampling::slope_reach and a step e_a along lattice
 /// axis a, the gradient of a scalar is g_a(x) = (V(x + r e_a) - V(x - r e_a)) / 2r. The Jacobian of
 /// a vector consists of trilinearly interpolated central differences. Where the data end
-/// (data_ends.h), the Jacobian is one-sided, and the gradient is a difference to the background.
-/// The gradient and the Jacobian are continuous. They are per unit of the file, in the axes of W.
+/// (data_ends.h), the Jacobian is one-sided, and the gradient is a difference to the stored values
+/// beyond, mostly the background. The gradient and the Jacobian are continuous, except for axial
+/// vectors. They are per unit of the file, in the axes of W.
 /// cellGradient() is the gradient of the cell's polynomial.
 ///
-/// `inside`: In a level set, all eight voxels of the cell are active, or the cell holds the surface
-/// (band_cell.h). Values beyond the band are not distances. In other grids at least one voxel is
-/// active. For kNearest the nearest voxel is active. For a vector of three grids, all three are
-/// inside. Values are always the stored ones, also in inactive voxels. Beyond 1e9 voxels from the
-/// origin, the value is the background, with zero derivatives.
+/// `inside`: In a level set, all eight voxels of the cell are active, or one is active and the cell
+/// holds the surface (band_cell.h). Values beyond the band are not distances. In other grids at
+/// least one voxel is active; with Inactive::kMissing, every voxel that the trilinear value reads.
+/// For kNearest the nearest voxel is active. For a vector of three grids, all three are inside.
+/// Trilinear and nearest values use the stored values of inactive voxels too. From 1e9 voxels from
+/// the origin on, the value is the background, with zero derivatives.
 ///
-/// Components of staggered grids and of three scalars are read at their own positions: 3 readings.
+/// Components of staggered grids and of three scalars are read at their own positions: 3 readings,
+/// or up to 6 at the end of the data.
 ///
 /// B-splines: the first call for a volume and a degree computes the coefficients, in parallel. The
 /// volume keeps them. They take about as much memory as the volume and the leaves added around it.
-/// The spline passes through the stored values to within rounding. Near the edge of a narrow band,
-/// the jump to the constant values beyond causes ripples. Their height is a fourth of the jump at a
-/// distance of one voxel, and a fifteenth at two voxels.
+/// The spline passes through the stored values to within rounding (spline.h states exceptions).
+/// Near the edge of a narrow band, the jump to the constant values beyond causes ripples. With each
+/// voxel of distance, their height falls by a factor of 5.8 for degree 2, and of 3.7 for degree 3.
 ///
 /// Axial vectors: signs have no meaning, and may change from cell to cell, also in derivatives.
 /// Directions that span more than 90 degrees in a cell have no common direction.
 ///
-/// Throws VolumeError for `axial` unless the volume is a trilinear vector in one grid. RT: sample()
-/// reads at most eight leaves of each grid, and only in a new cell; no allocation.
+/// Throws VolumeError for an invalid `slope_reach`, and for `axial` unless the volume is a
+/// trilinear vector in one grid. RT: sample() reads at most eight leaves of each grid, and only in
+/// a new cell; no allocation.
 [[nodiscard]] FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume,
                                     const Placement& placement, const Sampling& sampling = {});
 

@@ -75,9 +75,9 @@ void dropMapped(const std::string& path) {
   }
 }
 
-/// Reads grids through a stream, at the positions in the file's table of contents, which must
-/// exist. OpenVDB's own reader searches all grids of a name for each grid. If a file ends too
-/// early, a stream throws an exception; a memory map would end the program.
+/// Reads grids through a stream, at the positions in the file's table of contents. Without a table,
+/// it has no grids. OpenVDB's own reader searches all grids of a name for each grid. If a file ends
+/// too early, a stream throws an exception; a memory map would end the program.
 class GridReader : private openvdb::io::Archive {
  public:
   explicit GridReader(const std::filesystem::path& file) {
@@ -167,7 +167,8 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
   return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
 }
 
-/// Returns the command that converts another file to .vdb. Users can copy it from a message.
+/// Returns the remedy for a file that is not a .vdb file: mostly the command that converts it.
+/// Users can copy the command from a message.
 std::string importOf(const std::filesystem::path& path) {
   if (path.extension() == ".vdb")
     return "write it again with OpenVDB: it may be damaged or of another format";
@@ -324,7 +325,7 @@ class VdbFile {
     return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
   }
 
-  /// Returns true if fields can read grids of this type. Their leaves are read in parallel.
+  /// Returns true if fields can read grids of this type.
   [[nodiscard]] static bool isNumberType(const std::string& type) {
     return type == openvdb::FloatGrid::gridType() || type == openvdb::DoubleGrid::gridType() ||
            type == openvdb::Vec3SGrid::gridType() || type == openvdb::Vec3DGrid::gridType();
@@ -360,7 +361,8 @@ class VdbFile {
                       near.empty() ? "name one of " + all : "did you mean \"" + near + "\"?");
   }
 
-  /// Calls `body`, and converts OpenVDB's exceptions to VolumeError with a message of one line.
+  /// Calls `body`, and converts its exceptions, except Error and std::bad_alloc, to VolumeError
+  /// with a message of one line.
   template <class Body>
   void guarded(Body body) const {
     try {
@@ -383,7 +385,7 @@ class VdbFile {
   /// Size below which a grid is read through the stream [bytes]: parallel reading would not save
   /// time.
   static constexpr std::uint64_t kSmallGrid = std::uint64_t{1} << 20U;
-  /// Largest part of the file that may be in memory in addition to its grids [bytes].
+  /// Size of the mapped grids from which a load drops their pages while it reads them [bytes].
   static constexpr std::uint64_t kMappedBytes = std::uint64_t{1} << 24U;
 
   std::filesystem::path path_;

@@ -59,19 +59,25 @@ struct GridInfo {
   /// Class of the grid. It determines which positions have data (makeVdbField).
   GridClass grid_class = GridClass::kUnknown;
   bool vector = false;  ///< True for a vector, in one grid or in three.
-  bool half = false;    ///< True if the file stores 16 bits per number. They are read as 32 bits.
-  Vec3 voxel = Vec3::Zero();        ///< Edges of a voxel [file].
-  std::uint64_t active_voxels = 0;  ///< Number of active voxels, including those in tiles.
-  /// Box of the centres of active voxels [file]; empty if no voxel is active. Smoothing does not
-  /// change this box, so that it does not move a volume.
+  /// True if the file stores 16 bits per number. The load converts them to the grid's type.
+  bool half = false;
+  Vec3 voxel = Vec3::Zero();  ///< Edges of a voxel [file].
+  /// Number of active voxels, including those in tiles; the smallest number of three grids.
+  std::uint64_t active_voxels = 0;
+  /// Box of the centres of active voxels [file]; empty if no voxel is active or the transform is
+  /// unusable. For three grids, the box where all have data. Smoothing does not change this box, so
+  /// that it does not move a volume.
   Box bounds;
   std::uint64_t memory = 0;  ///< Memory of the grid [bytes].
-  double lowest = 0.0;       ///< Lowest active value; for a vector, the smallest magnitude.
-  double highest = 0.0;      ///< Highest active value; for a vector, the largest magnitude.
-  /// Mean of the active values, tiles included; for a vector, of the magnitudes.
+  /// Lowest active value; for a vector, the smallest magnitude. NaN for a type that is not read.
+  double lowest = 0.0;
+  double highest = 0.0;  ///< Highest active value; for a vector, the largest magnitude.
+  /// Mean of the active values, tiles included; for a vector, of the magnitudes. For three grids,
+  /// mean, lowest and highest value do not include tiles.
   double mean = 0.0;
   double background = 0.0;  ///< Value of the background; for a vector, its magnitude.
-  /// Number of voxels, tiles and backgrounds with a value that is NaN, infinite or above 1e100.
+  /// Number of voxels, tiles and backgrounds with a value that is NaN, infinite or above 1e100 in
+  /// magnitude.
   std::uint64_t non_finite = 0;
   /// Number of values, counted by `non_finite`, that the load replaced by the background.
   std::uint64_t filled = 0;
@@ -90,7 +96,7 @@ class Volume {
   Volume(GridInfo info, std::unique_ptr<const Grid> grid);
   Volume(const Volume&) = delete;
   Volume& operator=(const Volume&) = delete;
-  /// Frees the grid, which needs milliseconds. The haptic thread must not drop the last reference.
+  /// Frees the grid, which is slow. The haptic thread must not drop the last reference.
   ~Volume();
 
   /// Returns the description of the grid.
@@ -108,7 +114,7 @@ class Volume {
 /// Returns true if `file` can be read and begins with the signature of .vdb files.
 [[nodiscard]] bool isVdb(const std::filesystem::path& file) noexcept;
 
-/// Treatment of values that are NaN, infinite or above 1e100.
+/// Treatment of values that are NaN, infinite or above 1e100 in magnitude.
 enum class NonFinite : std::uint8_t {
   kRefuse,  ///< The grid is rejected.
   /// Unusable values become inactive background. An unusable background becomes zero.
@@ -117,7 +123,7 @@ enum class NonFinite : std::uint8_t {
 
 /// Options for loading a grid.
 struct LoadOptions {
-  /// Treatment of values that are NaN, infinite or above 1e100.
+  /// Treatment of values that are NaN, infinite or above 1e100 in magnitude.
   NonFinite non_finite = NonFinite::kRefuse;
   /// Width of a Gaussian that smooths the grid. Every voxel counts, active or not, and so does the
   /// background. A voxel that changes and differs from the background then becomes active, except
@@ -131,33 +137,38 @@ struct LoadOptions {
 };
 
 /// Returns the names of the grids in a file, in the file's order. Scalars of one type with the
-/// names vel.x, vel.y and vel.z appear as one vector, vel. Throws the errors of describeGrids.
+/// names vel.x, vel.y and vel.z appear as one vector, vel. Throws VolumeError for a file that is
+/// missing, truncated, damaged or not a .vdb file. Does not check trees of a file with a table of
+/// contents.
 [[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
 
 /// Describes all grids of a file, then each vector that is stored as three grids. Throws
-/// VolumeError for a file that is missing, truncated, damaged or not a .vdb file. Slow: reads all
-/// values, except those of unsupported types, for which it reads the metadata only.
+/// VolumeError for a file that is missing, truncated, damaged or not a .vdb file, that has no grid,
+/// or that another program waits to change. Slow: reads all values, except those of unsupported
+/// types, for which it reads the metadata only.
 [[nodiscard]] std::vector<GridInfo> describeGrids(const std::filesystem::path& file);
 
-/// Loads one grid and checks every value, in parallel. Throws VolumeError for a file that
-/// describeGrids rejects, and for an unknown name (the error suggests the nearest name). Also
-/// throws VolumeError for an unusable grid: points, other values than scalar and vector floats, a
-/// frustum or singular map, no active voxel, or values that are not finite. During the call, a
-/// program that opens the file for writing waits, unless the file was copied
+/// Loads one grid and checks every value, in parallel. Throws VolumeError for a file that is
+/// missing, truncated, damaged or not a .vdb file; damage in the tree of another grid does no harm
+/// if the file has a table of contents. Throws VolumeError for an unknown name (the error suggests
+/// names), for an invalid LoadOptions::smooth, and if another program waits to change the file.
+/// Also throws VolumeError for an unusable grid: points, other values than scalar and vector
+/// floats, a frustum or singular map, no active voxel, or values that are not finite. During the
+/// call, a program that opens the file for writing waits, unless the file was copied
 /// (samplers/leased_file.h).
 ///
 /// Each component of a staggered grid keeps its position on a face of its voxel; the split needs
 /// twice the grid's memory. Scalars vel.x, vel.y and vel.z of one type can be loaded as "vel".
 /// Vectors in index space (isInWorldSpace is false) are converted by the rule of their VecType.
-/// @param grid  Name of the grid; if empty, the file must contain one grid.
+/// @param grid  Name of the grid; if empty, the file must contain one grid, or one vector in three.
 [[nodiscard]] std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file,
                                                        const std::string& grid,
                                                        const LoadOptions& options = {});
 
 /// A volume that loadVolumes() loads.
 struct VolumeRequest {
-  std::filesystem::path file;  ///< A .vdb file.
-  std::string grid;            ///< Name of the grid; empty for the only grid of the file.
+  std::filesystem::path file;                 ///< A .vdb file.
+  std::string grid;                           ///< Name of the grid, or empty (loadVolume).
   NonFinite non_finite = NonFinite::kRefuse;  ///< Value for LoadOptions::non_finite.
   SmoothWidth smooth{};                       ///< Value for LoadOptions::smooth.
 
@@ -172,9 +183,9 @@ struct LoadResult {
   std::exception_ptr error;
 };
 
-/// Loads volumes in parallel. Loads equal requests only once, and opens each file only once. Calls
-/// `progress` with the joint progress, from 0 to 1, from any thread, one call at a time. `progress`
-/// must not use TBB.
+/// Loads volumes in parallel, and returns the results in the order of the requests. Loads equal
+/// requests only once, and opens each file only once. Calls `progress` with the joint progress,
+/// from 0 to 1, from any thread, one call at a time. `progress` must not use TBB.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);

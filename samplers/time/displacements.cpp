@@ -13,7 +13,7 @@ namespace {
 using openvdb::Coord;
 
 bool sameLattice(const Volume::Grid::Part& a, const Volume::Grid::Part& b) {
-  constexpr double kSame = 1e-4;  // as a share of a voxel's shortest edge
+  constexpr double kSame = 1e-4;  // for origins, as a share of a voxel's shortest edge
   const double voxel = a.linear.colwise().norm().minCoeff();
   return (a.linear - b.linear).norm() <= kSame * voxel * 1e-2 &&
          (a.origin - b.origin).norm() <= kSame * voxel;

@@ -11,8 +11,9 @@
 
 namespace palpate {
 
-/// Returns the number of the first frame that has data, and the result of load(frame) for it.
-/// Throws the error of frame 0 if no frame has data, and all errors of `load` except NoDataError.
+/// Returns the index of the first frame that has data, and the result of load(frame) for it. There
+/// must be a frame. Throws the error of frame 0 if no frame has data, and all errors of `load`
+/// except NoDataError.
 template <class Load>
 [[nodiscard]] auto firstWithData(const std::vector<VolumeRequest>& frames, Load load)
     -> std::pair<std::size_t, decltype(load(frames.front()))> {

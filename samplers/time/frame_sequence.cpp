@@ -30,7 +30,6 @@ using Clock = std::chrono::steady_clock;
 /// Bit of Slot::users that closes a slot to readers, so that the loader can fill it.
 constexpr std::uint32_t kClosed = 1U << 31U;
 /// Time for which the loader keeps a frame after a reader has held it, for the reader's next tick.
-/// After a longer pause between ticks, a loop has cut its force.
 constexpr std::chrono::milliseconds kKept{50};
 /// Fewest frames in memory: two around the play position, two from which it fades, the first.
 constexpr std::uint64_t kLeastFrames = 5;
@@ -72,8 +71,9 @@ std::string nameOf(const VolumeRequest& frame) {
   return frame.grid.empty() ? file : file + ": grid \"" + frame.grid + "\"";
 }
 
-/// Loads a frame. A frame without data becomes background. Throws VolumeError if the frame cannot
-/// be read, or does not match `first`, the first frame with data (null while it is unknown).
+/// Loads a frame. Throws VolumeError if the frame cannot be read, or does not match `first`, the
+/// first frame with data. A frame without data becomes background; if `first` is null, throws
+/// NoDataError.
 Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const Sampling& sampling,
                  const Volume* first) {
   LoadOptions options;

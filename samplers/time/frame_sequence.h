@@ -28,7 +28,8 @@ struct FrameTimes {
   [[nodiscard]] bool operator==(const FrameTimes&) const = default;
 };
 
-/// Returns the times of `count` frames at `rate` frames per second. The first frame is at 0.
+/// Returns the times of `count` frames at `rate` frames per second, `rate` > 0. The first frame is
+/// at 0.
 [[nodiscard]] FrameTimes evenTimes(std::size_t count, double rate, bool repeat);
 
 /// Options of a sequence.
@@ -52,7 +53,7 @@ struct SequenceState {
   std::uint64_t bytes = 0;     ///< Size of the frames in memory [bytes].
   /// Number of frames loaded so far, including those that the constructor loaded.
   std::uint64_t fetched = 0;
-  /// Number of frames that could not be loaded. The loader tries them again.
+  /// Number of frames whose last load failed. The loader tries them again.
   std::uint64_t failed = 0;
 };
 
@@ -68,17 +69,18 @@ struct PlayMoment {
 };
 
 /// The frames of one grid with a placement. A thread of this object loads frames before they are
-/// played. The first frame is always in memory. Readers never block the loader. The loader keeps a
-/// frame while a Hold exists, and for 50 ms after that unless SequenceParams::waits is set.
+/// played. The first frame is always in memory. A reader holds a frame without a lock. The loader
+/// keeps a frame while a Hold exists, and for 50 ms after that unless SequenceParams::waits is set.
 class FrameSequence {
   struct Slot;
 
  public:
-  /// Loads each frame once, in order, to find where the frames have data. A frame without the grid
-  /// or without an active voxel is background everywhere. Throws VolumeError if a frame cannot be
-  /// read or is a vector of three grids, if no frame has data, or if types differ. Also throws
-  /// VolumeError if the memory budget is too small for five frames, or if the times do not ascend
-  /// or do not match the number of frames.
+  /// Loads all frames, in order, to find where they have data. A frame without the grid or without
+  /// an active voxel is background everywhere. Throws VolumeError if a frame cannot be read, is
+  /// staggered or is a vector of three grids, or if no frame has data. Also throws VolumeError if
+  /// scalars and vectors are mixed, if grid classes differ (the class unknown counts as fog), or
+  /// for `axial`. Also throws it if the memory budget is too small for five frames, or for all of
+  /// fewer frames, or if the times do not ascend or do not match the number of frames.
   FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes& when,
                 const Placement& placement, const Sampling& sampling,
                 const SequenceParams& params = {});
@@ -90,14 +92,15 @@ class FrameSequence {
   [[nodiscard]] const std::shared_ptr<const Volume>& first() const noexcept { return first_; }
   /// Returns the field of the first frame.
   [[nodiscard]] const FieldPtr& firstField() const noexcept { return first_field_; }
-  /// Returns the frame that encloses the data of all frames, in W.
+  /// Returns the FieldFrame that encloses the data of all frames, in W.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
   /// Returns the times of the frames.
   [[nodiscard]] const FrameTimes& times() const noexcept { return when_; }
   /// Returns SequenceParams::waits.
   [[nodiscard]] bool waits() const noexcept { return params_.waits; }
 
-  /// Returns the blend of available frames at a time [s]. RT: no allocation. Cost: binary search.
+  /// Returns the blend of available frames at a time [s]; the first frame if the time is not
+  /// finite. RT: no allocation. Cost: a binary search, and a step for each missing frame nearby.
   [[nodiscard]] PlayMoment at(double play) const noexcept PALPATE_NONBLOCKING;
   /// Returns the signed distance from a to b [frames], positive forward. If the sequence repeats,
   /// returns the shorter of the two distances. RT.
@@ -129,7 +132,8 @@ class FrameSequence {
   /// Holds a frame. The result is empty if the frame is not in memory. RT: no lock, no allocation.
   [[nodiscard]] Hold hold(int frame) const noexcept PALPATE_NONBLOCKING;
 
-  /// Reports the play position and its rate [s/s] to the loader. RT: atomic stores only.
+  /// Reports the play position and its rate [s/s] to the loader. With rate 0, the loader keeps the
+  /// last direction. RT: atomic stores only.
   void tell(const PlayMoment& at, double rate) const noexcept PALPATE_NONBLOCKING;
   /// Waits until every frame of these moments is in memory or known to be unavailable. Returns
   /// false after `seconds` [s]. Not RT.
@@ -141,7 +145,8 @@ class FrameSequence {
   /// Returns the number of frames in memory that uninterrupted play at this speed [s/s] needs.
   [[nodiscard]] std::uint64_t neededFor(double speed) const noexcept;
   [[nodiscard]] SequenceState state() const;  ///< Returns the present state. Takes a lock.
-  /// Returns the errors since the last call, a line for each frame; at most 8 lines in all.
+  /// Returns the errors since the last call, a line for each frame that began to fail. A sequence
+  /// reports at most 8 lines in all.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
 
  private:
@@ -152,7 +157,7 @@ class FrameSequence {
   /// Returns the index of a frame from a number that continues to count when the sequence repeats.
   [[nodiscard]] int within(int frame) const noexcept;
   /// Returns the next available frame from `frame` on, in direction `way` (1 or -1); -1 if there is
-  /// none.
+  /// none. If the sequence repeats, the result may be outside of 0 to count() - 1, as for within().
   [[nodiscard]] int good(int frame, int way) const noexcept;
 
   std::vector<VolumeRequest> frames_;

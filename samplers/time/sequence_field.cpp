@@ -64,7 +64,7 @@ struct Reading : Blend {
   std::size_t seat = kNoSeat;  ///< Index of the reader's seat; kNoSeat outside of a tick.
   std::size_t last_seat = 0;
   bool met = false;   ///< True if the reader has had a tick.
-  bool late = false;  ///< True if the requested moment differs from the shown moment.
+  bool late = false;  ///< True if the reading does not show the requested moment.
 };
 
 static_assert(sizeof(Reading) <= sizeof(FieldCache::bytes));

@@ -15,14 +15,16 @@ namespace palpate {
 /// Play jumps after a seek, at the end of a loop, or if frames are late. The reading then fades
 /// within 50 ms from the last played moment to the present moment. While frames are missing, the
 /// reading stays at the last shown moment. So the reading is continuous in time for any change of
-/// the play position.
+/// the play position, while ticks follow each other within 50 ms. After a longer pause, a reader
+/// whose frames have left memory reads the first frame.
 ///
 /// The field has data where any blended frame has data. In a blend, the default
 /// ScalarField::firstFall searches for surfaces. A reading outside of a tick (without attend())
 /// uses the first frame. At most 16 readers may be in ticks at the same time; further readers read
 /// the first frame.
 ///
-/// RT: no lock, no allocation. Cost: two readings; four during a fade.
+/// RT: no allocation; no lock, except in attend() if SequenceParams::waits is true. Cost: up to two
+/// readings; up to four during a fade.
 [[nodiscard]] FieldPtr makeSequenceField(std::shared_ptr<const FrameSequence> sequence);
 
 }  // namespace palpate

@@ -140,7 +140,7 @@ bool hasSpread(const ScalarAnalysis& scalar) {
 }
 
 /// Returns the standard deviation of noise, from the median of the second differences along the
-/// axes. They are 0 in most of a smooth field.
+/// axes. In a smooth field they are small.
 double noiseOf(const std::vector<ScalarSample>& samples) {
   constexpr double kMedian = 0.6745;  // median of |x| for a Gaussian of deviation 1
   std::vector<double> differences;
@@ -159,7 +159,7 @@ double noiseOf(const std::vector<ScalarSample>& samples) {
 /// Returns the median, if nearly all voxels have this value to within the noise: those at the 5th
 /// and the 95th percentile, and more than half of all. `noise` is its standard deviation.
 std::optional<Common> commonOf(const ScalarAnalysis& all, double noise) {
-  constexpr double kReach = 6.0;  // [standard deviations]: none of 1e8 noisy voxels differs more
+  constexpr double kReach = 6.0;  // [standard deviations]: exceeded by 2 of 1e9 noisy voxels
   if (all.values.empty()) return std::nullopt;
   const Common common{all.values[all.values.size() / 2], kReach * noise};
   const auto at = [&](double percent) { return percentile(all.values, percent); };

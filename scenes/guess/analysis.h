@@ -14,7 +14,8 @@ namespace palpate::guess {
 /// A boundary between two materials, or between a material and other values.
 struct Boundary {
   double value = 0.0;
-  /// Value where the mean gradient has risen by two thirds from `lower`; if unknown, `value`.
+  /// Value where the mean gradient has risen by two thirds from `lower`. At a front, or if `lower`
+  /// is unknown: `value`.
   double foot = 0.0;
   /// Values of the two materials. For an unknown material: the end of the range.
   double lower = 0.0;
@@ -28,11 +29,11 @@ struct Boundary {
   bool front = false;
 };
 
-/// States whether a grid is a signed distance, in units of the file or in voxels.
+/// States whether a grid is a signed distance.
 enum class Distance : std::uint8_t {
   kNone,
   kFull,       ///< The values change by 1 per unit or per voxel.
-  kTruncated,  ///< Cut off at a distance from the surface, and noisy or divided by this distance.
+  kTruncated,  ///< Cut off at a distance from the surface, and noisy or in another unit.
 };
 
 struct ScalarAnalysis {
@@ -40,12 +41,13 @@ struct ScalarAnalysis {
   /// Range of nearly all values; includes the surroundings' value if a sample touches them.
   double low = 0.0;
   double high = 0.0;
-  std::optional<double> outside;  ///< Value around an image; no value for a mesh.
+  std::optional<double> outside;  ///< Value around an image or, with `common`, around the analysed
+                                  ///< voxels. No value if unknown, as for a mesh.
   std::vector<Boundary> boundaries;
   bool has_object = false;  ///< True if the analysis of all voxels found a boundary.
   /// Evenness of the distribution: 0 if all values are equal, 1 if all are equally frequent.
   double entropy = 0.0;
-  double whole = 0.0;  ///< Fraction of whole numbers.
+  double whole = 0.0;  ///< Fraction of whole numbers; 0 if the range is below 1.
   /// Fraction of neighbours with equal values. Ignores pairs with the most frequent value.
   double alike = 0.0;
   double skips = 0.0;  ///< Fraction of unequal neighbours with another value in between.
@@ -79,7 +81,7 @@ struct VectorAnalysis {
   /// |O|^2 / |J|^2 with the Jacobian J and its antisymmetric part O: 0.5 in shear, 1 in a rotation.
   double turning = 0.0;
   /// `turning` where the curl is above its percentile `core_percent`: near 1 in the core of a
-  /// vortex. The percentile is 95 or 99, whichever gives more.
+  /// vortex. The percentile is 95 or 99, whichever gives more; 99 only if enough voxels exceed it.
   double core = 0.0;
   double core_percent = 95.0;
   double unit = 0.0;  ///< Fraction of the flow's vectors with length 1.
@@ -95,12 +97,12 @@ enum class Likeness : std::uint8_t {
   kMultiple,  ///< A linear function without an offset, as the same quantity in another unit.
 };
 /// Returns true if a scalar is nearly a function of this kind of another scalar, or of a component
-/// or the magnitude of a vector.
+/// or the magnitude of a vector. False if the transforms of the grids differ.
 [[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other, Likeness likeness);
 
 /// Results of analysing several scalars together. Fractions are scalars with values from 0 to 1.
 struct SumAnalysis {
-  /// True if nearly everywhere the scalars are fractions with a sum of at most 1.
+  /// True if nearly everywhere the scalars are fractions with a sum of at most 1, or if `is_one`.
   bool is_at_most_one = false;
   /// True if nearly everywhere the scalars, except `other`, are fractions with the sum 1.
   bool is_one = false;

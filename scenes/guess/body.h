@@ -28,8 +28,9 @@ inline constexpr const char* kMetaBodyOf = "body_of";
 /// Returns the largest body in an image of Hounsfield units: the largest set of face-connected
 /// voxels above the value of the skin, and all smaller sets in its box, such as vessels in a lung.
 /// All other sets, such as the table below a patient, are left out. Returns no value for other
-/// units, or if the sets to leave out have at most 1e-4 of the largest set's voxels. Cost: one pass
-/// over the box of the active voxels, and about 50 bytes for each run along z.
+/// units, for grids other than float, or if the background is above the value of the skin. Also
+/// returns none if the sets to leave out have at most 1e-4 of the largest set's voxels. Cost: an
+/// analysis of the image (analysis.h), and one pass over the box of the active voxels.
 [[nodiscard]] std::optional<LargestBody> findLargestBody(const SuggestInput& image);
 
 }  // namespace palpate::guess

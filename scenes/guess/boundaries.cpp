@@ -60,7 +60,7 @@ struct Turn {
 };
 
 std::vector<Turn> turnsOf(const Bins& mean) {
-  // Least ratio of a peak to the dips beside it. Noise alone reaches a ratio of 1.5.
+  // Least ratio of a peak to the dips beside it. Noise alone usually gives a lower ratio.
   constexpr double kContrast = 1.6;
   std::vector<Turn> turns;
   std::size_t highest = 0;
@@ -117,7 +117,7 @@ std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::ve
                                    std::size_t t, const ScalarAnalysis& scalar, double edge,
                                    bool image) {
   // Greatest thickness of a boundary [voxels]; a thicker one is part of a smooth field. An image
-  // may have been smoothed. A mesh's voxels are at most as large as its cells.
+  // may have been smoothed. A mesh's voxels are by default smaller than its cells.
   constexpr double kThickestOfImage = 15.0;
   constexpr double kThickestOfMesh = 6.0;
   // Least fraction of a mesh's voxels on either side. A smaller region is a margin of the field.

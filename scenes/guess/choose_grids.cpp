@@ -21,7 +21,8 @@ bool hasWord(const std::string& text, std::initializer_list<const char*> words) 
                      [&](const char* word) { return text.find(word) != std::string::npos; });
 }
 
-/// Leaves out scalars that are components of a vector: a scene cannot join grids to a vector.
+/// Leaves out scalars that are components of a vector: a scene joins grids only if their names end
+/// in .x, .y and .z.
 void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<std::string> names;
   std::vector<const Candidate*> scalars;
@@ -323,7 +324,8 @@ bool isShownBy(const Candidate& flow, const Candidate& scalar) {
   return isLike(*scalar.input, *flow.input, likeness);
 }
 
-/// Adds the one or two best scalars, except those that match the flow or a scalar already added.
+/// Adds up to two scalars with the highest scores, except those that match the flow or a scalar
+/// already added.
 void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft& draft) {
   constexpr std::size_t kMost = 2;
   constexpr std::size_t kMostModes = 4;  // modes of one scalar: three surfaces and a drag
@@ -345,7 +347,8 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
       chosen.push_back(c);
     }
   }
-  // The first scalar may use all free modes; if a second one follows, it must leave one mode.
+  // The first scalar may use up to kMostModes of the free modes; if a second one follows, it must
+  // leave one mode.
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const bool more = i + 1 < chosen.size();
     draft.addVolume(*chosen[i]);

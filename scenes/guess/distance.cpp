@@ -153,8 +153,9 @@ Slopes slopesOf(const std::vector<ScalarSample>& samples, const Plateaus& platea
   return slopes;
 }
 
-/// Returns true if nearly all values on the faces of the box are negative. If `beyond` is true,
-/// reads the voxels around the box instead.
+/// Returns true if more than three quarters of the values on the faces of the box are negative. If
+/// `beyond` is true, reads the voxels around the box instead. If the extent is unknown,
+/// SuggestInput::inactive_is_data replaces `beyond`.
 bool isPositiveInside(const SuggestInput& input, bool beyond) {
   // A ground that fills up to 7/8 of its box's height covers up to 3/4 of the box's faces.
   constexpr double kNearlyAllFaces = 0.75;

@@ -17,7 +17,8 @@ class Draft {
  public:
   explicit Draft(GuessNames names) : names_(std::move(names)), first_(names_.like) {}
 
-  /// Returns an unused name for a volume or field: `name`, with a number if necessary.
+  /// Returns an unused name for a volume or field: the common prefix and `name`, with a number if
+  /// necessary.
   std::string uniqueName(const std::string& name);
 
   /// Adds a candidate's volume, unless it was added before. The candidate must keep its address

@@ -39,7 +39,8 @@ struct GuessNames {
 };
 
 /// Returns a first scene for the grids of a file, from a sample of their voxels. The result does
-/// not depend on the number of threads. Throws VolumeError if all grids are constant.
+/// not depend on the number of threads. Throws VolumeError if no grid is usable, as when all are
+/// constant.
 [[nodiscard]] Guess guessScene(const GuessNames& names, const std::vector<GuessVolume>& volumes,
                                GuessFor what = GuessFor::kAnything);
 

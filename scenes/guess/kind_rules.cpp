@@ -119,7 +119,8 @@ bool isMrByMetadata(const Evidence& e) {
   return isOpen(e) && e.input.modality == Modality::kMr;
 }
 
-/// Returns true if the values of air (-1000, or padding), tissue (0 to 100) and bone all occur.
+/// Returns true if air (about -1000), tissue (0 to 100) and bone (800 or more) occur, and tissue
+/// has a peak.
 bool isHounsfieldByValues(const Evidence& e) {
   constexpr double kBone = 800.0;        // the highest value must reach this
   constexpr double kHighest = 32768.0;   // range of 16-bit values

@@ -71,9 +71,9 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 ///   Values divided by this distance end at -1 and 1, and may be cut off at one end only (Curless
 ///   and Levoy, A volumetric method for building complex models from range images, 1996).
 ///
-/// If a block of voxels reaches the background within a voxel, the background counts as cut off. A
-/// distance is positive inside bodies if nearly all values on the faces of the box are negative.
-/// Usually a distance is negative inside.
+/// If the active values come to within one voxel's change of the background, the background counts
+/// as cut off. A distance is positive inside bodies if more than three quarters of the values on
+/// the faces of the box are negative. Usually a distance is negative inside.
 void analyseDistance(const std::vector<ScalarSample>& samples, const SuggestInput& input,
                      ScalarAnalysis& scalar);
 

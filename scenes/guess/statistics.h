@@ -21,7 +21,7 @@ namespace palpate::guess {
 [[nodiscard]] double correlation(const std::vector<double>& a, const std::vector<double>& b);
 
 /// Returns how well `a` is a multiple of `b`, without an offset: the correlation that would leave
-/// the same residuals; 0 for fewer than 8 pairs, or if `a` is constant.
+/// the same residuals; 0 for fewer than 8 pairs, or if `a` is constant or `b` is 0.
 [[nodiscard]] double proportionality(const std::vector<double>& a, const std::vector<double>& b);
 
 }  // namespace palpate::guess

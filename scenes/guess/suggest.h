@@ -71,15 +71,15 @@ inline constexpr const char* kMetaAxial = "axial";
 ///   has no boundary and gets a drag that depends on its value. Unlike in the papers, a level
 ///   counts where it lies between the values of a voxel's neighbours. Therefore sharp steps are
 ///   found too;
-/// - directions, which have no sign by the file's metadata or all have length 1: a mode that
-///   follows them. If "..._direction" has a grid "..._anisotropy", its strength depends on the
-///   anisotropy;
+/// - directions: vectors that have no sign by the file's metadata, all have length 1, or are fibres
+///   by --for: a mode that follows them. If "..._direction" has a grid "..._anisotropy", its
+///   strength depends on the anisotropy;
 /// - a flow: a mode that follows it, with a strength that depends on the speed. If it has vortices,
 ///   also a vortex tube; if it only shears, a drag that depends on the vorticity.
 ///
-/// Throws VolumeError if all grids are constant. Reads at most kSuggestSamples voxels per grid, in
-/// parallel. Gradients are central differences per unit of the file. The axes of an affine
-/// transform are treated as orthogonal.
+/// Throws VolumeError if no grid is usable, as when all are constant. Analyses about
+/// kSuggestSamples voxels of each grid, in parallel. Gradients are central differences per unit of
+/// the file. The axes of an affine transform are treated as orthogonal.
 [[nodiscard]] Guess suggest(const GuessNames& names, const std::vector<SuggestInput>& grids,
                             GuessFor what = GuessFor::kAnything);
 
@@ -87,7 +87,7 @@ inline constexpr const char* kMetaAxial = "axial";
 [[nodiscard]] std::string suggestScene(const std::string& vdb_file,
                                        const std::vector<SuggestInput>& grids);
 
-/// Number of voxels that are analysed in each grid, spread evenly over its leaves.
+/// About the largest number of voxels that are analysed in a grid, spread evenly over its leaves.
 constexpr std::size_t kSuggestSamples = 400'000;
 /// Largest number of level sets that are used from one file; a scene can read 64 fields.
 constexpr std::size_t kMostLevelSets = 32;

@@ -71,7 +71,7 @@ struct FramesSpec {
   /// Times of the frames [s]. With `repeat`, the last time is the return of the first frame.
   std::vector<double> times;
   bool repeat = false;              ///< If true, the first frame follows the last frame.
-  std::optional<double> budget_mb;  ///< Memory for the frames [MB]; unset: 1024.
+  std::optional<double> budget_mb;  ///< Memory for the frames [MiB]; unset: 1024.
 };
 
 /// Playback of all sequences of a scene, on one clock.
@@ -102,7 +102,7 @@ struct VolumeSpec {
   std::vector<PlaceSpec> instances;
   Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
   std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.
-  std::optional<double> budget_mb;       ///< For bricks: memory [MB]; unset: 256.
+  std::optional<double> budget_mb;       ///< For bricks: memory [MiB]; unset: 256.
   std::shared_ptr<const Volume> volume;  ///< Volume in memory; if set, no file is read.
   /// Field of the caller; if set, only the keyframes and the warp apply.
   FieldPtr field;
@@ -122,7 +122,7 @@ struct SceneSpec {
   /// Volume with the units and place of a guide, by index of the mode; absent: metres in W.
   std::map<std::size_t, std::string> guide_volumes;
   std::optional<PlaySpec> play;  ///< Playback; only for scenes with a sequence.
-  /// If true, the scene is not divided into parts. Not allowed for scenes with instances.
+  /// If true, the scene is not divided into parts. Then each volume has only its first instance.
   bool one_graph = false;
   /// If true, readers wait for missing bricks and frames. Set `waits` in virtual time.
   bool waits = false;
@@ -157,7 +157,8 @@ struct BuiltScene {
   std::map<std::string, std::shared_ptr<const Volume>> volumes;
   Windows windows;  ///< Volumes in bricks; `volumes` contains their coarsest levels.
   std::map<std::string, std::shared_ptr<const FrameSequence>>
-      sequences;    ///< Volumes that are sequences; `volumes` contains their first frames.
+      sequences;    ///< Volumes that are sequences; `volumes` contains their first frames with
+                    ///< data.
   PlayParams play;  ///< Playback of the sequences.
   /// Places of the volumes; for instances, the first place.
   std::map<std::string, Placement> placements;
@@ -186,7 +187,7 @@ struct BuiltScene {
 
 /// Returns `spec` with the coarsest level of each volume in bricks and the first frame of each
 /// sequence, at their places in `built`, the scene built from `spec`. A search for contacts in the
-/// result loads no further data.
+/// result loads no bricks and no frames.
 [[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
 
 /// Lowers the stiffness to the limit of a device, unless the user has set the stiffness. Returns a

@@ -37,7 +37,8 @@ class FieldComputer {
   }
 
  private:
-  /// Limits the memory: a computed field may need as much memory as its volume.
+  /// Limits the memory: a computed scalar may need as much memory as its volume, and a gradient
+  /// three times as much.
   static constexpr int kMostComputed = 64;
   struct Made {
     std::shared_ptr<const Volume> volume;

@@ -14,9 +14,9 @@ namespace palpate {
 
 /// Returns the load requests for the frames of a volume, in order. For a pattern, these are the
 /// files in its folder that match, by number. Otherwise they are the grids name[0], name[1] and so
-/// on, or all grids of the file if the volume names no grid. Throws VolumeError if no file matches,
-/// if the numbers have a gap, or if the file cannot be read. Also throws if the volume names no
-/// grid and the file has grids of several names.
+/// on, or the grid `name`. If the volume names no grid, they are all grids of the file. Throws
+/// VolumeError if no file matches, if the numbers have a gap, or if the file cannot be read. Also
+/// throws if the volume names no grid and the file has grids of several names.
 [[nodiscard]] std::vector<VolumeRequest> framesOf(const VolumeSpec& volume);
 
 /// Returns the local files of a volume: its file, all files that match its pattern, or the manifest

@@ -144,7 +144,8 @@ void LiveWriter::tellWhole(const Telemetry& tick, const ProxyState& state) noexc
   whole_.fault = tick.fault;
   whole_.limited = r.limited;
   whole_.primitive_count = 0;
-  // The loop gets a scene after expect() does, so an unknown scene is already in `expected_`.
+  // The loop gets a scene only after expect() has got it, so an unknown scene is already in
+  // `expected_`.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
   const Modes* modes = expected_.current().get();
   const bool known = modes != nullptr && modes->id == tick.scene;

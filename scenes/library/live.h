@@ -29,8 +29,7 @@ class Published {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Replaces the value. Only one thread may call write(). RT: wait-free, one store for each 8
-  /// bytes.
+  /// Replaces the value. Only one thread may call write(). RT: wait-free; copies the value twice.
   void write(const T& value) noexcept {
     std::array<std::uint64_t, kWords> words{};
     std::memcpy(words.data(), &value, sizeof(T));
@@ -67,7 +66,7 @@ class Published {
 inline constexpr std::size_t kLiveModes = 64;
 /// Largest number of primitives that a window shows; the window omits further primitives.
 inline constexpr std::size_t kLivePrimitives = 64;
-/// Number of past ticks that a window can show: 4 s at 1 kHz.
+/// Number of past ticks that a window can show: about 4 s at 1 kHz.
 inline constexpr std::size_t kLiveRows = 4096;
 
 /// A primitive in the last balance of a tick.
@@ -83,7 +82,8 @@ struct LivePrimitive {
   std::uint16_t mode = 0;
 };
 
-/// A tick with its primitives, published about 100 times a second.
+/// A tick with its primitives. Published about 100 times a second, and when the fault changes; in
+/// each tick at rates below 100 Hz.
 struct LiveTick {
   std::int64_t tick = 0;                       ///< Telemetry::tick, the number of the tick.
   std::uint64_t scene = 0;                     ///< Scene::id.
@@ -114,8 +114,9 @@ struct LiveRow {
 /// Largest gain that the user can set in a window.
 inline constexpr float kMostDial = 8.0F;
 
-/// The gain of one mode. Each mode has its own number, which edits of the scene file do not change.
-/// A late request therefore cannot change the gain of another mode.
+/// The gain of one mode. A mode keeps its number (`mode`) if an edit of the scene keeps its name
+/// or, without a name, its kind and what it reads. Other modes get new numbers, so that a late
+/// request cannot change their gains.
 struct LiveDial {
   std::uint32_t mode = 0;  ///< Number that identifies the mode.
   /// Gain: factor of the mode's strength and viscosity, 0 to kMostDial; 0: off.
@@ -189,8 +190,8 @@ class LiveShare {
  public:
   /// Creates the memory of a loop, whose size no process can change. Throws Error.
   LiveShare();
-  /// Maps a loop's memory by an inherited descriptor. Throws Error if the memory is not a loop's,
-  /// or has another layout.
+  /// Maps a loop's memory and takes over its inherited descriptor. Throws Error if the memory is
+  /// not a loop's, has another layout or cannot be mapped.
   explicit LiveShare(int descriptor);
   ~LiveShare();
   LiveShare(const LiveShare&) = delete;
@@ -222,8 +223,7 @@ class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// If `dials` is empty, each mode's number is its index and its gain is 1.
   void expect(const Scene& scene, std::span<const LiveDial> dials = {});
   /// Publishes a tick after its force was sent. Only the loop's thread may call take(). RT:
-  /// wait-free, no allocation. Cost: about 50 ns; for a tick with primitives, a few hundred ns
-  /// more.
+  /// wait-free, no allocation.
   void take(const Telemetry& tick, const ProxyState& state) noexcept PALPATE_NONBLOCKING;
 
  private:

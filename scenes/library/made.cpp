@@ -19,7 +19,7 @@ namespace made {
 namespace {
 
 /// Returns the velocity at p_F, per unit of circulation, that a straight piece of a vortex filament
-/// induces. The piece extends from a + `from` e to a + `to` e; `from` and `to` may be infinite.
+/// induces. The piece extends from a + `from` e to a + `to` e; `to` may be +infinity.
 Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double from, double to,
                     double core) {
   const Vec3 r_F = p_F - a_F;
@@ -152,7 +152,7 @@ double ventricle(const Vec3& p_F) {
 }
 
 Vec3 beat(const Vec3& x_F, double share) {
-  constexpr double kRim = 24.0;     // height of the rim, which does not move [mm]
+  constexpr double kRim = 24.0;     // height of the rim, which does not move along z [mm]
   constexpr double kSystole = 0.4;  // fraction of a beat
   constexpr double kRelaxed = 0.75;
   const double t = share - std::floor(share);
@@ -195,7 +195,7 @@ Vec3 breath(const Vec3& x_F, double share) {
   // An even power of a sine: the trunk is near its resting shape longer than near full inhalation
   // (Lujan et al. 1999).
   const double in = std::pow(std::sin(M_PI * share), 4);
-  const double front = ramp(40.0 - x_F.y(), 200.0);  // 0 at the spine, 1 at the front
+  const double front = ramp(40.0 - x_F.y(), 200.0);  // 1 up to y = -60 mm, 0 from y = 140 mm on
   const double diaphragm = std::exp(-std::pow((x_F.z() + 40.0) / 70.0, 2));
   const double chest = std::exp(-std::pow((x_F.z() - 20.0) / 90.0, 2));
   return in * Vec3(0.0, 6.0 * chest * front, 15.0 * diaphragm * (0.4 + 0.6 * front));

@@ -75,8 +75,9 @@ struct Wind {
 ///
 /// One bundle is straight along x; the other is bent in the plane z = 0. At each point, the
 /// diffusion tensor is the mean of isotropic tissue and the bundles, weighted by their shares. The
-/// anisotropy (Basser & Pierpaoli 1996) is 0.80 in a bundle and 0 outside. Where both bundles have
-/// equal shares, the anisotropy is 0.48, and two directions have the greatest eigenvalue.
+/// anisotropy (Basser & Pierpaoli 1996) is 0.80 in the core of a bundle, falls towards its edge,
+/// and is 0 outside. Where both bundles have equal shares, the anisotropy is 0.48, and two
+/// directions have the greatest eigenvalue.
 struct Fibre {
   /// Unit eigenvector of the greatest eigenvalue, with either sign; zero outside the bundles.
   Vec3 direction = Vec3::Zero();
@@ -101,9 +102,10 @@ struct Fibre {
 /// surface. The ventricle is an egg-shaped cup of muscle with a wall of 10 mm, open towards +z.
 [[nodiscard]] double ventricle(const Vec3& p_F);
 /// Returns the displacement u of the muscle at a fraction `share` of a beat, 0 to 1: the material
-/// at x is at x + u at rest [mm]. The cavity narrows to two thirds, the wall becomes a third
-/// thicker, the apex (-z) rises, and the cup twists by 15 degrees; then the muscle relaxes. Not
-/// modelled: the constant volume of muscle, the right ventricle, and the blood.
+/// at x is at x + u at rest [mm]. At its widest section, the cavity narrows to about two thirds and
+/// the wall becomes about half thicker. The apex (-z) rises, and the cup twists by about 13
+/// degrees. Then the muscle relaxes. Not modelled: the constant volume of muscle, the right
+/// ventricle, and the blood.
 [[nodiscard]] Vec3 beat(const Vec3& x_F, double share);
 
 /// Returns the CT value of a trunk after breathing out [HU]: muscle (40) around two lungs (-800), a

@@ -16,7 +16,8 @@ inline constexpr double kFarthestPlace = 1e6;
 /// volume.
 class Placer {
  public:
-  /// Both arguments must outlive the placer. `volumes` has the grid of each volume, by name.
+  /// Both arguments must outlive the placer. `volumes` has the properties of each volume's grid, by
+  /// name.
   Placer(const SceneSpec& spec, const std::map<std::string, const GridInfo*>& volumes)
       : spec_(spec), volumes_(volumes) {}
 
@@ -39,6 +40,7 @@ class Placer {
 };
 
 /// Converts guides from the units and place of a volume to W. The guides then move with the volume.
+/// Throws SceneError for an unknown volume.
 void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph);
 
 }  // namespace palpate

@@ -32,10 +32,10 @@ struct PlanVolume {
 
 /// Divides a scene into parts. A thing with instances always becomes a part. Another thing becomes
 /// a part if the scene has more than kFewThings things and the thing is suitable. A thing is
-/// suitable if it fits in a part, if all its volumes may be in a part, and if no guide,
-/// user-defined mode or coupling reads them. Throws SceneError, with the JSON path, if a volume
-/// with instances cannot be in a part. Also throws if the scene has parts, and a mode or field
-/// reads an unknown name.
+/// suitable if it fits in a part, and all its volumes may be in a part. No guide, user-defined
+/// mode, coupling or mode with an unknown name may read them. Throws SceneError, with the JSON
+/// path, if a volume with instances cannot be in a part. Also throws if the scene has parts or
+/// instances, and a mode or field reads an unknown name.
 [[nodiscard]] ScenePlan planParts(const GraphSpec& graph,
                                   const std::map<std::string, PlanVolume>& volumes);
 

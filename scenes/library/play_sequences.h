@@ -8,7 +8,8 @@
 
 namespace palpate {
 
-/// Throws SceneError if a sequence has a setting that is not allowed for sequences.
+/// Throws SceneError if a sequence has a setting that is not allowed for sequences, or has not
+/// exactly one of a rate and times.
 void checkSequence(const SceneSpec& spec, const std::string& name);
 
 [[nodiscard]] std::shared_ptr<const FrameSequence> openSequence(const SceneSpec& spec,

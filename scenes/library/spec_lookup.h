@@ -12,7 +12,8 @@ namespace palpate {
 /// Returns a JSON path as errors show it, after the name of the scene if the scene has a name.
 [[nodiscard]] std::string pathIn(const SceneSpec& spec, const std::string& path);
 
-/// Returns the error for an unknown volume. Its remedy suggests the most similar of `names`.
+/// Returns the error for an unknown volume. Its remedy suggests the most similar of `names`, if one
+/// is similar.
 [[nodiscard]] SceneError unknownVolume(const std::string& path, const std::string& name,
                                        const std::vector<std::string>& names);
 

@@ -79,12 +79,12 @@ class MotionAccuracy(unittest.TestCase):
             for wide, narrow in zip(errors, errors[1:]):
                 self.assertLessEqual(narrow, 1.05 * wide, case)
 
-    def test_a_method_of_one_step_has_a_hundred_times_palpate_s_error_on_a_plane(self):
+    def test_one_step_to_a_plane_has_more_than_100_times_palpate_s_error_on_a_sphere(self):
         ours = self.row("surfaces", "sphere, radius 40", "palpate", "0.01")
         one = self.row("surfaces", "sphere, radius 40", "plane", "1")
         self.assertEqual(one["lost"], 0)
         self.assertGreater(one["off"], 100 * ours["off"])
-        # The engine reads the field about as often as the other methods.
+        # The engine reads the field at most 10 % more often.
         self.assertLessEqual(ours["reads"], 1.1 * one["reads"])
 
     def test_in_fog_methods_without_memory_lose_the_surface_or_drift(self):

@@ -103,7 +103,7 @@ class SamplerAccuracy(unittest.TestCase):
             if r["method"] in {"BoxStencil"} | self.nano:
                 self.assertGreater(r["jump"], 0.03, r)
 
-    def test_a_hand_cannot_feel_the_error_of_a_direction_at_eight_voxels_or_more(self):
+    def test_directions_are_off_by_less_than_18_4_degrees_at_eight_voxels_or_more(self):
         for field in FIELDS:
             for method in ("palpate trilinear", "palpate quadratic", "palpate cubic"):
                 self.assertLess(max(self.errors(field, method, "direction_deg", "max")[1:]), 18.4)

@@ -94,7 +94,7 @@ class SpeedAccuracy(unittest.TestCase):
         for solver in figure["solvers"]:
             self.assertEqual(len(solver["iterations"]), len(figure["speed_m_s"]))
 
-    def test_iterations_of_figure_7_agree_with_the_paper_for_two_primitives(self):
+    def test_in_figure_7_palpate_needs_1_to_8_iterations_and_other_solvers_30_to_45_for_two_primitives(self):
         figure = self.data["figure7"]
         for solver in figure["solvers"]:
             both = [n for n, count in zip(solver["iterations"], figure["primitives"]) if count == 2]

@@ -159,10 +159,10 @@ TEST_CASE("a force acts on the simulated arm after a delay of whole or fractiona
   CHECK(device.velocity().x() == Approx((10 - ticks) * 1e-3 / arm.mass));
 }
 
-TEST_CASE("the target of a simulated hand is evaluated once a tick at increasing times",
+TEST_CASE("the target of a simulated hand is evaluated once a tick at times that do not decrease",
           "[simulated]") {
-  // The device evaluates a target once per tick, so a target may have state. Here each call moves
-  // the target by 1 mm, which is 1 m/s at 1 kHz.
+  // The device evaluates a target at its construction and once per tick, so a target may have
+  // state. Here each call moves the target by 1 mm, which is 1 m/s at 1 kHz.
   std::vector<double> asked;
   const auto at = [&asked](double t) -> Vec3 {
     asked.push_back(t);
@@ -244,7 +244,7 @@ TEST_CASE("the exploration path starts and ends outside the box and passes near 
     for (int i = 0; i <= 1000; ++i) {
       const Vec3 p = target.at(seconds * i / 1000.0);
       REQUIRE(p.allFinite());
-      // The path has no jumps: its speed is at most 1 m/s.
+      // The path has no jumps: in 5 s or more its speed is at most 1 m/s.
       if (seconds >= 5.0 && i > 0) {
         REQUIRE((p - target.at(seconds * (i - 1) / 1000.0)).norm() < seconds / 1000.0);
       }

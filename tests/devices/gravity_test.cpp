@@ -1,4 +1,5 @@
-/// Tests arms whose weight exceeds their friction: the device measures the weight and carries it.
+/// Tests arms whose weight exceeds their friction: the self-test measures the weight, and the
+/// motors carry it.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -218,7 +219,7 @@ Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
 }  // namespace
 
 TEST_CASE(
-    "a heavy arm passes the self-test with gravity compensation of the weight that it measured",
+    "the self-test measures a heavy arm's weight, and the arm passes with gravity compensation",
     "[hid][gravity][release]") {
   const Run light = tried(woody(), {});
   CAPTURE(light.words);

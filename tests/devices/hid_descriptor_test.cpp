@@ -194,7 +194,7 @@ TEST_CASE("mutated HID descriptors never crash the parser or give invalid report
     for (const DescribedReport& r : descriptor->reports) {
       if (r.size > 0 && r.size <= 16384 && (r.id == 0) != descriptor->numbered) continue;
       CAPTURE(i, r.size, r.id, descriptor->numbered);
-      FAIL("a report that none has");
+      FAIL("a report with an impossible size or number");
     }
   }
   CHECK(20 * read > cases - 100);

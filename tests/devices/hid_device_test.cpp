@@ -51,7 +51,7 @@ class FakeArm {
     }
     give(report);
   }
-  /// Returns the number of writes. Each force is one write.
+  /// Returns the number of writes that succeeded.
   [[nodiscard]] long written() const { return written_; }
   std::vector<std::vector<std::byte>> sent() {
     const std::lock_guard lock(mutex_);
@@ -74,7 +74,7 @@ class FakeArm {
   std::atomic<bool> holding{false};  ///< A write is blocked.
   std::atomic<int> fails{0};         ///< Number of further writes that fail.
   std::atomic<bool> answers{false};  ///< Adds a report after every write.
-  std::vector<int> again;  ///< Counts and state of a report that every second read returns.
+  std::vector<int> again;            ///< Counts and state of a report that every second read adds.
 
  private:
   friend class FakePort;
@@ -84,7 +84,7 @@ class FakeArm {
   std::atomic<long> written_{0};
 };
 
-/// Blocks the writes of an arm while this object exists. Declare it after the device: its
+/// Blocks the writes of an arm until letGo() or its destruction. Declare it after the device: its
 /// destructor must unblock the device's writer before the device's destructor waits for that
 /// writer.
 class Held {
@@ -136,7 +136,7 @@ class FakePort final : public ReportPort {
 
  private:
   FakeArm& arm_;
-  bool asked_ = false;  ///< True in every second read, which returns a report.
+  bool asked_ = false;  ///< True in every second read, which adds FakeArm::again.
 };
 
 ReportField counts(const char* name, std::uint32_t bit) {
@@ -182,7 +182,7 @@ HidProfile slides() {
   return profile;
 }
 
-/// Returns slides() with unsigned counters of 12 bits, which cover 4 cm of a workspace of 20 cm.
+/// Returns slides() with unsigned counters of 12 bits, which cover 4.1 cm of a workspace of 20 cm.
 HidProfile narrowSlides() {
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) {
@@ -204,7 +204,7 @@ HidStep waitForState(double equals, double seconds, const char* words = "") {
 }
 
 /// The clock from which the age of reports is computed. Only the test advances it, so the machine's
-/// speed has no effect.
+/// speed does not change an age.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -229,7 +229,7 @@ template <class What>
 void await(What what) {
   const auto end = std::chrono::steady_clock::now() + 600s;
   while (!what()) {
-    if (std::chrono::steady_clock::now() > end) FAIL("it did not come in 600 s");
+    if (std::chrono::steady_clock::now() > end) FAIL("the awaited state did not come in 600 s");
     std::this_thread::sleep_for(1ms);
   }
 }
@@ -242,7 +242,7 @@ void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
   loop.tick(time);
   const auto end = std::chrono::steady_clock::now() + 600s;
   while (device.writes().count == before) {
-    if (std::chrono::steady_clock::now() > end) FAIL("it did not go out in 600 s");
+    if (std::chrono::steady_clock::now() > end) FAIL("the force was not sent in 600 s");
     std::this_thread::yield();
   }
 }
@@ -326,7 +326,7 @@ TEST_CASE("a HID arm reads positions and sends forces in the profile's units and
   CHECK(hand.age == 0.0);
   device->write({1.0, 2.0, -3.0});
   await([&] { return arm.driven() == std::array<int, 3>{2000, -1000, -3000}; });
-  // The resolution does not depend on the joints' signs, home positions and ratios.
+  // One count moves the tip by 10 um along each axis.
   for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
 }
 
@@ -408,7 +408,7 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
   }
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[1] <= 1.0);
-  // A NaN force adds no heat, and the motors get zero.
+  // A NaN force is not sent: its share is zero.
   device->write({NAN, 0.0, 0.0});
   CHECK(device->given() == 0.0);
 }
@@ -439,7 +439,7 @@ TEST_CASE("a HID arm uses the newest report and discards all reports if their ri
   CHECK(fresh.position.x() == Approx(0.015));
   CHECK(fresh.age == 0.0);
   // After a pause longer than the largest age of a position, the arm is not ready until its next
-  // report. If no report comes, the position is stale.
+  // report. If no report comes, the age counts from the read after the pause.
   pass(0.06);
   for (int i = 0; i < 100; ++i) arm.giveCounts(9 * i, 0, 0);
   const HandState back = device->read();
@@ -586,7 +586,7 @@ TEST_CASE("an arm gets no force along a direction without a motor", "[hid]") {
     arm.giveCounts(0, 0, 0);
     const HandState hand = device->read();
     CHECK((hand.drives - Vec3(1, 1, 0).asDiagonal().toDenseMatrix()).norm() < 1e-9);
-    // The self-test did not measure the friction along z, so the tank must not rely on it.
+    // The self-test measures no friction along a joint without a motor, so that arm gets no tank.
     CHECK((device->info().limits.tank.use != TankUse::kOff) == planar);
     device->write({1, 0, 0});
     await([&] { return arm.driven()[0] != 0; });
@@ -595,8 +595,8 @@ TEST_CASE("an arm gets no force along a direction without a motor", "[hid]") {
     device->write({1, 0, 4});
     await([&] { return device->writes().count >= 2 && arm.driven() == without; });
     CHECK(device->given() == 1.0);
-    // The loop limits the force to the axes that have motors, and reports the share that was given.
-    // The ball's surface is perpendicular to z.
+    // The loop limits the force to the axes that have motors. The hand presses into the ball beside
+    // its pole, so a part of the force is along x.
     struct Held final : public Device {
       HidDevice& inner;
       DeviceInfo about;
@@ -649,7 +649,7 @@ TEST_CASE("a HID arm sends one report per tick and never delays a tick by a bloc
   CHECK(arm.sent().size() == before + 52);
 }
 
-TEST_CASE("a HID arm with a limited output rate always sends the newest force", "[hid]") {
+TEST_CASE("a HID arm keeps its limited output rate and sends the newest force last", "[hid]") {
   HidProfile profile = slides();
   profile.output_rate = 100.0;
   FakeArm arm;
@@ -701,7 +701,7 @@ TEST_CASE("a HID write that does not return is a fault", "[hid]") {
 
 TEST_CASE("a force that stays unsent is a fault even if the output rate delays it",
           "[hid][safety]") {
-  // The writer waits on the real clock, so in virtual time the next force is never due.
+  // The writer waits 1000 s on the real clock, so the force stays unsent while virtual time passes.
   HidProfile profile = slides();
   profile.output_rate = 1e-3;
   FakeArm arm;
@@ -1127,7 +1127,7 @@ class Counting final : public Device {
 
 /// Simulates a hand that presses on a ball with 3 N and then rests.
 struct Holding {
-  bool sways = true;  ///< The hand changes its force slowly by 1 %, and trembles by 20 um at 9 Hz.
+  bool sways = true;  ///< The hand changes its force by up to 1.5 %, and trembles by 20 um at 9 Hz.
   double step = 1e-5, grip = 300.0, coulomb = 0.02;
 
   struct Held {
@@ -1168,7 +1168,8 @@ struct Holding {
 
 }  // namespace
 
-TEST_CASE("the force fades even if a joint moves that does not move the tip", "[hid][safety]") {
+TEST_CASE("the time of rest counts on while a joint moves that does not move the tip",
+          "[hid][safety]") {
   // A planar arm with a third joint that has no motor, like a wrist's. The last bit of this joint's
   // counter toggles.
   HidProfile profile = slides();
@@ -1190,10 +1191,10 @@ TEST_CASE("the force fades even if a joint moves that does not move the tip", "[
   CHECK(device->read().still == 0.0);
 }
 
-TEST_CASE("a fading force moves a held arm by at most its friction and one encoder count",
+TEST_CASE("a fading force moves a held arm little more than its friction and one encoder count",
           "[hid][safety][release]") {
-  // Friction holds the arm while the force fades, so the hand feels no change. When the arm moves
-  // by one count, the force returns.
+  // Friction holds the arm while the force fades. When the arm moves by one count, the force
+  // returns.
   const FieldPtr ball = test::ballField();
   test::Thinned combinations(7);
   for (const bool sways : {true, false}) {
@@ -1330,7 +1331,8 @@ TEST_CASE("the first position of a homed arm is accepted after any pause since i
   CHECK((hand.position - Vec3(-3e-5, 1e-2, -1.096e-2)).norm() < 1e-12);
   arm.giveCounts(-40, 1000, 3000);
   CHECK(device->read().position.x() == Approx(-4e-4));
-  // After its first position, the driver counts the wraps of each counter.
+  // After the first position, the device counts the wraps, so a large change after a pause is a
+  // fault.
   pass(0.2);
   CHECK_FALSE(device->read().ready);
   arm.giveCounts(2000, 0, 0);
@@ -1366,7 +1368,7 @@ TEST_CASE("an arm with a miscounted encoder gets zero force and its closing comm
   const bool at_once = GENERATE(false, true);
   if (!at_once) {
     await([&] { return arm.sent().back()[7] == std::byte{9}; });
-    // The user's message follows the command.
+    // The message for the user follows the command.
     await([&] {
       const std::lock_guard lock(mutex);
       return said.find("start the program again") != std::string::npos;
@@ -1530,7 +1532,7 @@ TEST_CASE("reading and writing a HID arm does not allocate", "[hid]") {
     device->write({0.001 * i, 0, 0});
     allocations += test::CountScope::counts().allocations;
   }
-  // The deque of the simulated arm frees memory, but does not allocate.
+  // In this thread, the simulated arm's deque frees memory, but does not allocate.
   CHECK(allocations == 0);
   CHECK(sum.allFinite());
 }
@@ -1576,7 +1578,7 @@ TEST_CASE("a replugged HID arm gets force again only after the fault is cleared"
     const auto stopped = [&] { return hand.latest().fault == Fault::kWrite; };
     const auto press = [&] {
       for (;;) {
-        ticks(1000);  // the length of an engagement
+        ticks(1000);  // longer than an engagement without force
         move(2700);
         await([&] { return arm.driven()[2] > 1000 || stopped(); });
         if (!stopped()) return;

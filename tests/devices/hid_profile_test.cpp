@@ -860,7 +860,7 @@ TEST_CASE("every known arm has limits with their source", "[profile]") {
 
 TEST_CASE("damaged profiles never crash the profile reader", "[profile]") {
   const std::string good = full().dump();
-  // At each byte: replaces the byte, removes it, or cuts the text there.
+  // At each byte: replaces the byte by each of five characters, or removes it.
   for (std::size_t i = 0; i < good.size(); ++i) {
     for (const char c : {'0', '"', '}', '-', '9'}) {
       std::string bad = good;
@@ -895,7 +895,7 @@ TEST_CASE("a profile of a PID device gives axis travel in metres and forces in n
   REQUIRE(schemaAccepts(good));
   const HidProfile arm = parseHidProfile(good.dump(), "arm.json");
   REQUIRE(arm.pid.size() == 2);
-  CHECK(arm.pid[0].axis == 0);  // the axes keep the file's order
+  CHECK(arm.pid[0].axis == 0);  // the axes are sorted, x first
   CHECK(arm.pid[0].way == 0.3);
   CHECK(arm.pid[1].force == 8.0);
   CHECK(arm.output_rate == 250.0);  // [forces/s]; one force takes one report per axis

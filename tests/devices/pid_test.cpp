@@ -68,8 +68,8 @@ class Wire {
   std::deque<std::vector<std::byte>> waits;
   std::vector<std::byte> fixed;  ///< If not empty, sent instead of `raw`; does not allocate.
   double takes = 0.0;            ///< Duration of a write [s].
-  double strongest = 0.0;        ///< Largest force of a motor so far.
-  double together = 0.0;         ///< Largest sum of all motors' forces.
+  double strongest = 0.0;        ///< Largest share of its full force that a motor has had.
+  double together = 0.0;         ///< Largest sum of all motors' shares.
   bool there = true;
 };
 
@@ -160,7 +160,7 @@ template <class What>
 void await(What what) {
   const auto end = std::chrono::steady_clock::now() + 600s;
   while (!what()) {
-    if (std::chrono::steady_clock::now() > end) FAIL("it did not come in 600 s");
+    if (std::chrono::steady_clock::now() > end) FAIL("the awaited state did not come in 600 s");
     std::this_thread::sleep_for(100us);
   }
 }
@@ -450,7 +450,8 @@ TEST_CASE("a PID device gets a smaller force on one axis before a larger force o
   CHECK(wire.together == Approx(0.5).margin(1e-3));
 }
 
-TEST_CASE("a PID device's power, safety and actuator states cut the force", "[hid][pid]") {
+TEST_CASE("a PID device's lost power, open safety switch and stopped actuators are faults",
+          "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);
   const auto says = [&](bool active, bool power, bool safety) {

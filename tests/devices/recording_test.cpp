@@ -207,7 +207,7 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
   put(file, whole.substr(0, whole.size() - 1));
   CHECK(Recording(file).torn() == ends[3] - ends[2] - 1);
   CHECK(Recording(file).damaged() == 0);
-  // One flipped bit anywhere loses one chunk. The chunks after it are still read.
+  // One flipped bit after the header loses one chunk. The chunks after it are still read.
   for (long i = 0; i < test::cases(400); ++i) {
     std::string damaged = whole;
     const auto at =
@@ -329,7 +329,7 @@ TEST_CASE("recording a tick neither allocates nor locks", "[record][realtime]") 
 
 namespace {
 
-/// A device that produces every fault at random times.
+/// A device that reports several faults at random times.
 class TroubledDevice final : public Device {
  public:
   explicit TroubledDevice(std::uint64_t seed) : random_(seed) {
@@ -399,7 +399,8 @@ struct Troubles {
     device = hand.info();
     Kept kept(count);
     HapticLoop loop(hand, 1000.0, &kept);
-    // First no scene, then scenes that differ in numbers, then in structure.
+    // The first ticks have no scene. The scenes differ in numbers; the last three have one more
+    // mode.
     for (int i = 0; i < 6; ++i) {
       GraphSpec spec = ballSpec(0.5 + i);
       spec.modes[0].friction = 0.1 * i;

@@ -191,7 +191,8 @@ TEST_CASE("the delay of an arm's force is measured by the self-test to a fractio
   std::nth_element(off.begin(), off.begin() + static_cast<std::ptrdiff_t>(off.size() / 2),
                    off.end());
   WARN("of " << told << " arms: the delay at most " << 1e3 * farthest
-             << " ms off with steps below 20 um, b " << off[off.size() / 2] << " of it, median");
+             << " ms off with steps below 20 um; median relative error of b: "
+             << off[off.size() / 2]);
   CHECK(farthest < 0.4e-3);
   CHECK(off[off.size() / 2] < 0.02);
   ArmParams slow = arm(0.15, 0.5, 0.05);

@@ -38,8 +38,9 @@ std::shared_ptr<const Scene> wallScene() {
 
 }  // namespace
 
-TEST_CASE("the engine's stability limit on a wall is 0.8 to 1.25 times the formula's stiffness",
-          "[stability]") {
+TEST_CASE(
+    "the engine's stability limit on a wall and in a trough is 0.8 to 1.25 times the formula's",
+    "[stability]") {
   const MapSetting setting;
   std::vector<std::pair<MapContact, MapMethod>> tried;
   for (const MapContact& contact : {wallContact(), troughContact(20.0)}) {

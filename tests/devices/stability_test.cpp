@@ -318,7 +318,8 @@ TEST_CASE("the stability margin contains the rate and friction at which a coupli
 
 namespace {
 
-/// Returns a scene with a rigid flat wall below z = 0 and a coupling of this stiffness [N/m].
+/// Returns a scene with an almost flat wall below z = 0, a ball of 100 m radius, and a coupling of
+/// this stiffness [N/m].
 std::shared_ptr<const Scene> wallScene(double stiffness) {
   const double radius = 100.0;
   return test::ballScene(makeSphere(Vec3(0, 0, -radius), radius), 50.0, {stiffness, 0.0});

@@ -1,4 +1,4 @@
-/// Tests each case of decide(), which chooses the next action after a trial step or a sweep.
+/// Tests decide(), which chooses the next action after a trial step or a sweep.
 #include "palpate/engine/tick/decide.h"
 
 #include <array>

@@ -33,7 +33,7 @@ struct Balance {
   SolveResult solve(const Vec3& probe, const Vec3& proxy = Vec3::Zero()) {
     return solveWithFriction(probe, kStiffness, set, proxy, params, warm, start, forces);
   }
-  /// Forgets the last balance. Construction of a new Balance would take 1 ms.
+  /// Forgets the last balance. This is faster than making a new Balance.
   void restart() {
     set.clear();
     warm.forget();
@@ -187,7 +187,7 @@ TEST_CASE(
   CHECK(in_front > cases / 10);
 }
 
-TEST_CASE("on one plane with a drag the proxy moves at most 1 + mu times as far as the hand",
+TEST_CASE("on one plane with a drag the spring changes by at most 1 + mu times the hand's motion",
           "[modes][friction]") {
   Random random(65);
   const long cases = test::cases(300);
@@ -307,7 +307,7 @@ TEST_CASE("Coulomb's law holds for a plane that is balanced together with other 
     worst = std::max(worst, result.iterations);
   }
   CAPTURE(worst);
-  CHECK(iterations / cases <= 15);  // measured: 11
+  CHECK(iterations / cases <= 15);
   CHECK(worst <= 2 * SolverParams{}.max_iterations);
 }
 
@@ -500,11 +500,11 @@ TEST_CASE("a converged tick at a yielding skin over bone has an error bound of a
   }
 }
 
-TEST_CASE("a failed search for frictions in a groove does not make the proxy slip",
+TEST_CASE("a slow push along a groove with friction causes no jump of the force",
           "[modes][friction]") {
   // Two walls with friction share a load. During a slow push along the groove, the load moves from
   // one wall to the other. The walls must hold even in ticks in which Coulomb's law is not
-  // satisfied. The spring's force changes by 4 mN per tick.
+  // satisfied. The hand's motion changes the spring's force by at most about 4 mN per tick.
   for (const double degrees : {30.0, 60.0, 80.0}) {
     for (const double mu : {0.2, 0.8}) {
       CAPTURE(degrees, mu);
@@ -620,7 +620,7 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   CHECK(last.wanted.y() == Approx(-kStiffness * (0.0009 - met)).epsilon(1e-3));
 }
 
-TEST_CASE("without friction the solver and the plain solver give bitwise equal balances",
+TEST_CASE("without friction solveWithFriction gives the balance of solveProxy bit for bit",
           "[modes][friction]") {
   Random random(64);
   Balance b;

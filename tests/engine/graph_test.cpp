@@ -185,7 +185,7 @@ TEST_CASE("a vector's direction, Q and lambda2 come from one reading of the volu
   CHECK_FALSE(vector(std::get<FollowMode>(graph.modes[0]).vector).inside);
 }
 
-TEST_CASE("an error in a graph is reported with its JSON path and a remedy", "[graph]") {
+TEST_CASE("an error in a graph is reported with its cause", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "heda")};
   const auto error = [&] {

@@ -196,8 +196,8 @@ TEST_CASE("Euler's method: a residual force within the tolerance bounds the erro
 }
 
 TEST_CASE(
-    "Euler's method with a fixed step oscillates about a holding plane by at most its step times "
-    "s/k",
+    "Euler's method with a fixed step does not settle at a holding plane, and ends within its step "
+    "times s/k of the plane",
     "[methods][eq14]") {
   const double s = 2.0;
   const Vec3 probe(0, 0, -1e-3);  // s/k is 4 mm, so the answer is on the plane
@@ -240,7 +240,8 @@ TEST_CASE("Euler with an adaptive step finds the plane of fig. 6 though |f_res| 
 }
 
 TEST_CASE(
-    "Euler's method with an adaptive step never settles at a plane loaded to 0.999 of its strength",
+    "Euler's method with an adaptive step does not settle at a plane loaded to 0.999 of its "
+    "strength",
     "[methods][fig6]") {
   const double s = 2.0;
   const Vec3 probe(0, 0, -0.999 * s / kStiffness);

@@ -78,7 +78,7 @@ bool placeDrag(void* state, const ModeInput& input, PrimitiveSet& set) noexcept 
 struct Named {
   const char* name;
   ModeSpec mode;
-  bool anchored;  ///< True if the mode is anchored at the last tick's proxy, so it adds no energy.
+  bool anchored;  ///< True: anchored at the last tick's proxy, so a single move adds no energy.
 };
 
 Named named(const char* name, ModeKind kind, const char* of, double strength, bool anchored) {
@@ -90,7 +90,8 @@ Named named(const char* name, ModeKind kind, const char* of, double strength, bo
   return out;
 }
 
-/// Returns every mode, in variants that place different primitives. `pose` moves the guides.
+/// Returns all modes except user-defined ones, in variants that place different primitives. `pose`
+/// moves the guides.
 std::vector<Named> allModes(const Eigen::Isometry3d& pose = Eigen::Isometry3d::Identity()) {
   std::vector<Named> modes;
   modes.push_back(named("viscosity", ModeKind::kViscosity, "ball", 0.3, true));
@@ -131,8 +132,7 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, at, coupling);
 }
 
-/// Returns a motion that rotates and translates back and forth in 0.4 s, by less than half a voxel
-/// per millisecond.
+/// Returns a motion that rotates and translates back and forth in 0.4 s times `slower`.
 MotionPtr tumbling(double slower = 1.0) {
   std::vector<Keyframe> keys(5);
   const std::array<Vec3, 3> turns{Vec3(0.2, 0.1, -0.15), Vec3(0.1, 0.3, 0.1), Vec3(-0.1, 0.1, 0.2)};
@@ -147,7 +147,7 @@ MotionPtr tumbling(double slower = 1.0) {
   return std::make_shared<const Motion>(keys, true);
 }
 
-/// A shear wave with a wavelength of 0.04 m, a height of 2 mm and a frequency of 10 Hz.
+/// A shear wave with a wavelength of 0.04 m, a height of 2 mm and a frequency of 10 Hz / `slower`.
 class Bend final : public Warp {
  public:
   explicit Bend(double slower) : slower_(slower) {}
@@ -173,7 +173,7 @@ class Bend final : public Warp {
   double slower_;
 };
 
-/// Returns a motion that translates back and forth in 0.4 s, with a warp.
+/// Returns a motion that translates back and forth in 0.4 s times `slower`, with a warp.
 MotionPtr bending(double slower = 1.0) {
   std::vector<Keyframe> keys(3);
   keys[1].time = 0.2 * slower;
@@ -182,7 +182,8 @@ MotionPtr bending(double slower = 1.0) {
   return std::make_shared<const Motion>(keys, true, "/keyframes", std::make_shared<Bend>(slower));
 }
 
-/// Removes guides, because guides cannot follow volumes that deform.
+/// Removes guides, because guides cannot follow volumes that deform. If no mode is left, adds a
+/// surface with friction.
 std::vector<ModeSpec> guidelessOf(std::vector<ModeSpec> modes) {
   std::erase_if(modes, [](const ModeSpec& mode) { return mode.kind == ModeKind::kGuide; });
   if (modes.empty()) modes.push_back(allModes()[2].mode);
@@ -252,7 +253,8 @@ std::vector<Primitive> placed(const ModeSpec& mode, const Vec3& p) {
 
 }  // namespace
 
-TEST_CASE("each mode places the primitives that the table of modes gives for it", "[modes]") {
+TEST_CASE("fronts, tubes, dampings, surfaces and guides place the primitives of the modes' table",
+          "[modes]") {
   const Vec3 p(0.02, 0.01, 0.03);
   const auto all = fields();
   FieldCache cache;
@@ -581,7 +583,7 @@ TEST_CASE("pairs and triples of modes balance as the reference solver does",
   // If two planes with friction coincide, rounding decides how the planes share the load. Such
   // ticks may reach the iteration limit.
   CAPTURE(ticks, limited);
-  CHECK(limited <= 20);  // measured: 4 of 182,455
+  CHECK(limited <= 20);
 }
 
 TEST_CASE("a mode of zero strength does not change the result, bit for bit", "[modes]") {
@@ -707,7 +709,7 @@ TEST_CASE("a motion that stands still does not change the forces, bit for bit", 
   }
 }
 
-TEST_CASE("the hand gains at most the energy that ticks count for moving volumes and the spring",
+TEST_CASE("among moving volumes the hand gains at most the reported energy plus that of sampling",
           "[modes][moving][passivity][realtime][release]") {
   std::vector<std::vector<ModeSpec>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode.mode});

@@ -195,7 +195,7 @@ TEST_CASE("invalid keyframes are refused with their JSON path", "[modes][moving]
 
 TEST_CASE("a ball that moves over a resting hand keeps the proxy on its surface",
           "[modes][moving]") {
-  // The ball orbits at 0.2 m/s. The hand rests, 2.56 voxels deep in the ball.
+  // The ball moves at 0.2 m/s. In its orbits, the hand rests 2.56 voxels deep in the ball.
   constexpr double kRadius = 40.0 * kVoxel;
   constexpr double kDeep = 2.56 * kVoxel;
   constexpr double kSpeed = 0.2;
@@ -252,7 +252,7 @@ TEST_CASE("a ball that moves over a resting hand keeps the proxy on its surface"
       }
       CHECK(held > ticks / 5);
       CHECK(more <= 5);       // ticks in which contact begins
-      CHECK(worst <= 0.001);  // [voxels]; measured: 5e-6
+      CHECK(worst <= 0.001);  // [voxels]
     }
   }
 }
@@ -378,10 +378,9 @@ TEST_CASE("a moving volume that passes beside the hand causes no force", "[modes
   }
 }
 
-TEST_CASE("a surface that moves at up to 3 m/s does not pass through the proxy",
+TEST_CASE("a moving surface does not pass through the proxy, and at 10 m/s ticks report a limit",
           "[modes][moving]") {
-  // At 3 m/s the surface moves by 3.84 voxels per tick, which takes eight sub-steps of half a
-  // voxel.
+  // At 3 m/s the surface moves by 3.84 voxels per tick, which takes eight slices of half a voxel.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
   const double deep = 2.0 * kVoxel;

@@ -149,7 +149,7 @@ TEST_CASE("Newton's step converges quadratically on up to three surfaces that ho
     const bool all =
         std::all_of(course.last.loads.begin() + static_cast<std::ptrdiff_t>(others.size()),
                     course.last.loads.end(), [](Load load) { return load == Load::kHeld; });
-    // Skips cases in which a surface does not hold, or the hand is near a ridge.
+    // Skips cases in which a surface does not hold, and those that do not converge, near a ridge.
     if (!all || course.residuals[8] > 1e-9) continue;
     ++held;
     for (std::size_t i = 3; i + 1 < course.residuals.size(); ++i) {

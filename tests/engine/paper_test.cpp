@@ -1,4 +1,4 @@
-/// Tests the claims of Lundin et al., "The Orthogonal Constraints Problem ...", one by one.
+/// Tests claims of Lundin et al., "The Orthogonal Constraints Problem ...", one by one.
 #include <algorithm>
 #include <cmath>
 #include <iostream>
@@ -107,8 +107,8 @@ TEST_CASE("fig. 1: a tick reads properties before it moves the proxy and compute
     if (tick > 0) {
       for (Primitive& p : known) p.position = before;
       const test::Reference foreseen = solveReference(hand, kStiffness, known);
-      // The first reading is at that position. Further readings are around the position, to measure
-      // how the normal changes.
+      // The first call of the field is at that position. Further calls around it measure how the
+      // normal changes, and do not count as samples.
       REQUIRE((read.front() - hand - foreseen.offset).norm() < 1e-9);
     }
     // Step 2 places the constraints at the old proxy, and moves the proxy to the position at which
@@ -202,8 +202,8 @@ TEST_CASE("fig. 2: weak non-orthogonal constraints give a spurious force unlike 
     double primitive_force = 0.0;
     double reference_force = 0.0;
     for (int i = 0; i < 200; ++i) {
-      // Three constraints at the old proxy, with directions 10 to 60 degrees apart. The hand is 5
-      // mm away.
+      // Three constraints at the old proxy, with directions 10 to 60 degrees from a common axis.
+      // The hand is 5 mm away.
       const Vec3 proxy = random.inCube(1e-2);
       const Vec3 probe = proxy + 5e-3 * random.direction();
       const Vec3 axis = random.direction();
@@ -520,12 +520,12 @@ TEST_CASE("section 4.2: the smallest |f_res| is not always at the balance", "[pa
         smallestResidualNear(solved.proxy, probe, planes) - 0.1);
 }
 
-TEST_CASE("section 4.3: the work of a balance grows at most linearly with the number of primitives",
+TEST_CASE("section 4.3: from 8 to 1,024 primitives the iterations of a balance at most double",
           "[paper]") {
   // An iteration of palpate or of Euler's method visits each primitive a fixed number of times. So
-  // the work is the number of primitives times the iterations. The strengths are inversely
-  // proportional to the number of primitives. So for any number, the proxy sometimes sticks and
-  // sometimes slides.
+  // the work is the number of primitives times the iterations, and grows about linearly. The
+  // strengths are inversely proportional to the number of primitives. So for any number, the proxy
+  // sometimes sticks and sometimes slides.
   constexpr int kFew = 8;
   constexpr int kMany = static_cast<int>(kMaxPrimitives);
   const auto work = [](bool ours, bench::Family family, int count) {

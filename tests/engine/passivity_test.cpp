@@ -1,5 +1,6 @@
-/// Tests the energy tank: no hand, arm or scene can extract energy from a loop with an energy tank.
-/// Control runs without a tank, or with wrong data in the tank, show that hands then gain energy.
+/// Tests the energy tank: unless ticks are late, no random hand, arm or scene extracts energy from
+/// a loop with an energy tank. In control runs without a tank, or with a tank that gets wrong data,
+/// some hands gain energy.
 #include "palpate/engine/safety/passivity.h"
 
 #include <cmath>
@@ -379,7 +380,7 @@ TEST_CASE("early ticks give the hand no energy, and late ticks put the energy ta
   }
 }
 
-TEST_CASE("the energy tank reduces the force of an active wall but not of a passive wall",
+TEST_CASE("a passive wall is felt unchanged, to 0.1 %, with the energy tank, an active wall is not",
           "[passivity]") {
   struct Felt {
     double scaled = 0.0;
@@ -647,7 +648,8 @@ TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[
   CHECK(told.broken > 0);
 }
 
-TEST_CASE("a restarted energy tank gives no force until a new position arrives", "[passivity]") {
+TEST_CASE("a restarted energy tank counts a hand's work only from the first new position on",
+          "[passivity]") {
   // The hand moved a part of the path to the next position before the reset. So the tank must not
   // count this path.
   const TankParams params = acting(0.5);

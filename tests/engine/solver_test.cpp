@@ -51,7 +51,7 @@ TEST_CASE("a directed force moves the proxy by s/k", "[solver][eq8]") {
   CHECK(r.solver == SolverKind::kClosedForm);
 }
 
-TEST_CASE("a point, line or plane holds the proxy up to S/k from the probe and then lags by S/k",
+TEST_CASE("a point, line or plane holds the proxy up to S/k from the probe, which then pulls it",
           "[solver][eq9][eq11][eq13]") {
   const PrimitiveKind kind =
       GENERATE(PrimitiveKind::kPoint, PrimitiveKind::kLine, PrimitiveKind::kPlane);
@@ -81,7 +81,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
           "[solver][balance]") {
   // docs/speed_accuracy.md reports a run with PALPATE_CASES=10000000.
   const long n = test::cases(100000);
-  // One of `every` cases of each family is compared with the reference.
+  // Of each family, one in `every` cases is compared with the reference.
   const long every = std::max(1L, n / 1000);
   long over_goal = 0;
   std::map<Family, long> judged;

@@ -4,7 +4,7 @@ if(PALPATE_FUZZ AND TARGET palpate_haply_messages)
   if(NOT CMAKE_CXX_COMPILER_ID MATCHES "Clang")
     message(FATAL_ERROR "PALPATE_FUZZ needs clang: set CMAKE_CXX_COMPILER to clang++")
   endif()
-  # Compiles both sources again, with the fuzzer's instrumentation.
+  # Compiles the parser again, with the fuzzer's instrumentation.
   add_executable(palpate_fuzz_haply_messages
     ${CMAKE_CURRENT_LIST_DIR}/haply_messages.cpp
     ${PROJECT_SOURCE_DIR}/devices/plugins/haply_messages.cpp)

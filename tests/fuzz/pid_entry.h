@@ -17,7 +17,7 @@
 
 namespace palpate::test {
 
-/// A port whose reads return the fuzzer's bytes. Accepts all writes.
+/// A port whose reads return the fuzzer's bytes. Accepts all writes that are not empty.
 class SayingPort final : public ReportPort {
  public:
   explicit SayingPort(std::span<const std::byte> says) : says_(says) {}
@@ -40,7 +40,7 @@ class SayingPort final : public ReportPort {
 
  private:
   /// Copies the next report from the fuzzer's bytes to `to`, and returns its length. The first byte
-  /// determines the length. Most reports get a valid report number.
+  /// determines the length, at most 47.
   std::size_t take(std::span<std::byte> to) noexcept {
     std::size_t size = std::to_integer<std::size_t>(says_[0]) % 48;
     says_ = says_.subspan(1);
@@ -56,7 +56,8 @@ inline void must(bool good) {
   if (!good) std::abort();
 }
 
-/// Returns true if the descriptor is a PID device that could be opened.
+/// Returns true if the descriptor is that of a PID device that could be opened. Aborts if a result
+/// of the driver is impossible.
 inline bool fuzzPid(std::span<const std::byte> descriptor, std::span<const std::byte> says) {
   const auto device = parseHidDescriptor(descriptor);
   if (!device) return false;

@@ -43,8 +43,8 @@ class PluginFuzz {
   /// Returns the number of ticks without a fault.
   [[nodiscard]] long passed() const noexcept { return passed_; }
 
-  /// Runs a tick. Returns "" if the loop gets finite input or a fault, else a description of the
-  /// error.
+  /// Runs a tick. Returns "" if the handle is valid, and the loop gets a valid hand or a fault.
+  /// Else returns a description of the error.
   [[nodiscard]] std::string tick() {
     fuzzTime() += 1'000'000;
     t_ += 1e-3;
@@ -54,19 +54,21 @@ class PluginFuzz {
     arm_->write(Vec3(0.1, 0.0, 0.0));
     const Handle& handle = hand.handle;
     for (const double q : handle.orientation) {
-      if (!(std::abs(q) <= 1.0 + 1e-9)) return "an orientation that is none";
+      if (!(std::abs(q) <= 1.0 + 1e-9)) return "an orientation outside -1 to 1";
     }
     bool finite = std::isfinite(handle.gripper);
     for (const double q : handle.joints) finite = finite && std::isfinite(q);
     if (!finite) return "a handle that is not finite";
-    if (buttons_ < 32 && (handle.buttons >> buttons_) != 0) return "buttons that it has not";
-    if (!(arm_->given() >= 0.0 && arm_->given() <= 1.0)) return "a share that is none";
+    if (buttons_ < 32 && (handle.buttons >> buttons_) != 0)
+      return "buttons that the arm does not have";
+    if (!(arm_->given() >= 0.0 && arm_->given() <= 1.0)) return "a share outside 0 to 1";
     if (fault != Fault::kNone) return {};
     ++passed_;
     if (!hand.position.allFinite() || !hand.velocity.allFinite())
       return "a hand that is not finite";
-    if (!(hand.velocity.norm() < 5.1)) return "a velocity that no hand has";
-    if (!(hand.age >= 0.0 && hand.age <= arm_->info().watch.stale)) return "an age that is none";
+    if (!(hand.velocity.norm() < 5.1)) return "a velocity above 5.1 m/s";
+    if (!(hand.age >= 0.0 && hand.age <= arm_->info().watch.stale))
+      return "an age outside 0 to the limit";
     return {};
   }
 
@@ -94,7 +96,7 @@ class PluginFuzz {
 };
 
 /// Parses bytes as a message of the socket, and sets `taken` if the message is valid. Returns "" if
-/// the bytes are valid or refused, else a description of the error.
+/// the message's text is valid or the bytes are refused, else a description of the error.
 [[nodiscard]] inline std::string fuzzPluginMessage(std::span<const std::byte> bytes, bool& taken) {
   const auto message = pluginMessageOf(bytes);
   taken = message.has_value();
@@ -102,7 +104,8 @@ class PluginFuzz {
   const std::string text = message->text();
   if (text.size() > PluginMessage::kMostBytes) return "a text that is too long";
   for (const char c : text) {
-    if (std::iscntrl(static_cast<unsigned char>(c)) != 0 && c != '\n') return "a text that is none";
+    if (std::iscntrl(static_cast<unsigned char>(c)) != 0 && c != '\n')
+      return "a text with control characters";
   }
   return {};
 }

@@ -1,5 +1,5 @@
-/// libFuzzer target for plugin_entry.h. The input is a message, then facts, then news for each
-/// tick.
+/// libFuzzer target for plugin_entry.h. The whole input is parsed as a message, and then as facts
+/// followed by news for each tick.
 ///   cmake -S . -B build/fuzz -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DPALPATE_FUZZ=ON
 ///     -DPALPATE_SANITIZE=address,undefined
 ///   ninja -C build/fuzz palpate_fuzz_plugin && build/fuzz/tests/palpate_fuzz_plugin -max_len=30000

@@ -21,7 +21,7 @@ constexpr std::size_t kTrigger = 0;
 constexpr std::size_t kIdentifier = 3;
 constexpr std::size_t kAcquisition = 5;
 
-/// Describes series `s`, of which image `k` gets the last change.
+/// Changes the file of image `k` of series `s`.
 using Change = std::function<void(int s, int k, File& file)>;
 
 /// Returns series of equal geometry with the UIDs "0", "1" and so on.

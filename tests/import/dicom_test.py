@@ -241,7 +241,7 @@ class Case(unittest.TestCase):
         return json.loads(done.stdout)
 
     def refused(self, source, *more, says):
-        """Checks that the import is refused: one clear line on stderr, nothing on stdout, no file left."""
+        """Checks that the import is refused: one line on stderr, nothing on stdout, no file left."""
         done, line = refusal(self, self.dir, lambda: self.run_import(source, *more))
         self.assertEqual(done.returncode, 2, line)
         for part in [says] if isinstance(says, str) else says:
@@ -563,7 +563,7 @@ class Choice(Case):
         first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
         first.write(self.dir / "patient" / "study" / "lung")
         (self.dir / "patient" / "study" / "again").symlink_to(self.dir / "patient")
-        # Pictures beside DICOM files, or beside folders that have some, are previews.
+        # Pictures beside DICOM files, or beside folders that have some, are previews, which the import skips.
         for folder in (self.dir / "patient", self.dir / "patient" / "study" / "lung"):
             (folder / "preview.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(200))
         for folder in (self.dir / "patient" / "study", self.dir / "patient"):
@@ -694,7 +694,7 @@ class Trouble(Case):
         self.refused(Volume(size=(5, 4, 1)).write(self.dir / "one"), says="flat")
 
     @suite.smoke
-    def test_refuses_truncated_and_damaged_files(self):
+    def test_refuses_truncated_files_and_reads_or_refuses_damaged_ones(self):
         folder = Volume().write(self.dir / "ct")
         file = folder / "IM002"
         whole = file.read_bytes()
@@ -806,7 +806,7 @@ class Phases(Case):
         self.imported(folder, "--time", "1")
         self.same(self.phase(20, 1))
 
-    def test_a_body_without_a_table_in_one_phase_is_felt_in_that_phase(self):
+    def test_in_a_phase_without_a_table_the_region_of_the_body_is_the_whole_volume(self):
         folder = self.dir / "4d"
         for percent in (0, 50):
             phase = self.phase(percent, 0)

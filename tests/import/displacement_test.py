@@ -96,7 +96,7 @@ class Displacement(images.Case):
         return out
 
     @suite.smoke
-    def test_displacement_fields_of_all_formats_are_converted_to_ras(self):
+    def test_displacement_fields_in_nifti_metaimage_and_nrrd_are_converted_to_ras(self):
         u = rotation(10)
         for intent in (1006, 1007):
             self.means(self.nii(u, intent), u)
@@ -113,7 +113,7 @@ class Displacement(images.Case):
             for text in texts:
                 self.means(self.write("u.nrrd", text, "\n", vectors(u)), u)
 
-    def test_nifti_in_metres_keeps_displacements_in_the_unit_of_its_axes(self):
+    def test_displacements_in_mm_of_a_nifti_in_metres_are_converted_to_metres(self):
         metres = tuple(tuple(1e-3 * c for c in row) for row in SFORM)
         path = self.nii(rotation(10), sform=metres, units=1)
         out = self.convert(path, *self.FIELD)
@@ -161,7 +161,7 @@ class Displacement(images.Case):
                    "forward")
 
     @suite.smoke
-    def test_refuses_displacement_fields_that_fold_space(self):
+    def test_refuses_displacement_fields_that_fold_or_stretch_space_too_much(self):
         fold = self.nii(lambda x: (-2.0 * x[0], 0.0, 0.0))
         for direction in ("backward", "forward"):
             self.refused(fold, "folds space", *self.FIELD, "--direction", direction)

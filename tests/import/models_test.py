@@ -292,7 +292,7 @@ class Netcdf(Case):
         self.assertEqual((played["volumes"]["t"]["frames"], played["play"]["speed"]), ({"rate": 4.62963e-05}, 110000))
         self.assertEqual(self.call("check", scene).returncode, 0)
 
-    def test_evenly_spaced_heights_become_an_exact_image(self):
+    def test_evenly_spaced_heights_are_imported_without_resampling(self):
         levels = [0, 2000, 4000, 6000]
         report = self.imported(self.weather(levels=levels, level={"units": "m", "axis": "Z"}))
         t = report["grid"]["t"]
@@ -402,9 +402,9 @@ class Netcdf(Case):
             self.refused(self.grid(lon=lon), "longitude of")
         self.refused(self.grid(lat=(80, 100, 120)), "latitude of 100 degrees")
 
-    def test_places_vertical_levels_by_their_unit(self):
+    def test_the_unit_and_direction_of_levels_decide_the_note_and_the_signs_of_heights(self):
         cases_of = [
-            # Each case has z, its attributes, the message, and the heights of both ends.
+            # Each case has z, its attributes, the note, and heights of both ends, of which only the signs count.
             ((1, 2, 3), {"units": "level", "positive": "down"}, "levels have no height",
              (-1, 0)),
             ((0.1, 0.5, 1), {"units": "1", "positive": "down"}, "levels have no height", (-1, 0)),
@@ -621,7 +621,7 @@ class Foam(Case):
         for curl in curls[1:]:
             self.assertLess(abs(curl), 0.01 * curls[0], curls)
 
-    def test_a_linear_flow_of_an_openfoam_case_is_exact_at_the_boundary(self):
+    def test_a_linear_flow_of_an_openfoam_case_is_correct_at_the_boundary(self):
         self.imported(self.case(), "--voxel", 0.05)
         faces = [(0, 0.25, 0.2), (0.6, 0.1, 0.3), (0.3, 0, 0.1), (0.3, 0.5, 0.4), (0, 0, 0), (0.6, 0.5, 0.4)]
         self.holds("U", faces, lambda x, y, z: (1.5 + y, 0.5 * x, z), 1e-3)

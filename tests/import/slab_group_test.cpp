@@ -31,7 +31,8 @@ namespace fs = std::filesystem;
 using Files = std::map<std::string, std::string>;
 
 constexpr std::array<int, 3> kSize{30, 26, 250};  // 4 layers of bricks, the last one incomplete
-constexpr double kOneLayer = 1.0;                 ///< Points in a slab: each has one layer.
+/// Limit of the points in a slab. It is so small that each slab has a single layer.
+constexpr double kOneLayer = 1.0;
 
 Files filesIn(const fs::path& folder) {
   Files files;
@@ -44,7 +45,7 @@ Files filesIn(const fs::path& folder) {
   return files;
 }
 
-/// Returns a rod along k, which ends before the last layer. Its values vary everywhere.
+/// Returns a rod along k, which ends within the last layer. Its values vary everywhere.
 std::vector<float> rod() {
   std::vector<float> values;
   for (int k = 0; k < kSize[2]; ++k) {
@@ -171,7 +172,7 @@ struct Fixture {
         kSize[0], kSize[1], kSize[2], type, components);
   }
   /// Checks that slabs of one and of two layers give the same files and the same report as the
-  /// whole image. If the image is smoothed, only those of one layer are slabs. Returns the report.
+  /// whole image. A smoothed image is divided only into slabs of one layer. Returns the report.
   std::string check() const {
     const Result whole = import(options, folder / "whole", 1e9);
     CHECK_FALSE(whole.divided);
@@ -225,7 +226,7 @@ TEST_CASE("a process that works on slabs in turn gathers the same bytes as a pro
   CHECK(group.sharesOf(3)[2].first == 2);
 }
 
-TEST_CASE("a reduced list of all slabs is computed once, and its parts only in one pass",
+TEST_CASE("a reduction over all slabs is computed once and is known after the first pass",
           "[import][process_group]") {
   static int computed = 0;
   computed = 0;
@@ -360,7 +361,7 @@ TEST_CASE("whole numbers imported slab by slab give the same bricks as the whole
     CHECK_THAT(fixture.check(), Catch::Contains("counts as missing data"));
     return;
   }
-  SECTION("with a last value beyond the whole numbers of a float") {
+  SECTION("with a whole number in the last slab that a float cannot hold") {
     auto values = rodAs<std::int32_t>();
     values[values.size() - 5] = (1 << 25) + 1;
     fixture.raw("int32", bytesOf(values));
@@ -375,7 +376,7 @@ TEST_CASE("whole numbers imported slab by slab give the same bricks as the whole
   (void)fixture.check();
 }
 
-TEST_CASE("headers imported slab by slab give the same bricks as the whole image",
+TEST_CASE("files with headers imported slab by slab give the same bricks as the whole image",
           "[import][bricks][process_group]") {
   Fixture fixture;
   SECTION("MetaImage") {

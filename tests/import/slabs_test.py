@@ -16,7 +16,7 @@ import suite  # noqa: E402
 
 PALPATE = str(Path(sys.argv[1]).resolve() / "palpate")
 SIZE = (520, 520, 320)   # 5 layers of bricks, each a slab of its own: 87 MB of bytes
-LIMIT = 345 << 20        # address space [bytes], of which the program's libraries need 250 MB
+LIMIT = 345 << 20        # address space [bytes]; enough for the program's libraries and slabs, not for the whole image
 
 
 def limited():
@@ -53,10 +53,10 @@ def bricks(file, out, status=0, **more):
 
 
 class Slabs(unittest.TestCase):
-    def test_an_image_larger_than_the_memory_limit_gives_the_bricks_of_the_whole_image(self):
+    def test_an_image_that_only_fits_into_the_memory_limit_as_slabs_gives_the_bricks_of_the_whole_image(self):
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            # A gzipped file with the same name is read whole, so it needs 375 MB.
+            # A gzipped file with the same name is read whole, so it needs more than LIMIT.
             for part in ("plain", "packed"):
                 (folder / part).mkdir()
             contents = nifti()

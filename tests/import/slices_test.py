@@ -78,7 +78,7 @@ class Reading(Case):
             with self.subTest(letter=letter, **how):
                 self.is_stack(self.write("a.tif", stack(letter, kind=kind, **how)))
 
-    def test_reads_every_compression_of_tiff_that_the_page_lists(self):
+    def test_reads_tiff_without_compression_and_with_lzw_deflate_and_packbits(self):
         for packing in PACK:
             for letter in "BHf":
                 for predictor in (1, 2)[:1 + (packing in (LZW, DEFLATE) and letter != "f")]:
@@ -179,7 +179,7 @@ class Names(Case):
         folder = self.folder({f"c{c}_z{k}.png": png(rows_of(k), WIDTH) for c in range(2) for k in range(3)})
         self.refused(folder, "differ in 2 numbers, such as c0_z0.png and", *WORDS)
 
-    def test_missing_slices_are_refused_by_their_neighbours(self):
+    def test_missing_slices_are_refused_with_the_names_of_their_neighbours(self):
         folder = self.folder({f"a_{n}.tif": picture(1) for n in (1, 2, 3, 6, 7)})
         self.refused(folder, "slices are missing: after a_3.tif comes a_6.tif", *WORDS)
 
@@ -241,12 +241,12 @@ class Spacing(Case):
                 self.assertIn(f"the spacing is 0.5 x 0.25 x 2 {unit}, as {source} states", self.notes(path))
                 self.is_stack(path, "--spacing", "1,2,3", spacing=((1, 0, 0), (0, 2, 0), (0, 0, 3)))
 
-    def test_imagej_does_not_write_a_distance_of_1(self):
+    def test_a_description_by_imagej_without_a_distance_means_a_distance_of_1(self):
         path = self.write("a.tif", stack(_270=IMAGEJ + "unit=cm\n", _282=[(2, 1)], _283=[(4, 1)], _296=[3]))
         out = self.is_stack(path, "--field", "density", spacing=((0.5, 0, 0), (0, 0.25, 0), (0, 0, 1)))
         self.has_unit(out, "cm")
 
-    def test_without_a_spacing_the_remedy_is_the_option(self):
+    def test_slices_without_a_spacing_are_refused_and_the_remedy_is_option_spacing(self):
         self.refused(self.write("a.tif", stack()), "do not state the spacing of the voxels: add the edges")
         for text in (IMAGEJ, IMAGEJ + "unit=pixel\nspacing=3\n", IMAGEJ + "unit=um\nspacing=nan\n", "<OME><Pixels",
                      "ImageJ=", "a sample"):
@@ -261,7 +261,7 @@ class Spacing(Case):
                              "of the slices: add the edges of a voxel along x, y and z, as in --spacing 10,10,20um")
         self.refused(self.folder({f"a_{k}.png": png(rows_of(k), WIDTH) for k in range(3)}), "add the edges of a voxel")
 
-    def test_the_option_takes_three_positive_lengths_and_a_unit(self):
+    def test_option_spacing_takes_three_positive_lengths_and_a_unit(self):
         path = self.write("a.tif", stack())
         for text in ("1,2", "1,2,-3", "1,2,3km", ""):
             self.refused(path, "--spacing", f"--spacing={text}")
@@ -338,7 +338,7 @@ class Refusals(Case):
 
 class Memory(Case):
     def run_limited(self, path, *words):
-        """Returns the one line of an import whose address space is limited."""
+        """Returns the only line that an import prints on stderr if its address space is limited."""
         done = subprocess.run(["bash", "-c", 'ulimit -v 1500000; exec "$0" "$@"', str(images.BIN / "palpate-import"),
                                str(path), str(self.dir / ("out" if "--bricks" in words else "out.vdb")), *words],
                               capture_output=True, text=True, timeout=120, check=False)
@@ -368,7 +368,7 @@ class Memory(Case):
 
 
 class Damage(Case):
-    def test_sizes_that_the_file_cannot_hold_are_refused_before_memory_is_allocated(self):
+    def test_sizes_that_the_file_cannot_hold_are_refused(self):
         for packing in (NONE, LZW, DEFLATE, PACKBITS):
             for tags in ({"_256": [2 ** 31 - 1], "_257": [2 ** 31 - 1], "_278": [2 ** 31 - 1]},
                          {"_256": [10 ** 6], "_278": [5]}, {"_256": [2 ** 32 - 1]}, {"_257": [0]},
@@ -404,7 +404,7 @@ class Damage(Case):
             self.refused(self.folder({"a_1.png": one, "a_2.png": one[:size]}), "a_2.png", *WORDS)
 
     @suite.smoke
-    def test_flipped_bits_of_packed_pixels_are_refused_or_change_nothing(self):
+    def test_flipped_bits_in_compressed_pixels_are_refused(self):
         one = png(rows_of(0), WIDTH)
         at = one.index(b"IDAT")
         for n in range(5):

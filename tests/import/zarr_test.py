@@ -124,7 +124,7 @@ class Zarr(images.Case):
         shutil.rmtree(self.dir / name, ignore_errors=True)
         return self.dir / name
 
-    def test_a_zarr_array_is_read_exactly_with_every_compressor(self):
+    def test_a_zarr_array_is_read_exactly_without_compression_and_with_zlib_gzip_zstd_and_blosc(self):
         for n, codec in enumerate(CODECS):
             with self.subTest(codec=codec[0], number=n):
                 out = self.convert(write_array(self.folder(), codec=codec))
@@ -295,7 +295,8 @@ class Zarr(images.Case):
             whole = chunk.read_bytes()
             for damaged in whole[:len(whole) // 2], b"", whole[:20] + bytes(40), bytes(len(whole)), whole * 2000:
                 if (codec[0], len(damaged)) in ((None, len(whole)), ("zlib", 2000 * len(whole))):
-                    continue  # zlib ignores bytes after its stream
+                    # Without compression, zeros are values, too. zlib ignores bytes after its stream.
+                    continue
                 with self.subTest(codec=codec[0], bytes=len(damaged)):
                     chunk.write_bytes(damaged)
                     self.refused(folder, "1.0.1")

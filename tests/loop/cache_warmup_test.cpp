@@ -103,7 +103,8 @@ TEST_CASE("a cache warm-up changes no report and writes nothing to the device", 
   CHECK(held > 1000);
 }
 
-TEST_CASE("a cache warm-up predicts the next tick's proxy and contacts", "[loop][warmup]") {
+TEST_CASE("a cache warm-up predicts the proxy and contacts of over 98 % of the ticks",
+          "[loop][warmup]") {
   const std::shared_ptr<const Scene> scene = richScene();
   Reader reader;
   ProxyState state;
@@ -155,7 +156,7 @@ TEST_CASE("after a wrong prediction the cache warm-up starts again at the real p
   };
   for (int i = 0; i < 5; ++i) tick(0.035);
   for (const double z : {0.0335, 0.0305}) tick(z);
-  // The hand has stopped, but the prediction moves on by 3 mm, deep into the ball.
+  // The hand slows down, but the prediction moves on by 3 mm, deep into the ball.
   CHECK_FALSE(tick(0.0288));
   for (int i = 0; i < 3; ++i) tick(0.0288);
   CHECK(tick(0.0288));

@@ -14,7 +14,7 @@ verify() {
     cc -O2 -DSAFETY -DMEMLIM=2048 -w -o pan pan.c
     ./pan -m100000 | tee pan.txt >"pan$1.txt"
     if grep -q "search depth too small\|out of memory" pan.txt; then
-        echo "the check is not complete"
+        echo "Spin reached its limit of depth or memory, so the check is not complete"
         exit 1
     fi
     grep -o "errors: [0-9]*" pan.txt
@@ -26,6 +26,6 @@ grep "states, stored\|transitions" pan0.txt
 echo "the protocol holds: $verdict"
 for broken in 1 2 3; do
     verdict=$(verify $broken)
-    [ "$verdict" != "errors: 0" ] || { echo "mistake $broken was not found"; exit 1; }
-    echo "mistake $broken is found: $verdict"
+    [ "$verdict" != "errors: 0" ] || { echo "planted fault $broken was not found"; exit 1; }
+    echo "planted fault $broken is found: $verdict"
 done

@@ -65,8 +65,8 @@ def stamp(ancillary):
 
 
 class Witness:
-    """A process that only sleeps, with a higher priority than the victim. If it wakes late, the machine has
-    stalled."""
+    """A process that only sleeps, if permitted with a higher priority than the victim. If it wakes late, the machine
+    has stalled."""
     STILL = 0.01   # [s]; half of a guardian's timeout
 
     def __init__(self):
@@ -120,8 +120,8 @@ class Victim:
             self.seen.append((stamp(ancillary), newtons(data)))
 
     def press(self):
-        # If the host pauses the machine's cores, the loop cuts the force. So the test waits for a period without
-        # pauses.
+        # If the host pauses the machine's cores, the loop may cut the force. So the time limit QUIET starts again after
+        # each pause.
         begin = time.time()
         still = WITNESS.times()
         left = QUIET
@@ -133,8 +133,8 @@ class Victim:
                 self.listen(0.05)
                 return
         self.faults.seek(0)
-        raise AssertionError(f"nothing was felt: {len(self.seen)} forces, {self.seen[-1:]}, "
-                             f"the machine stood still {WITNESS.times() - still} times, "
+        raise AssertionError(f"no force above 1 N: {len(self.seen)} forces, {self.seen[-1:]}, "
+                             f"the machine stalled {WITNESS.times() - still} times, "
                              f"{Counter(self.faults.read().splitlines())}, {self.program.poll()}")
 
     def close(self):
@@ -194,7 +194,8 @@ def action_of(test):
 
 
 def late(row):
-    """Returns the time from the signal or action until the force stays zero [s], and the state of the program."""
+    """Returns the time from the signal or action, without priority from the last force, until the force stays zero [s],
+    and the state of the program. The time is infinite if the force stays or if too many forces follow."""
     victim = STARTED.take(row if row in OWN else "nothing")
     try:
         victim.press()
@@ -257,7 +258,7 @@ class KillTable(unittest.TestCase):
                 break
             time.sleep(0.01)
         else:
-            self.fail("it is still there")
+            self.fail("the guardian still runs 5 s after its program ended")
         victim.close()
 
     def ends_without_force(self, victim, seconds):
@@ -302,7 +303,6 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_a_write_of_40_ms_followed_by_one_that_hangs_ends_with_zero_force(self):
-        # One write takes 40 ms, and the next one does not return.
         victim = STARTED.take("slow")
         try:
             victim.press()

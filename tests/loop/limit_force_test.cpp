@@ -24,7 +24,8 @@ LimitedForce after(const Vec3& previous, const Vec3& wanted, double dt, const Fo
 
 }  // namespace
 
-TEST_CASE("a non-finite force becomes zero and is reported", "[safety]") {
+TEST_CASE("a force that is not finite or whose norm overflows becomes zero and is reported",
+          "[safety]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   for (const double bad : {nan, inf, -inf, 1.7e308}) {
@@ -86,7 +87,7 @@ TEST_CASE("limiting any input gives a finite force within the peak, the slew and
     CHECK(std::isfinite(state.heat));
     const bool held = out.force.allFinite() && out.force.stableNorm() <= limits.peak &&
                       (!out.finite || out.force.stableNorm() <= wanted.stableNorm() * (1 + 1e-12));
-    if (!held) FAIL("not finite, or over the peak or the wish");
+    if (!held) FAIL("not finite, or above the peak or the wanted force");
     const double last = previous.allFinite() ? previous.stableNorm() : 0.0;
     const double growth = dt > 0 && std::isfinite(dt) ? limits.slew * dt : 0.0;
     if (out.force.stableNorm() >
@@ -147,7 +148,7 @@ TEST_CASE("a force limit keeps the motors' heat at or below that of the continuo
   }
   CHECK(first == Approx(8.0).margin(1e-9));  // cold motors may give the whole peak
   CHECK(state.sent.norm() == Approx(2.0).margin(1e-3));
-  // After 20 s of rest the motors are cold again.
+  // After 20 s of rest the motors are almost cold again.
   for (int i = 0; i < 20000; ++i)
     CHECK(limitForce({0, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force.norm() == 0.0);
   CHECK(state.heat < 0.05);

@@ -52,7 +52,7 @@ struct Hand {
   void move(const Vec3& force, double now, double dt) {
     const Vec3 wanted = std::sin(2.0 * M_PI * frequency * now + phase) * swing;
     const Vec3 all = force + grip * (wanted - position) - damping * velocity;
-    // Limits the acceleration to that of real arms and hands.
+    // Keeps the acceleration below the bound that the link assumes.
     Vec3 a = all / mass;
     const double most = 0.49 * kLinkNimble;
     if (a.norm() > most) a *= most / a.norm();
@@ -226,8 +226,8 @@ TEST_CASE("two linked hands never gain more energy on any network than their tan
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    // The link knows the time between two readings only after several readings. Until then it gives
-    // a fiftieth of the spring's force.
+    // If a reading is used for several ticks, the link knows their number only after several
+    // readings. Until then a force can do more work than its tank holds.
     const double slack = session.reads > 1 ? 5e-4 : 1e-12;
     for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);
     REQUIRE(session.most <= bound + 2.0 * slack);
@@ -279,7 +279,8 @@ TEST_CASE("the tanks of a link pay for motion that is smaller than an encoder st
       x = {creeps, swings};
       most = std::max(most, work);
     }
-    std::printf("step %.0f um: the hands got %.3f mJ of 2\n", 1e6 * step, 1e3 * most);
+    std::printf("step %.0f um: the hands received %.3f mJ of at most 2 mJ\n", 1e6 * step,
+                1e3 * most);
     CHECK(most <= 2.0 * params.start + 1e-12);
   }
 }
@@ -372,7 +373,7 @@ TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
       const double apart = std::sqrt(squares / count);
       std::printf("%5.0f %3.0f: %.1f\n", 1e3 * delay, 1e2 * lost, 1e3 * apart);
       INFO("delay " << delay << " lost " << lost);
-      // The limit is the path during the delay, at up to 0.16 m/s, plus the stretch of the spring.
+      // The limit is the path during the delay, at 0.11 m/s (rms), plus the stretch of the spring.
       CHECK(apart < 2.5e-3 + 0.12 * delay);
     }
   }
@@ -391,8 +392,8 @@ TEST_CASE("a link ignores invalid messages, and a false energy sum has a bounded
   };
   for (int n = 0; n < 1000; ++n) said({7, 5, static_cast<std::uint64_t>(n + 1), {0.1, 0, 0}, 0.0});
   const double before = link.energy();
-  // The link must ignore messages without a session (0), with non-finite values, with an old
-  // number, or from another session.
+  // The link must ignore messages without a sender (0), with values that are not finite or too
+  // large, to another life of this end, or from an earlier life of the other end.
   said({0, 5, 2000, {0.1, 0, 0}, 1.0});
   said({7, 5, 2000, {nan, 0, 0}, 1.0});
   said({7, 5, 2000, {0.1, 0, 0}, nan});
@@ -419,7 +420,7 @@ TEST_CASE("a loop's energy accounts use the sent force and not the requested one
   LinksHeard heard;
   heard.who[2] = 9;
   std::uint64_t number = 0;
-  std::uint64_t life = 2;  // the slot's second session
+  std::uint64_t life = 2;  // life of this hand's link
   const auto tick = [&](const Vec3& hand) -> const Telemetry& {
     heard.words[2] = {3, life, ++number, Vec3(0.2, 0, 0), 0.0};
     links.hear(heard);

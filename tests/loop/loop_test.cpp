@@ -59,7 +59,7 @@ struct Rig {
     for (int i = 1; i < static_cast<int>(std::lround(seconds / kDt)); ++i) tick();
     return tick();
   }
-  /// Moves the hand to `to` [m] at 0.5 m/s, then keeps it there for `seconds`.
+  /// Moves the hand to `to` [m] at about 0.5 m/s, then keeps it there for `seconds`.
   const Telemetry& go(const Vec3& to, double seconds) {
     const Vec3 from = device.hand.position;
     const int n = std::max(1, static_cast<int>((to - from).norm() / (0.5 * kDt)));
@@ -105,7 +105,7 @@ TEST_CASE("a hand gets no force without a scene or inside a solid that a new sce
   CHECK(rig.run(0.2).report.force == Vec3::Zero());
   CHECK(rig.device.writes == 200);
   const FieldPtr ball = ballField();
-  // The ball appears around the hand. The hand moves inside and leaves without a force.
+  // The ball appears around the hand. The hand rests inside and leaves without a force.
   rig.loop.publish(ballScene(ball));
   CHECK(rig.run(2.0).report.force.norm() < 1e-6);
   CHECK(rig.go(kOut, 0.1).report.force == Vec3::Zero());
@@ -114,8 +114,8 @@ TEST_CASE("a hand gets no force without a scene or inside a solid that a new sce
 }
 
 TEST_CASE(
-    "the force of a new scene engages over half a second, and an edit acts within 50 ms without a "
-    "jump",
+    "a new scene's force engages over half a second, and after an edit it grows by at most the "
+    "peak in 50 ms",
     "[loop][safety]") {
   const FieldPtr ball = ballField();
   {
@@ -139,8 +139,7 @@ TEST_CASE(
     CHECK(kDt * ticks == Approx(kEngageWait + kEngage).margin(0.02));
     CHECK(most < 1.1 * 1.5 * kDt / kEngage + 1e-9);
   }
-  // After an edit the force stays on. Additional force reaches its full value within 50 ms, for any
-  // number of edits.
+  // After an edit the force stays on, and grows by at most the peak in kEngageEdit.
   const auto stiff = [&](double k) {
     GraphSpec spec;
     spec.modes.resize(1);
@@ -206,7 +205,7 @@ TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.loop.latest().fault == cause);
     CHECK(rig.loop.latest().report.status == StepStatus::kFault);
-    // The fault stays latched when its cause ends, and when other causes follow.
+    // The fault stays latched after its cause has ended.
     mend(rig);
     for (int i = 0; i < 500; ++i) {
       rig.loop.beat();
@@ -580,8 +579,9 @@ TEST_CASE("ticks that are late by less than the limit are counted and keep their
   CHECK(rig.device.sent.norm() == Approx(1.5).margin(0.01));
 }
 
-TEST_CASE("an open dead-man switch cuts the force and a closed switch restores it after a second",
-          "[loop][safety]") {
+TEST_CASE(
+    "an open dead-man switch cuts the force, and a closed one restores it after the engagement",
+    "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -631,7 +631,7 @@ TEST_CASE("a blocked write is a fault, and stops the heartbeat for the guardian"
   CHECK(loop.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a tick that hangs ends with zero force and a late fault", "[loop][safety]") {
+TEST_CASE("a tick that lasts too long ends with zero force and a late fault", "[loop][safety]") {
   struct Hanging final : public ScalarField {
     std::shared_ptr<const ScalarField> ball = std::get<0>(ballField());
     std::atomic<bool>* hang;
@@ -795,7 +795,7 @@ struct Windy {
 }  // namespace
 
 TEST_CASE("homing an arm or clearing a fault puts no energy into the tank", "[loop][safety]") {
-  // The positions before the arm is ready are wrong by 10 cm, although the hand rests.
+  // The positions before the arm is ready, or during the fault, are wrong by 10 cm. The hand rests.
   for (const bool homed : {true, false}) {
     for (const int not_ready : {1, 2, 15}) {
       CAPTURE(homed, not_ready);
@@ -895,7 +895,7 @@ TEST_CASE("ticks of 1.19 periods put the tank into no debt, ticks of 1.5 periods
     device.hand.position = {0.05, 0, 0};
     TickTime time;
     for (int i = 0; i < 3000; ++i) {
-      // Some ticks are long, but on average the loop meets its deadlines.
+      // Every second tick is long, and the mean period is kDt.
       time.dt = i % 2 == 0 ? longest : 2.0 * kDt - longest;
       time.now += time.dt;
       // The hand moves back and forth until the force has grown, then with the force.
@@ -1098,15 +1098,16 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
     const Vec3& force = device.sent;
     const double size = force.norm();
     if (!force.allFinite() || !(size <= limits.peak)) {
-      FAIL("tick " << i << ": " << force.transpose());
+      FAIL("tick " << i << ": not finite or above the peak: " << force.transpose());
     }
     if (size > sent.norm() + limits.slew * time.dt * (1.0 + 1e-9) + 1e-12) {
-      FAIL("tick " << i << ": from " << sent.norm() << " to " << size);
+      FAIL("tick " << i << ": grew faster than the slew limit, from " << sent.norm() << " to "
+                   << size);
     }
     const Telemetry& told = loop.latest();
     if (told.fault != Fault::kNone && size != 0.0) FAIL("force after a fault, tick " << i);
     if (told.scene == 0 && size != 0.0) FAIL("force without a scene, tick " << i);
-    if (!device.hand.ready && size != 0.0) FAIL("force without a dead man's switch, tick " << i);
+    if (!device.hand.ready && size != 0.0) FAIL("force with an open dead-man switch, tick " << i);
     // Sums the durations, because after hours the rounding of time.now would exceed the tolerance.
     ramp += time.dt;
     if (told.fault != Fault::kNone || told.scene == 0 || !device.hand.ready) ramp = 0.0;

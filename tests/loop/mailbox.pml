@@ -2,13 +2,14 @@
  *
  * A value has two words, which a thread writes or reads one after the other. If both threads used
  * one slot at the same time, the reader could read two different halves. Spin checks every
- * interleaving of VALUES publications and any number of refreshes:
+ * interleaving of VALUES publications and up to VALUES + 3 refreshes:
  *   torn     both words that the reader reads are of one publication,
  *   older    no value is older than the value that was read before,
  *   lost     a refresh after the last publication gives the last value,
  *   shared   no slot belongs to both threads at the same time.
- * Spin also checks that no thread waits for the other: no statement of a thread blocks, and the
- * number of refreshes does not depend on the writer.
+ *   newest   a refresh that finds a fresh value gives the last publication or a later one.
+ * No thread waits for the other: no statement of a thread blocks, except the reader's wait for the
+ * last publication at the end of the test.
  *
  * -DBREAK=1 to 3 are faults that Spin must find. 1: the reader takes a value that is not fresh.
  * 2: the writer reads and writes the shared word in two steps. 3: the writer does not set FRESH.
@@ -82,7 +83,7 @@ proctype reader() {
   :: looks < VALUES + 2 -> looks++; look(); assert(!fresh || a >= before)
   :: break
   od;
-  /* After the writer has ended, a refresh must give the last published value. */
+  /* After the last publication, a refresh must give the last value. */
   (published == VALUES);
   look();
   assert(seen == VALUES)

@@ -1,4 +1,4 @@
-/// Tests the mailbox between two threads. A model checker proves the mailbox's protocol
+/// Tests the mailbox between two threads. Spin checks a model of the mailbox's protocol
 /// (mailbox.pml). These tests check the real mailbox, also under ThreadSanitizer.
 #include "palpate/engine/loop/mailbox.h"
 
@@ -144,7 +144,7 @@ extern "C" void hold(int /*signal*/) {
 
 }  // namespace
 
-TEST_CASE("a thread that is stopped at any point does not block the mailbox's other thread",
+TEST_CASE("a thread that is stopped at a random point does not block the mailbox's other thread",
           "[mailbox][host]") {
   // A signal stops one thread at a random point, while the other continues.
   struct sigaction action {};

@@ -66,7 +66,7 @@ TEST_CASE("play stops at the new end if the end moves before the play time", "[s
   CHECK(head.rate == Approx(-1.0));
 }
 
-TEST_CASE("play time stays finite for any input", "[sequence]") {
+TEST_CASE("play time stays finite for invalid seeks, speeds and ends", "[sequence]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinity = std::numeric_limits<double>::infinity();
   PlayClock clock;

@@ -1,4 +1,5 @@
-/// Tests the limits on a hand's motion, and the loop's reaction if the hand exceeds a limit.
+/// Tests the limits on a hand's motion, the brake on a fast hand, and the fade of a force after a
+/// change of the data.
 #include "palpate/engine/safety/safety.h"
 
 #include <cmath>
@@ -55,7 +56,8 @@ TEST_CASE("a repeated position is not stale but an old position is", "[safety]")
 TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   for (const double rate : {500.0, 1000.0, 20000.0}) {
     for (const double speed : {0.5, 2.9, 4.9}) {
-      // For a short time, the hand is faster than the device's speed limit, but does not jump.
+      // The hand does not jump, even if it is faster than the device's speed limit for a short
+      // time.
       HandWatch watch;
       Fault worst = Fault::kNone;
       for (int i = 0; i < 20; ++i) {
@@ -151,7 +153,7 @@ TEST_CASE("a force fades to zero within 100 ms if a data change removes its caus
   CHECK(fade.pass(none, kStand, none, kTick) == none);
   CHECK(fade.pass(0.5 * pull, kStep, none, kTick) == 0.5 * pull);
   CHECK(fade.pass(none, kStep, none, kTick) == none);
-  // If a surface vanishes, the force falls to zero in the same time at any tick rate.
+  // If a surface vanishes, the force falls to zero in the same time at both tick rates.
   for (const double tick : {1e-3, 2.5e-4}) {
     (void)fade.pass(pull, kStand, none, tick);
     double last = 3.0;
@@ -166,7 +168,7 @@ TEST_CASE("a force fades to zero within 100 ms if a data change removes its caus
     for (double t = 0.0; t < 0.05 + tick; t += tick) last = fade.pass(none, kStep, none, tick).y();
     CHECK(last == 0.0);
   }
-  // For any wanted force, the output stays between the old and the new value and does not reverse.
+  // For random wanted forces up to 8 N in one direction, the output stays between 0 and 8 N.
   Random random(5);
   double wanted = 0.0;
   for (int i = 0; i < 20000; ++i) {

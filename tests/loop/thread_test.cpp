@@ -1,5 +1,5 @@
-/// Tests the loop with a real clock and threads. Only the benchmarks measure times. The hand moves
-/// with the ticks, so a busy machine may pause any thread.
+/// Tests the loop with a real clock and threads. These tests have no limits for the times of ticks.
+/// The hand moves with the ticks, so a busy machine may pause any thread.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -67,7 +67,7 @@ template <class What>
 void await(What what) {
   const auto end = std::chrono::steady_clock::now() + 600s;
   while (!what()) {
-    if (std::chrono::steady_clock::now() > end) FAIL("it did not come in 600 s");
+    if (std::chrono::steady_clock::now() > end) FAIL("the awaited state did not come in 600 s");
     std::this_thread::sleep_for(1ms);
   }
 }
@@ -77,7 +77,7 @@ void ticks(const SharedDevice& device, long count) {
   const long last = device.writes + count;
   await([&] { return device.writes >= last; });
 }
-constexpr long kEngagement = 1000;  ///< Ticks until an engagement has ended.
+constexpr long kEngagement = 1000;  ///< Ticks after which an engagement without force has ended.
 
 /// Moves the hand to height `to` [m] in 60 steps. The ball's surface is at 0.03 m.
 void move(SharedDevice& device, double to) {

@@ -1,7 +1,9 @@
 /// A program with a hand, for tests that kill it: victim SOCKET ACTION.
 /// Its device sends each force to a datagram socket: three doubles [N]. The real loop presses the
 /// hand with about 1.5 N. A line on standard input starts ACTION: exception, exit, return, hang (a
-/// tick that does not return), or "nothing". kill_test.py sends that line and checks the forces.
+/// tick that does not return), slow (a slow write, then one that does not return), or nothing. Two
+/// actions act from the start: fast (10 kHz) and blocked (a second device with a full queue).
+/// kill_test.py sends the line and checks the forces.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -83,7 +85,7 @@ int run(const std::string& path, const std::string& action) {
   LoopParams params;
   if (action == "fast") params.rate = 10000.0;
   if (action == "blocked") {
-    // Adds a second device with a full queue, so the guardian's write to that device blocks.
+    // Adds a second device with a full queue, so a write to that device would block.
     std::array<int, 2> ends{};
     if (socketpair(AF_UNIX, SOCK_DGRAM, 0, ends.data()) != 0) return 3;
     while (send(ends[0], none.data(), sizeof(none), MSG_DONTWAIT) > 0) {
@@ -108,7 +110,7 @@ int run(const std::string& path, const std::string& action) {
   // Waits for the line that starts ACTION.
   char line[16];
   if (std::fgets(line, sizeof(line), stdin) == nullptr) return 3;
-  if (action == "exception") throw std::runtime_error("the application's own");
+  if (action == "exception") throw std::runtime_error("a test exception of the application");
   if (action == "exit") std::exit(0);
   if (action == "return") return 0;
   if (action == "hang") hang = true;

@@ -3,8 +3,8 @@
 /// - palpate_golden_ticks FILE --write: writes FILE
 /// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
 /// With the compiler that wrote FILE, inputs, outputs and work of all ticks must be bit-identical.
-/// With another compiler, only the inputs must be bit-identical. Then proxies may differ by the sum
-/// of both error bounds, and forces by the effect of this difference.
+/// With another compiler, only the inputs must be bit-identical. Then in every 100th tick, proxies
+/// may differ by the sum of both error bounds, and forces by the effect of this difference.
 ///
 /// A commit that only moves code must not change a hash. A commit that changes behaviour states
 /// which hashes change, and why. Do not use library functions here whose rounding depends on the
@@ -44,8 +44,7 @@ namespace {
 constexpr int kTicks = 2000;
 constexpr int kSide = 48;                                // edge of a grid [voxels]
 const Vec3 kMiddle = Vec3::Constant(0.5 * (kSide - 1));  // middle of a grid [voxels]
-constexpr double kMetres = 0.05;                         // half the edge of the space of a formula
-                                                         // [m]
+constexpr double kMetres = 0.05;                         // size of the fields that are formulas [m]
 using Fields = std::map<std::string, FieldPtr>;
 
 ModeSpec mode(ModeKind kind, const std::string& of, double strength, double friction = 0.0,
@@ -152,7 +151,7 @@ Fields formulas() {
   return {{"ball", dentedBall()}, {"flow", slantedFlow()}};
 }
 
-/// Returns every mode, in variants that place different primitives.
+/// Returns all modes except user-defined ones, in variants that place different primitives.
 std::vector<std::pair<const char*, ModeSpec>> allModes() {
   std::vector<std::pair<const char*, ModeSpec>> modes{
       {"force", mode(ModeKind::kForce, "flow", 0.4)},
@@ -498,7 +497,7 @@ Pinned pinned(const std::vector<RecordedTick>& rows) {
 
 /// The differences between two runs of a take, in the stored ticks.
 struct Apart {
-  std::size_t first = 0;  ///< First stored tick that differs; 0: none.
+  std::size_t first = 0;  ///< First stored tick that differs by more than rounding; 0: none.
   double proxy = 0.0;     ///< Largest distance of the proxies [m].
   double beyond = 0.0;    ///< Largest excess of a distance over the sum of both error bounds [m].
   double force = 0.0;     ///< Largest difference of the forces [N].
@@ -516,7 +515,8 @@ Apart apart(const Pinned& a, const Pinned& b) {
     out.proxy = std::max(out.proxy, proxy);
     out.beyond = std::max(out.beyond, proxy - x[3] - y[3]);
     out.force = std::max(out.force, force);
-    // The couplings of these scenes have 500 N/m and little damping.
+    // Bounds the change of the force with the proxy [N/m]: couplings have at most 900 N/m, and
+    // little damping.
     constexpr double kStiffest = 2000.0;
     const double bounds = x[3] + y[3] + kRounded;
     const bool near = proxy <= bounds && force <= kStiffest * bounds + kRoundedForce;
@@ -587,7 +587,7 @@ int compare(const std::string& file) {
     return 2;
   }
   const bool bits = line == builder();
-  if (!bits) std::printf("made by %s, this is by %s\n", line.c_str(), builder().c_str());
+  if (!bits) std::printf("written by %s; this program: %s\n", line.c_str(), builder().c_str());
   std::map<std::string, Pinned> known = readPinned(in);
   int others = 0;
   int failed = 0;
@@ -613,13 +613,13 @@ int compare(const std::string& file) {
     }
   }
   std::printf(
-      "%zu scenes of %d ticks, %d of them otherwise than in %s (given, felt, taken, ticks "
-      "held), %d beyond what may be\n",
+      "%zu scenes of %d ticks; %d differ from %s (hashes of inputs, outputs and work; ticks with "
+      "a force), %d of them beyond the limits\n",
       all.size(), kTicks, others, file.c_str(), failed);
   if (failed > 0) {
     std::printf(
-        "where and how: palpate_golden_ticks --record NAME now.rec, the same before the "
-        "change, and palpate compare\n");
+        "To see the first difference: run palpate_golden_ticks --record NAME FILE before and "
+        "after the change, then palpate compare.\n");
   }
   return failed == 0 && known.size() == all.size() ? 0 : 1;
 }

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Tests that golden recordings of another compiler may differ only in their last bits: golden_test.sh PROGRAM FILE
+# Tests that golden recordings of another compiler may differ only within error bounds: golden_test.sh PROGRAM FILE
 set -eu
 program=$1
 dir=$(mktemp -d)

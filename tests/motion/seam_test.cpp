@@ -127,7 +127,8 @@ TEST_CASE("a hand slides over a flush seam of two volumes as it does over one vo
   }
 }
 
-TEST_CASE("a hand slides over a turned seam where the volumes overlap", "[motion][seam]") {
+TEST_CASE("a hand slides over a turned seam, which holds the proxy back by at most 0.2 voxel",
+          "[motion][seam]") {
   Random random(3);
   for (const double overlap : {2.0, 3.0, 4.0}) {
     for (int n = 0; n < 3; ++n) {
@@ -144,11 +145,11 @@ TEST_CASE("a hand slides over a turned seam where the volumes overlap", "[motion
   }
 }
 
-TEST_CASE("the overshoot at a seam of spline volumes holds the hand back by at most its depth",
+TEST_CASE("at a seam of spline volumes a bump holds a hand back by at most 1.05 times its depth",
           "[motion][seam]") {
-  // At the edge of the data, a spline overshoots between voxels. So each block has a bump of up to
-  // 0.11 voxel on its top. The bump's slope of 45 degrees holds the hand back, at any overlap. The
-  // bump is a part of the interpolated surface, so other normals would not remove the effect.
+  // At the edge of the data, a spline overshoots between voxels. So each block has a bump of about
+  // 0.1 voxel on its top. The bump's steep side holds the hand back, at any overlap. The bump is a
+  // part of the interpolated surface, so other normals would not remove the effect.
   constexpr double kDepth = 2.0;
   for (const char* interpolation : {"quadratic", "cubic"}) {
     for (const double overlap : {2.0, 6.0}) {
@@ -174,7 +175,7 @@ TEST_CASE("the overshoot at a seam of spline volumes holds the hand back by at m
   }
 }
 
-TEST_CASE("a seam of surface modes holds the hand back by less than the hand's depth",
+TEST_CASE("at a seam of surface modes the proxy lags by less than the hand's depth",
           "[motion][seam]") {
   // A surface mode holds the proxy at the value at which its contact began. So two surface modes
   // can hold at different heights, and neither completes the other's data.
@@ -261,7 +262,8 @@ TEST_CASE("friction in a groove of one volume equals that of its two walls", "[m
   }
 }
 
-TEST_CASE("a thin sheet and a narrow slit have the same friction as one wall", "[motion][seam]") {
+TEST_CASE("a thin sheet and a narrow slit have 0.9 to 1.3 times the friction of one wall",
+          "[motion][seam]") {
   // In a thin sheet, the smoothed gradient is shorter than 1, because the smoothing includes the
   // opposite face.
   const double friction = 0.3;

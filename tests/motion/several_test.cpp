@@ -66,8 +66,9 @@ FieldPtr whirl() {
 
 }  // namespace
 
-TEST_CASE("the proxy stays on a stream and on a surface in the same tick with or without friction",
-          "[motion]") {
+TEST_CASE(
+    "the proxy stays on a stream and on a surface, within a voxel of the stream with friction",
+    "[motion]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const std::map<std::string, FieldPtr> fields{{"ball", ball}, {"flow", whirl()}};
   Probed probed(std::get<0>(ball));
@@ -124,16 +125,14 @@ TEST_CASE("the proxy stays on a stream and on a surface in the same tick with or
       // friction. In some ticks, readings alternate between sticking and slipping.
       CHECK(late <= (friction > 0.0 ? ticks / 4 : 1 + ticks / 500));
       CHECK(off <= 0.002);
-      // Late ticks report that they did not converge. Rounding affects their errors: 0.0093 to
-      // 0.0121 voxel in 64 runs with strengths that differ by 1e-9 N, with or without friction.
+      // Ticks that did not converge may be farther off.
       CHECK(off_late <= 0.015);
       // The stream's circle is on the exact sphere, up to 6.3e-3 voxel from the interpolated
       // sphere. If the interpolated sphere pushes the proxy off the stream's line, the line yields.
       // A line that yields cannot resist a sideways pull. With friction, the hand is ahead of the
-      // proxy and pulls it sideways: by 0.6 voxel on a path of 2,176 voxels.
+      // proxy and pulls it sideways.
       CHECK(aside <= (friction > 0.0 ? 1.0 : 0.05));
-      // With friction the measured value is 26.6, because each reading is followed by a new search
-      // for the nearest position on the curve.
+      // With friction, a new search for the nearest position on the curve follows each reading.
       CHECK(reads / ticks <= (friction > 0.0 ? 27.0 : 25.0));
     }
   }
@@ -242,7 +241,7 @@ TEST_CASE("slip begins at mu times the normal load of the same tick for 1,000 di
 
 TEST_CASE("a moving ball from a grid keeps the proxy on its surface: sliding, spinning, head-on",
           "[motion]") {
-  // The requirement is 0.01 voxel at 0.2 m/s. A single run reached 0.001.
+  // The requirement is 0.01 voxel at 0.2 m/s.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   Probed probed(std::get<0>(ball));
   const Vec3 still = kVoxel * Vec3(10, -20, 30);
@@ -331,7 +330,8 @@ struct Groove {
 
 }  // namespace
 
-TEST_CASE("a groove that moves with the hand holds the proxy as it does at rest", "[motion]") {
+TEST_CASE("the proxy enters the walls of a groove that moves with the hand by at most half a voxel",
+          "[motion]") {
   // A move along one wall's plane would lead behind the other wall, so the proxy cannot move
   // relative to the groove. So the proxy must move with the groove and not stay at rest in W.
   const long runs = test::share(3);
@@ -375,7 +375,7 @@ TEST_CASE("a groove that moves with the hand holds the proxy as it does at rest"
   }
 }
 
-TEST_CASE("a moving slab pushes the proxy out of a weaker groove, not out of a stronger one",
+TEST_CASE("a moving slab carries a proxy out of a weaker groove, not through a stronger one",
           "[motion][release]") {
   const long runs = std::max(test::share(4), 2L);
   for (const double degrees : {40.0, 90.0, 180.0}) {

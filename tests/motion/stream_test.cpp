@@ -24,8 +24,8 @@ using palpate::test::Random;
 TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 voxel",
           "[motion][release]") {
   // The requirement is a sum of departures of at most 0.02 voxel (goal 0.01), with at most 20
-  // samples per tick. A Taylor-Green stream takes 25.9 samples, because the stream closes a loop in
-  // 12 ticks and each bend needs a search for the nearest point.
+  // samples per tick. A Taylor-Green stream may take 26 samples, because it turns in small loops,
+  // and each bend needs a search for the nearest point.
   const auto count = static_cast<std::size_t>(palpate::test::share(3));
   for (const int wavelength : {16, 32}) {
     for (const bool abc : {true, false}) {
@@ -44,7 +44,7 @@ TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 vo
   }
 }
 
-TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[motion][release]") {
+TEST_CASE("the proxy follows a stream within 0.005 voxel at 0.05 to 2 m/s", "[motion][release]") {
   const auto count = static_cast<std::size_t>(palpate::test::share(6));
   for (const double tolerance : {1e-2, 1e-3}) {
     for (const double speed : {0.05, 0.5, 1.0, 2.0}) {
@@ -69,7 +69,7 @@ TEST_CASE("the proxy follows a stream within the tolerance at any speed", "[moti
   }
 }
 
-TEST_CASE("beside another mode a proxy lags on its stream if the sub-steps are used up and says so",
+TEST_CASE("beside another mode a proxy without sub-steps lags on its stream and reports the limit",
           "[motion]") {
   // Each tick has one reading, and the hand moves by 1.28 voxels per tick. Beside another mode, a
   // reading of a stream is valid for one voxel. A stream alone is traced along the whole path.
@@ -109,7 +109,7 @@ TEST_CASE("beside another mode a proxy lags on its stream if the sub-steps are u
 }
 
 TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][motion]") {
-  // tests/motion/data_test.sh imports the flows. Their streams are 10 to 40 voxels long.
+  // tests/motion/data_test.sh imports the flows.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const long count = std::max(palpate::test::share(24), 6L);
@@ -141,13 +141,13 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
     CHECK(followed >= (name == std::string("storm") ? 1 : 5 * count / 24));
     CHECK(off <= 0.01);
     CHECK(worst <= 0.02);  // goal: 0.01
-    // Most of the storm's 50 voxels of path turn at the edges of its grid of 25 x 14 x 8 voxels,
-    // which takes 22 samples per tick.
+    // The storm's streams turn at the edges of its grid of 25 x 14 x 8 voxels, which takes more
+    // samples.
     CHECK(samples <= (name == std::string("storm") ? 24.0 : 20.0));
   }
 }
 
-TEST_CASE("the proxy follows a streamline of a spline flow within the budget of readings",
+TEST_CASE("the proxy follows a streamline of a spline flow with at most 20 samples per tick",
           "[motion]") {
   for (const char* interpolation : {"quadratic", "cubic"}) {
     // The exact path is known only for the trilinear field, so this test checks cost and force
@@ -163,7 +163,8 @@ TEST_CASE("the proxy follows a streamline of a spline flow within the budget of 
 }
 
 TEST_CASE(
-    "a hairpin of a stream changes the force by at most the mode's strength and the hand's pull",
+    "the status reports a hairpin, and the force changes by at most the strength and the hand's "
+    "pull",
     "[motion][release]") {
   // If the hand is beyond the centre of curvature, the stream has no unique nearest point. With a
   // strength of 1 N the stream sometimes releases a hand 2.2 voxels to the side. With 3 N it always
@@ -324,8 +325,7 @@ TEST_CASE(
 }
 
 TEST_CASE(
-    "the force of a bent stream stays constant while a hand rests outside the bend, at any "
-    "distance",
+    "the force of a bent stream stays constant while a hand rests 0.5 to 2 radii outside the bend",
     "[motion]") {
   // The streams are circles of curvature kappa, with the hand at distance d outside. A step along
   // the tangent overshoots the nearest point by kappa d times the step's length.
@@ -359,10 +359,10 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("a stream through random axes pulls a hand with at most 1.3 times its strength",
+TEST_CASE("a stream of random directions pulls a hand with at most 1.3 times its strength",
           "[motion]") {
-  // The directions are random, and their signs have no meaning. The background of a diffusion image
-  // has such axes.
+  // The directions are random. If `axes` is true, their signs have no meaning, as in the background
+  // of a diffusion image.
   Random random(11);
   std::vector<Vec3> noise(41 * 41 * 41);
   for (Vec3& v : noise) v = random.direction();

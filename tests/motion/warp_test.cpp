@@ -291,12 +291,13 @@ TEST_CASE("a sticking proxy stays on its material point while the body bends or 
       if (i > 300) slid = std::max(slid, (rest() - at).norm() / kVoxel);
     }
     CAPTURE(c.name, slid);
-    std::cout << c.name << ": in 5 s what sticks leaves its matter by " << slid << " voxel\n";
+    std::cout << c.name << ": in 5 s the proxy leaves its material point by " << slid << " voxel\n";
     CHECK(slid <= 0.05);
   }
 }
 
-TEST_CASE("a thin shell that deforms is never crossed at 2 m/s", "[motion][warp][release]") {
+TEST_CASE("a thin shell that deforms is not crossed by presses at 2 m/s",
+          "[motion][warp][release]") {
   constexpr double kStrength = 2.34375;  // [N]; the spring is 6 voxels long
   constexpr double kSpring = 6.0;
   const Shell shell = makeShell("level set", 2.0);
@@ -530,7 +531,7 @@ TEST_CASE("frame times rounded to milliseconds give the accuracy of even times",
   CHECK(off <= 0.02);
 }
 
-TEST_CASE("invalid displacement frames are refused with their JSON path", "[motion][warp]") {
+TEST_CASE("invalid displacement frames are refused with the reason", "[motion][warp]") {
   const Displaces u = wave(60.0, 3.0, 4.0);
   const auto message = [&](const std::function<void(DisplacementFrames&, WarpTimes&)>& spoil) {
     WarpTimes when{evenly(0.25, 3), true};
@@ -689,13 +690,13 @@ TEST_CASE("the proxy follows a stream in a bent volume", "[motion][warp]") {
       if (i > 8) off = std::max(off, (at - line).tail<2>().norm() / kVoxel);
     }
     CAPTURE(moves, off);
-    std::cout << (moves ? "moving" : "still") << " bends: a stream is left by " << off
+    std::cout << (moves ? "moving" : "still") << " bends: the proxy leaves its stream by " << off
               << " voxel in 60 mm\n";
     CHECK(off <= 0.01);
   }
 }
 
-TEST_CASE("the Jacobian of a warped vector field matches finite differences",
+TEST_CASE("the Jacobian of a warped vector field matches finite differences to 10 %",
           "[motion][warp][release]") {
   const FieldPtr flow = vectorGrid(Vec3::Constant(105.0), [](const Vec3& p) {
     return Vec3(std::sin(0.1 * p.y()), std::cos(0.07 * p.z()), std::sin(0.09 * p.x()));

@@ -403,8 +403,8 @@ TEST_CASE("each level of a brick volume is the mean of the finer level, with vox
       auto mean = static_cast<float>(sum / 8.0);
       if (halved) mean = floatOfHalf(halfOfFloat(mean));
       if (of_coarse.getValue(*c) != mean) ++wrong_values;
-      // Near the surface, both signs occur within three voxels, and this test checks all values.
-      // Elsewhere it checks only some values.
+      // Near the surface, where both signs occur within three voxels, a coarse voxel may be active
+      // although no fine one is.
       if (level_set && !any && of_coarse.isValueOn(*c)) {
         const CoordBBox about((*c).offsetBy(-3), (*c).offsetBy(3));
         bool negative = false;
@@ -455,8 +455,8 @@ TEST_CASE(
         if ((beyond > 1.0 && negative) || (beyond < -1.0 && !negative)) ++astray;
       }
       CHECK(astray == 0);
-      // All cells with both signs, and all cells within two cells of those, must have data at all
-      // corners.
+      // On coarse levels, all cells with both signs, and all cells within two cells of those, must
+      // have data at all corners.
       int crossed = 0;
       int lacking = 0;
       for (auto c = about.begin(); c; ++c) {
@@ -957,7 +957,7 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
   CHECK_THAT(refusal(newer),
              Contains("it was written by another version of palpate: read it with that version"));
 
-  // Parsing JSON of this length would take twenty times its memory.
+  // The parser refuses such a length, because parsed JSON takes much more memory than its text.
   CHECK_THAT(refusal(forged(whole, [](Json& facts) { facts["source"] = std::string(70000, 'x'); })),
              Contains("longer than 64 kB"));
   BrickInput wordy = fogOf(2);

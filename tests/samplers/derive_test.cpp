@@ -193,7 +193,7 @@ TEST_CASE("derived grids converge to the exact properties of a flow, in the plac
   CHECK(errors[Derivation::kDivergence][0] / errors[Derivation::kDivergence][1] > 3.0);
 }
 
-TEST_CASE("a derivation of a vector from three grids has data where all three have data",
+TEST_CASE("lambda2 and curl of a staggered vector are those that are derived on the fly",
           "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(0.1);
   auto grid = makeGrid<openvdb::Vec3SGrid>(

@@ -104,7 +104,8 @@ GraphSpec skinOf(const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("the map of free space gives the distance to the nearest block with data", "[scale]") {
+TEST_CASE("the map of free space never exceeds the distance to data and is at most 16 voxels less",
+          "[scale]") {
   Random random(7);
   for (int round = 0; round < 60; ++round) {
     CAPTURE(round);
@@ -507,8 +508,9 @@ TEST_CASE("guides and moving volumes act in every tick, however far the hand is"
   CHECK(readings(moving) > 0);
 }
 
-/// Returns a ball of radius 20 voxels about the origin, in a space of 600 x 600 x 192 voxels.
-/// Scattered background values leave no free space as large as a fast hand's path in a tick.
+/// Returns scattered background values in a space of 600 x 600 x 192 voxels with edges `voxel` [m].
+/// They leave no free space as large as a fast hand's path in a tick. If `ball` is true, adds a
+/// ball of radius 20 voxels about the origin.
 ScalarPtr ballInDust(double voxel, bool ball) {
   Random random(11);
   openvdb::initialize();

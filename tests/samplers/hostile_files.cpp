@@ -1,12 +1,12 @@
 /// Loads truncated and corrupted copies of .vdb files and samples their volumes. Each case must end
-/// with finite, bounded values or with one line of error. A case may take at most 10 s, and about
-/// four times the memory of the file's grids.
+/// with finite, bounded values or with one line of error. A case may take at most 10 s of processor
+/// time, and four times the memory of the file's grids plus 256 MB (not checked with sanitizers).
 ///
 /// palpate_hostile_files [--data] [--cases N] [FILE.vdb...]
-///   Truncates each file at ten positions, and flips one bit in each of N copies (default 1000;
-///   PALPATE_CASES; at most 100,000, or 10,000 with sanitizers). Small files get more copies than
-///   large ones. --data: uses the files of PALPATE_DATA/vdb. Without files: uses volumes that the
-///   program makes. Each case runs in a separate process.
+///   Truncates each file at ten positions. Makes N copies in total (default 1000; PALPATE_CASES; at
+///   most 100,000, or 10,000 with sanitizers), and flips one bit in each. Small files get more
+///   copies than large ones. --data: uses the files of PALPATE_DATA/vdb. Without files: uses
+///   volumes that the program makes. Each case runs in a separate process.
 /// palpate_hostile_files --only FILE BYTE BIT
 ///   Repeats one case. BIT "cut" truncates FILE before BYTE. FILE may be one that the program
 ///   makes.
@@ -39,7 +39,7 @@
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/lsan_interface.h>
 constexpr bool kSanitized = true;
-// A larger allocation ends the process as a failure, instead of throwing.
+// An allocation above 1 GB ends the process as a failure, instead of throwing.
 extern "C" const char* __asan_default_options() {
   return "max_allocation_size_mb=1024:allocator_may_return_null=0";
 }
@@ -65,7 +65,7 @@ constexpr std::uint64_t kSlack = std::uint64_t{256} << 20U;
 /// The result that a child process reports for its file.
 struct Outcome {
   enum Kind : int { kRead, kRefused, kFailed } kind = kFailed;
-  std::uint64_t digest = 0;  ///< Hash of all messages and samples.
+  std::uint64_t digest = 0;  ///< Hash of all descriptions, and of samples without splines.
   std::uint64_t memory = 0;  ///< Memory of the grids [bytes].
   std::array<char, 400> text{};
 
@@ -182,8 +182,8 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
       continue;
     }
     const FieldPtr field = makeVdbField(volume, placement, {kind});
-    // The coefficients of a B-spline of degree d exceed the values by a factor of at most (2 d -
-    // 3)^3: 3^3 for cubic.
+    // The coefficients of a B-spline exceed the values by a factor of at most 2^3 (quadratic) or
+    // 3^3 (cubic).
     const double over = kind == Interpolation::kCubic       ? 27.0
                         : kind == Interpolation::kQuadratic ? 8.0
                                                             : 1.0;
@@ -274,7 +274,7 @@ Outcome feel(const fs::path& file, std::size_t turn) {
     outcome.say(broken.why);
   } catch (const std::exception& e) {
     outcome.kind = Outcome::kFailed;
-    outcome.say(std::string("an exception that is no VolumeError: ") + e.what());
+    outcome.say(std::string("an exception other than VolumeError: ") + e.what());
   }
   outcome.digest = digest.value();
   return outcome;
@@ -351,7 +351,7 @@ Ended conclude(const Child& child, int status, const rusage& usage) {
   if (WIFSIGNALED(status)) {
     ended.outcome.kind = Outcome::kFailed;
     ended.outcome.say(WTERMSIG(status) == SIGALRM || WTERMSIG(status) == SIGXCPU
-                          ? "it took more than " + std::to_string(kSeconds) + " s"
+                          ? "it took too long: more than " + std::to_string(kSeconds) + " s"
                           : std::string("signal ") + strsignal(WTERMSIG(status)));
   } else if (!told || WEXITSTATUS(status) != 0) {
     ended.outcome.kind = Outcome::kFailed;
@@ -565,8 +565,8 @@ class Run {
                 return Outcome{};
               }).memory) {}
 
-  /// Reads the undamaged file, and samples its volume in a child process. Returns false if the
-  /// child fails.
+  /// Reads the undamaged file, and samples its volumes in a child process. Returns false if the
+  /// file or one of these steps fails.
   bool open(const fs::path& path, Victim& victim) const {
     victim.path = path;
     std::ifstream in(path, std::ios::binary);

@@ -19,8 +19,8 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-/// A server that answers one connection with a header and no body, and waits until the client
-/// closes the connection.
+/// A server that answers one connection with a given text, and waits until the client closes the
+/// connection, or for kPatience.
 class HeaderServer {
  public:
   static constexpr auto kPatience = 5s;

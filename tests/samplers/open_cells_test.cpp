@@ -88,7 +88,8 @@ openvdb::FloatGrid::Ptr makeBanded(float outside, float inside) {
 
 }  // namespace
 
-TEST_CASE("a level set with a band of one voxel holds the hand in all directions", "[samplers]") {
+TEST_CASE("a level set with a band of one voxel has data at its surface in all directions",
+          "[samplers]") {
   const auto [outside, inside] =
       GENERATE(table<float, float>({{3, 3}, {1.5, 1.5}, {3, 1}, {1, 3}, {1, 1}}));
   CAPTURE(outside, inside);
@@ -148,7 +149,7 @@ TEST_CASE("the cells in which a surface leaves its data are counted, and the fir
   CHECK(find(*cut, 0.0, Solid::kBelow).count == 0);
 }
 
-TEST_CASE("a level set that was cut off causes no force along the cut", "[samplers]") {
+TEST_CASE("a level set that was cut off has no data just beyond the cut", "[samplers]") {
   const auto cut = makeBall(kRadius, 1.0);
   for (auto voxel = cut->beginValueOn(); voxel; ++voxel) {
     if (voxel.getCoord().x() <= 3) continue;

@@ -71,7 +71,7 @@ BrickInput ball() {
   return input;
 }
 
-/// Returns scattered voxels with coordinates of both signs. Most voxels are at one end.
+/// Returns scattered voxels with coordinates of both signs.
 openvdb::FloatGrid::Ptr scattered() {
   openvdb::initialize();
   Random random(5);

@@ -724,8 +724,7 @@ TEST_CASE("every interpolation other than trilinear gives the background outside
   }
 }
 
-TEST_CASE("one volume is shared by its placements and stays in memory after its folder is deleted",
-          "[samplers]") {
+TEST_CASE("two placements share one volume in memory", "[samplers]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {roughGrid()});
   const auto volume = loadVolume(folder / "a.vdb", "rough");

@@ -203,9 +203,9 @@ TEST_CASE("the time to describe grids grows linearly with their number", "[volum
   }
 }
 
-TEST_CASE("a VDB file that is cut off while it is read never crashes the loader", "[volume]") {
-  // Another process truncates the file. This process must wait for the lease, or already has the
-  // file open. Each case runs with and without disk space for a copy.
+TEST_CASE("a VDB file that is cut off while it is read does not crash the loader", "[volume]") {
+  // A thread truncates the file, as another program would. The thread must wait for the lease, or
+  // already has the file open. The latter case runs with and without disk space for a copy.
   const TemporaryFolder folder;
   Random values(3);
   openvdb::initialize();
@@ -320,8 +320,8 @@ TEST_CASE("a load of a VDB file ends before the system lets a waiting writer cha
 
 TEST_CASE("a load uses the values that it has checked while another process writes the file",
           "[volume]") {
-  // Another process has the file open. After the loader has read the first component, this process
-  // overwrites the file with another vector.
+  // The test has the file open, as another program would. After the loader has read the first
+  // component, the test overwrites the file with another vector.
   const TemporaryFolder folder;
   const std::vector<std::string> names{"vel.x", "vel.y", "vel.z"};
   writeRough(folder / "a.vdb", names, 24, 1);

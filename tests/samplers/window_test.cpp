@@ -413,7 +413,7 @@ TEST_CASE(
   CHECK(next.ofWindow(kVoxel * proxy).coarse);
 }
 
-TEST_CASE("where only the coarsest bricks are present every sample uses them", "[bricks]") {
+TEST_CASE("where finer bricks are missing a sample depends only on its position", "[bricks]") {
   // All levels of a ramp have the same values, so every difference shows a wrong sample.
   const TemporaryFolder folder;
   const BrickInput ramp =

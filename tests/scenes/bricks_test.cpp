@@ -235,8 +235,10 @@ TEST_CASE(
 
 // With sanitizers this test takes minutes. Other tests run the same code on small volumes.
 #ifdef NDEBUG
-TEST_CASE("a volume 16 times as large as its window gives the same forces as the volume in memory",
-          "[.][data][bricks]") {
+TEST_CASE(
+    "a volume 16 times as large as its window gives a hand that waits for bricks the same forces "
+    "as the volume in memory",
+    "[.][data][bricks]") {
   const char* data = std::getenv("PALPATE_DATA");
   REQUIRE(data != nullptr);
   const TemporaryFolder folder;

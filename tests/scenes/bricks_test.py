@@ -271,7 +271,7 @@ class Verbs(Case):
         self.assertEqual(again["written"], 0)
 
     @suite.smoke
-    def test_half_precision_bricks_are_smaller_and_their_rounding_is_reported(self):
+    def test_half_precision_bricks_are_smaller_and_info_marks_them(self):
         whole, made = self.brick("single", "bodies.vdb", "--grid", "cloud")
         half, less = self.brick("halved", "bodies.vdb", "--grid", "cloud", "--half")
         self.assertLess(less["bytes"], 0.8 * made["bytes"])
@@ -362,7 +362,7 @@ class Felt(Case):
         self.assertEqual(summary["bricks"]["rod"]["failed"], 0)
         felt = [[row.split(",") for row in (self.dir / name).read_text().splitlines()]
                 for name in ("whole.csv", "bricks.csv")]
-        # On a free path, a tick reads bricks, but no volume in memory. So the columns of work differ.
+        # On a free path, a tick reads a volume in bricks, but not one in memory. So the columns of work differ.
         work = ("tick_ns", "substeps")
         columns = [i for i, name in enumerate(felt[0][0]) if name not in work]
         whole, streamed = ([[row[i] for i in columns] for row in rows] for rows in felt)

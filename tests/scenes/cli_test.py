@@ -54,14 +54,14 @@ class Case(unittest.TestCase):
         cls.holder.cleanup()
 
     def refused(self, *words, says, stdin="", status=2):
-        """Checks that the command is refused: one clear line on stderr, nothing on stdout, no file left."""
+        """Checks that the command is refused: one line on stderr, nothing on stdout, no file left."""
         _, line = refusal(self, self.dir, lambda: run(*words, stdin=stdin, status=status))
         self.assertIn(says, line)
 
 
 class Program(Case):
     @suite.smoke
-    def test_help_has_an_example_for_every_command(self):
+    def test_the_help_of_every_command_except_import_and_scene_has_an_example(self):
         for verb in ("info", "brick", "make", "sample", "solve", "check", "explain", "press",
                      "feel", "view", "compare", "convert", "plot", "stability", "devices", "schema", "help"):
             self.assertIn("Example", run(verb, "--help").stdout)
@@ -171,7 +171,7 @@ class Make(Case):
                     self.assertTrue(found[at]["can_be_felt"])
                     self.assertEqual(found[at]["active_voxels"], grid["active_voxels"])
                     self.assertEqual(found[at]["source"], f"palpate make {name}")
-            if name == "wind-tunnel":  # the vortices of the wing's tips fill 1 % of the air
+            if name == "wind-tunnel":  # the vortices of the wing's tips fill a small part of the air
                 modes = json.loads(run("scene", out).stdout)["modes"]
                 self.assertIn("vortex_tube", [mode["mode"] for mode in modes])
             self.assertIn(name, run("make", "--help").stdout)
@@ -304,7 +304,7 @@ class Sample(Case):
         self.assertIn("lambda2", run("sample", "--help").stdout)
 
     @suite.smoke
-    def test_the_command_sample_refuses_invalid_input(self):
+    def test_sample_refuses_invalid_input_and_every_interpolation_keeps_voxel_values(self):
         file = self.dir / "linear.vdb"
         self.refused("sample", file, "--points", "-", says="more than one grid", stdin="x,y,z\n")
         self.refused("sample", file, "--grid", "densty", "--points", "-", says='"density"',
@@ -1081,7 +1081,7 @@ class OnTime(Case):
 class Interrupted(Case):
     """After Ctrl-C the prompt returns at once, and no temporary file is left."""
     HOST = True
-    SOON = 10.0  # [s]; on a busy machine; usually 0.05
+    SOON = 10.0  # [s]; for a busy machine
 
     def setUp(self):
         self.place = Path(tempfile.mkdtemp(dir=self.dir))
@@ -1311,7 +1311,7 @@ class Devices(Case):
         self.assertRegex(run("devices", "--virtual").stdout, r"(?m)^passed ")
         self.refused("devices", "--virtual", "--ruler", 0.1, says="no user who moves it")
 
-    def test_a_test_without_a_user_moves_no_arm(self):
+    def test_the_self_test_of_an_arm_is_refused_if_nobody_presses_enter(self):
         plugins = self.dir / "plugins"
         plugins.mkdir(mode=0o755)
         plugins.chmod(0o755)  # palpate refuses plug-ins in folders that other users can write
@@ -1406,7 +1406,7 @@ class Examples(Case):
             "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb"),
             "beating_heart": ("beating-heart", "heart.vdb"), "breathing": ("breathing", "breathing.vdb")}
 
-    def test_every_mode_of_the_examples_acts_and_stays_stable(self):
+    def test_every_mode_of_the_examples_acts_and_no_force_reaches_6_n(self):
         for scene, (name, volume) in self.MADE.items():
             with self.subTest(scene):
                 run("make", name, self.dir / volume)
@@ -1426,7 +1426,7 @@ class Examples(Case):
                 self.assertLess(felt["injected_energy"], 0.3)
                 os.remove(place)
 
-    def test_the_script_prepare_makes_every_example(self):
+    def test_the_script_prepare_has_a_function_for_every_example(self):
         text = (self.SCENES / "prepare").read_text()
         for scene in self.SCENES.glob("*.json"):
             self.assertIn(f"make_{scene.stem}()", text)

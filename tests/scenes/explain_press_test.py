@@ -400,7 +400,7 @@ class Press(Touch):
         self.assertAlmostEqual(summary["stiffness"], K, delta=2)
         self.assertLess(low[2], high[2])
 
-    def test_pressing_a_scene_of_many_modes_gains_no_energy(self):
+    def test_pressing_a_scene_of_several_modes_gains_no_energy(self):
         scene = self.scene(
             {**WALL, "name": 'a "wall", of d', "friction": 0.4, "viscosity": 0.2},
             {"name": "stream", "mode": "follow", "of": "v", "strength": 0.7},
@@ -534,7 +534,7 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]],
                          ["wall[7]", "/modes/1[7]", "stream[7]", "honey", "floor"])
 
-    def test_a_part_among_many_is_explained_as_if_it_were_alone(self):
+    def test_distant_parts_do_not_change_the_report_on_a_part(self):
         balls = {f"b{i}": {"file": "ball.vdb", "place": {"like": f"b{i - 1}"} if i == 5 else
                            {"scale": 0.01, "translate": [0.2 * i, 0, 0]}} for i in range(12)}
         skins = [{"name": f"skin {i}", "mode": "isosurface", "of": f"b{i}", "value": 0,

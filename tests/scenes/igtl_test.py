@@ -487,7 +487,7 @@ class IgtlTest(unittest.TestCase):
         client.until("TRANSFORM", "PalpateHand")
         self.assertEqual(run.end()["igtl"]["ended"], 0)
 
-    def test_a_slow_client_delays_no_other_client(self):
+    def test_a_slow_client_does_not_block_another_client(self):
         # The hand rests far from surfaces, so contacts cannot make ticks late.
         rest = self.folder / "rest.csv"
         rest.write_text("t,x,y,z\n0,1,1,1\n60,1,1,1\n")

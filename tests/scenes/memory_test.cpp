@@ -1,4 +1,5 @@
-/// Tests that a scene's load survives a failure of any allocation.
+/// Tests that the loop and its scene survive the load of another scene in which an allocation
+/// fails.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -88,8 +89,8 @@ TEST_CASE("a scene load that runs out of memory leaves the force of the current 
     REQUIRE(loop.latest().fault == Fault::kNone);
   }
   std::printf(
-      "of %ld allocations: %ld loads without one were refused, %ld told by an error, %ld did "
-      "without\n",
+      "%ld allocations; with one failing, %ld loads ended with bad_alloc, %ld with another error, "
+      "%ld succeeded\n",
       all, refused, told, loaded);
   // At least a quarter of the loads must have failed.
   CHECK(refused > (refused + told + loaded) / 4);

@@ -62,7 +62,7 @@ SIZE = (30, 26, 250)  # 4 layers of bricks, the last one incomplete
 
 
 def blob(scale=1.0):
-    """Returns a wavy rod along k in an empty image. It ends before the last layer, and its values vary everywhere."""
+    """Returns a wavy rod along k in an empty image. It ends within the last layer, and its values vary everywhere."""
     values = array.array("f")
     for k in range(SIZE[2]):
         x0, y0 = 14 + 6 * math.sin(k / 17), 12 + 5 * math.cos(k / 23)
@@ -107,7 +107,7 @@ class Case(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
 
     def check(self, ranks, file, *words):
-        """Checks that any number of ranks gives the same bytes and the same report, except for memory."""
+        """Checks that these numbers of ranks give the bytes and the report of a single process, except for memory."""
         name = f"{file.name}{len(list(self.dir.iterdir()))}"
         alone = self.dir / f"{name}_alone"
         report = json.loads(run(0, file, alone, "--bricks", "--json", *words).stdout)
@@ -151,7 +151,7 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([2], file, *self.layout)
 
-    def test_an_import_with_a_last_value_beyond_a_float_equals_that_of_a_single_process(self):
+    def test_an_import_with_a_whole_number_that_a_float_cannot_hold_equals_that_of_a_single_process(self):
         values = array.array("i", map(int, self.values))
         values[len(values) - 5] = 2 ** 25 + 1
         file = self.dir / "large.raw"
@@ -254,7 +254,7 @@ class Trouble(Case):
             self.assertIn(word, lines[0])
         self.assertEqual(done.stdout, "")
 
-    def test_an_import_on_several_ranks_is_refused_with_one_line(self):
+    def test_an_invalid_import_on_several_ranks_is_refused_with_one_line(self):
         out = self.dir / "refused"
         self.refused(run(3, self.raw, self.dir / "x.vdb", *self.layout, status=None), "mpirun",
                      "--bricks")

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs the .debs with apt on an empty Debian of this release, made by debootstrap: packages_test.sh BUILD. Then
-# imports and feels a head, and steps it from Python. Prints minutes and megabytes. Needs root, debootstrap and the
-# network; otherwise exits with 77. For ./test.sh --long.
+# imports and feels a head, and steps it from Python. Prints minutes and megabytes. Exits with 77 without root,
+# debootstrap or mricron-data; fails without the network. For ./test.sh --long.
 set -euo pipefail
 [ "$(id -u)" -eq 0 ] && command -v debootstrap >/dev/null || { echo "packages: needs root and debootstrap"; exit 77; }
 image=/usr/share/mricron/templates/ch2.nii.gz

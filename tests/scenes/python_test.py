@@ -36,7 +36,7 @@ def ball(n=49, dtype="f4"):
 
 @pytest.fixture(scope="module")
 def bodies(tmp_path_factory):
-    """Writes a scene with files: the volume two-bodies of `palpate make`."""
+    """Writes the volumes two-bodies of `palpate make`. Returns their file."""
     folder = tmp_path_factory.mktemp("bodies")
     program("make", "two-bodies", folder / "bodies.vdb")
     return folder / "bodies.vdb"
@@ -201,7 +201,7 @@ def test_single_steps_from_python_give_the_same_forces_as_a_run():
 
 
 def growing_ball(folder, play):
-    """Returns a scene with a sequence: a ball of 8 mm that grows by 1 mm every 0.1 s, 4 frames."""
+    """Returns a scene with a sequence of 4 frames: a ball with a radius of 8 mm, which grows by 1 mm every 0.1 s."""
     axis = np.arange(32) - 15.5
     r = np.sqrt(axis[:, None, None]**2 + axis[:, None]**2 + axis**2)
     for i in range(4):

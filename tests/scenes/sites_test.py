@@ -334,7 +334,7 @@ class OneMachine(Case):
                 one.wait(timeout=30)
             told = wire.heard()
         said = {name: self.said(name) for name in hands}
-        # The message comes once, even if the request is repeated.
+        # The message comes at most once, even if the request is repeated.
         self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
         met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
         self.assertEqual(met, {"A": {"B"}, "B": {"A"}, "C": set(), "D": {"E"}, "E": {"D"}})
@@ -618,7 +618,7 @@ class Far(Case):
             self.skipTest("needs separate networks: " + said)
         return said
 
-    def test_a_network_with_delays_and_losses_adds_no_energy_to_linked_hands(self):
+    def test_a_network_with_delays_and_losses_adds_at_most_the_initial_energy_to_linked_hands(self):
         worst = -math.inf
         for seed in range(RUNS):
             chance = random.Random(seed)

@@ -568,7 +568,7 @@ TEST_CASE("a guessed scene loads without a note", "[guess]") {
   CHECK(built.notes.empty());
 }
 
-// The grids of the tests below have no metadata, like those that a user's script writes.
+// Unless a test says otherwise, the grids below have no metadata, like those of a user's script.
 
 TEST_CASE("a CT .vdb without a scene gets a skin surface and a bone surface", "[guess]") {
   const TemporaryFolder folder;

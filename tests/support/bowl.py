@@ -147,7 +147,7 @@ class Ended:
             self.assertLess(time.monotonic() - begin, told_within)
             if "the force is cut" not in self.said:
                 self.wait_for("the force is cut")
-        # Waits for a second or late fault.
+        # Waits, so that a second fault would be counted.
         time.sleep(2.0)
         self.running.send_signal(signal.SIGINT)
         self.said += self.running.stderr.read()

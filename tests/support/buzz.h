@@ -1,5 +1,5 @@
-/// Measures the vibration of the force on a hand that slides along the skin of a scan. A hand
-/// cannot oscillate above 100 Hz, so force above 100 Hz comes from shape and noise of the data.
+/// Measures the vibration of the force on a hand that slides along the skin of a scan. The hand's
+/// path has no frequencies above 100 Hz, so force above 100 Hz comes from the data or the method.
 /// Compares penalty forces with the engine's forces.
 #pragma once
 
@@ -33,8 +33,8 @@ struct Buzz {
   double force = 0.0;  ///< Mean force [N].
   double power = 0.0;  ///< Power of the force above 100 Hz [N^2].
 };
-/// Returns the power of forces that were sampled at `rate` [Hz], above the frequency `least` [Hz]
-/// and without their mean [N^2]. Skips the first 500 forces.
+/// Returns the power of forces that were sampled at `rate` [Hz], from the frequency `least` [Hz] on
+/// and without their mean [N^2]. Skips the first 500 forces; returns 0 if fewer than 1,024 follow.
 [[nodiscard]] double powerAbove(const std::vector<Vec3>& forces, double least, double rate);
 /// Returns by how much `one` vibrates less than `other` [dB]: compares the power above 100 Hz,
 /// divided by the square of the mean force.
@@ -42,8 +42,8 @@ struct Buzz {
 
 /// Measurements of all methods in one slice.
 struct Buzzes {
-  /// Number of clicks: ticks in which the engine's proxy left a groove or ridge, and so moved much
-  /// farther than the hand. Clicks come from the shape, and add power above 100 Hz.
+  /// Number of ticks in which the engine's proxy moved more than 50 um and 4 times the hand's path,
+  /// as when it leaves a groove. Such clicks add power above 100 Hz.
   int clicks = 0;
   /// Penalty force along the gradient of the cell's polynomial, which jumps at faces of cells.
   Buzz polynomial;
@@ -65,7 +65,7 @@ struct SkinWay {
 
 /// Moves a hand around the z axis through the centre of the data, for 5 s in each slice. The path
 /// is 2 mm below the skin. Its radius is low-passed at 5 Hz, because hands do not move faster. The
-/// stiffness is 500 N/m, the strength at most 3 N, and the rate 1 kHz.
+/// stiffness is 500 N/m, the strength 3 N, and the rate 1 kHz.
 [[nodiscard]] std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field,
                                            const SkinWay& way);
 

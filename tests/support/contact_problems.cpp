@@ -85,8 +85,8 @@ class Touch {
     if (stands) ++result_.unfinished;
   }
   [[nodiscard]] const Vec3& proxy() const { return proxy_; }
-  /// Returns the larger of the proxy's signed distances from the true surface, `free`, and from the
-  /// interpolated surface [voxels]. Negative: the proxy is behind both.
+  /// Returns a negative number if the proxy is behind the true and the interpolated surface: the
+  /// signed distance from the nearer one [voxels]. `free` is that from the true surface.
   [[nodiscard]] double behind(double free) {
     return free < 0.0 ? std::max(free, probed_.off(proxy_, 0.0)) : free;
   }
@@ -109,7 +109,7 @@ Mat3 anyFrame(Random& random) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle, random.direction())).toRotationMatrix();
 }
 
-/// Returns a point on V = 0 within `reach` of `middle`.
+/// Returns a random point on V = 0 in the cube around `middle` with an edge of 2 `reach`.
 Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random) {
   for (;;) {
     Vec3 a = middle + random.inCube(reach);
@@ -124,7 +124,7 @@ Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random)
   }
 }
 
-constexpr double kReach = 22.0;  // largest distance of a wandering hand from the middle [voxels]
+constexpr double kReach = 22.0;  // half edge of the cube in which a wandering hand starts [voxels]
 
 /// Moves a hand at random below the surface. `free` returns the distance to the true surface.
 void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& field,

@@ -1,6 +1,5 @@
-/// Presses hands on concave or rough surfaces with the engine: grooves, balls, cubes, waves and
-/// noise. Grooves and cubes are rotated relative to the grid. Lengths are in voxels, as in
-/// motion_problems.h.
+/// Presses hands with the engine on grooves, balls, cubes, waves and noise. Grooves and cubes are
+/// rotated relative to the grid. Lengths are in voxels, as in motion_problems.h.
 #pragma once
 
 #include <cstdint>
@@ -19,17 +18,19 @@ struct ContactResult {
   long capped = 0;     ///< Number of held ticks that reached the limit of readings.
   long readings = 0;   ///< Number of readings in all held ticks.
   long cells = 0;      ///< Number of cells that the paths crossed in all held ticks.
-  long converged = 0;  ///< Number of held ticks that converged and did not yield.
+  long converged = 0;  ///< Number of the other held ticks, without those whose surface yielded.
   /// Number of converged ticks whose proxy is farther from the interpolated surface than the
   /// tolerance.
   long off = 0;
-  double off_most = 0.0;     ///< Largest distance from the interpolated surface.
-  double off_squares = 0.0;  ///< Sum of the squared distances from the interpolated surface.
-  double deepest = 0.0;      ///< Largest depth behind both the true and the interpolated surface.
-  long leaked = 0;           ///< Number of runs in which that depth exceeded a voxel.
-  long holds = 0;            ///< Number of times that the hand rested for 150 ms.
-  /// Number of rests whose last 20 ticks all reached the limit of readings, although the proxy did
-  /// not move.
+  /// Largest distance from the interpolated surface in converged ticks.
+  double off_most = 0.0;
+  double off_squares = 0.0;  ///< Sum of the squared distances in converged ticks.
+  /// Largest depth behind both the true and the interpolated surface, as a negative number.
+  double deepest = 0.0;
+  long leaked = 0;  ///< Number of runs in which that depth exceeded a voxel.
+  long holds = 0;   ///< Number of times that the hand rested for 150 ms.
+  /// Number of rests whose last 20 ticks all reached the limit of readings, although the proxy
+  /// moved less than the tolerance.
   long unfinished = 0;
   double hardest = 0.0;  ///< Largest ratio of the force to the surface's strength.
   long over = 0;         ///< Number of ticks in which this ratio exceeds 1.05.
@@ -57,10 +58,10 @@ struct ContactRuns {
 
 /// Runs a hand in a groove between two planes with this opening [degrees] and a strength of 20 N.
 /// The hand moves in at 0.02 to 2 m/s. It then moves back and forth along the bottom line and
-/// across it, 1 to 4 voxels too deep.
+/// across it, 1 to 4 voxels below that line.
 ContactResult feelGrooves(double opening, const ContactRuns& runs);
-/// Runs a hand that wanders below a ball's surface at 0.1 to 0.6 voxel per tick. Its depth is 1 to
-/// 4 voxels, but at most 0.6 times the radius.
+/// Runs a hand that wanders below a ball's surface at 0.1 to 0.6 voxel per tick. Its depth is at
+/// most 4 voxels and at most 0.6 times the radius. The strength is 1000 N.
 ContactResult feelBalls(double radius, const ContactRuns& runs);
 /// Like feelBalls(), for a cube of 24 voxels, from outside or, if `hollow`, from inside.
 ContactResult feelCubes(bool hollow, const ContactRuns& runs);

@@ -51,11 +51,9 @@ Contender makeSet(std::string name, std::string setting,
 
 /// How the step shrinks in our version of the solver of Lundin et al.
 enum class Pace {
-  kSteady,  ///< Solves the most independent problems (euler_adaptive.h).
-  /// Takes 30 to 40 iterations, as in the paper: half of kSteady's. Solves a few per cent fewer
-  /// problems.
-  kHalving,
-  /// Shrinks by 3 %. Solves the most problems along motions, in 1,000 steps or more.
+  kSteady,   ///< As EulerAdaptiveParams' defaults.
+  kHalving,  ///< Halves, as in the paper: needs fewer iterations.
+  /// Shrinks by 3 %, for up to 10,000 iterations.
   kSlow,
 };
 Contender makePaper(double tolerance, Pace pace) {

@@ -38,7 +38,7 @@ inline constexpr const char* kPaper = "Euler, adaptive step";
 /// engine's solver with a warm start.
 [[nodiscard]] std::vector<Contender> makeContenders(bool motion);
 
-/// Returns the methods of figure 7. The paper's solver takes as many iterations as in the paper.
+/// Returns the methods of figure 7. The paper's solver halves its step, as in the paper.
 /// The engine's solver has its default tolerance, once with a cold and once with a warm start.
 [[nodiscard]] std::vector<Contender> makeFigure7Contenders();
 

@@ -7,8 +7,8 @@ namespace palpate::test {
 
 /// Counts since the CountScope was constructed.
 struct Counts {
-  long allocations = 0;  ///< Calls of malloc and related functions, including those by operator
-                         ///< new.
+  long allocations = 0;  ///< Calls of malloc, calloc, realloc and aligned_alloc, including those
+                         ///< by operator new.
   /// Pthread mutexes and read-write locks taken (not counted under a sanitizer).
   long locks = 0;
   long exceptions = 0;  ///< throw expressions.

@@ -3,8 +3,8 @@
     fork = drawing.Fork(cleanup, BIN)    fork.folder holds a copy of the program in BIN, and a stand-in for each script
     fork.add(NAME, SCRIPT)               adds a stand-in for another Python script, and returns its path
 
-The import takes about a second of CPU time. A fork has its own memory, files and status, and runs the script from its
-file. Each suite also draws a picture with the program in BIN itself."""
+The import is slow, so the forks share it. A fork has its own memory, files and status, and runs the script from its
+file."""
 import contextlib
 import os
 import shutil

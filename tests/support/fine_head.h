@@ -98,9 +98,9 @@ class FineHead {
     };
     return out;
   }
-  /// Returns a hand's path around the head in W [m], from above the forehead. The path is `length`
-  /// m long, `depth` mm below the skin, and has a position every `step` m. The head has its real
-  /// size and is centred at the origin.
+  /// Returns a hand's path around the head in W [m], which begins on the x axis. The path is about
+  /// `length` m long, `depth` mm below the skin, and has a position every `step` m. The head has
+  /// its real size and is centred at the origin.
   [[nodiscard]] std::vector<Vec3> way(double length, double step, double depth) const {
     std::vector<Vec3> out;
     double angle = 0.0;

@@ -1,8 +1,8 @@
 /// A library to preload. It stops a program before its main(), and forks it for each request.
-/// A short run spends most of its time on loading up to 130 libraries. A fork has them loaded, but
-/// has separate memory, files and exit status. A request contains arguments, environment, folder
-/// and standard streams (tests/support/process.py). PALPATE_FORK_SERVER is the number of the
-/// socket.
+/// A short run spends most of its time on loading libraries. A fork has them loaded, but has
+/// separate memory, files and exit status. A request contains arguments, environment, folder and
+/// standard streams (tests/support/process.py). PALPATE_FORK_SERVER is the descriptor of the
+/// socket. Without this variable, the program runs normally.
 #include <array>
 #include <cerrno>
 #include <cstdint>
@@ -66,8 +66,7 @@ bool readHeader(int socket, Header& header, std::array<int, 3>& streams) {
 
 /// Ends a fork after the exit handlers that its main() registered. Handlers of libraries would wait
 /// for threads that a fork does not have, such as those of log4cplus (used by OpenVDB). So forks
-/// are not checked for leaks; the check would take 0.3 s and confuse the parent's threads with the
-/// fork's.
+/// are not checked for leaks.
 void endBeforeLibraries(int status, void*) {
   std::cout.flush();
   std::fflush(nullptr);
@@ -121,7 +120,7 @@ int serve(int, char**, char**) {
 
 }  // namespace
 
-/// Replaces glibc's function, so that serve() runs instead of main().
+/// Replaces glibc's function. If PALPATE_FORK_SERVER is set, serve() runs instead of main().
 extern "C" __attribute__((visibility("default"))) int __libc_start_main(Main real_main, int argc,
                                                                         char** argv, void (*init)(),
                                                                         void (*fini)(),

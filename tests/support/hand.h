@@ -9,7 +9,7 @@
 
 namespace palpate::test {
 
-/// A hand in a scene, at 1 kHz, without a force limit.
+/// A hand in a scene, at 1 kHz, with a force limit of 1000 N.
 struct Hand {
   std::unique_ptr<const Scene> scene;
   Reader reader;

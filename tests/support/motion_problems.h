@@ -50,32 +50,34 @@ class Probed {
   std::unique_ptr<FieldCache> cache_;
 };
 
-/// A surface, and a hand that moves below it.
+/// A surface, and a hand that presses on it.
 struct SurfaceMotion {
   std::string name;
   FieldPtr field;
   double level = 0.0;
   Solid solid = Solid::kBelow;
-  /// Returns the hand's position, below the surface, after a path of length `way`.
+  /// Returns the hand's position after a path of length `way`. The hand is in the solid, except
+  /// where the path of cubeMotion() leads around an edge.
   std::function<Vec3(double way)> hand;
   Vec3 outside = Vec3::Zero();                  ///< Start of the hand, outside near hand(0).
-  double lap = 0.0;                             ///< Length of one lap of the hand's path.
+  double lap = 0.0;                             ///< Value of `way` after one lap.
   std::function<double(const Vec3&)> distance;  ///< Signed distance to the true surface.
-  double floor = 0.0;  ///< Largest distance between the interpolated and the true surface; 0:
-                       ///< unknown.
+  double floor = 0.0;  ///< About the largest distance between the trilinear and the true surface;
+                       ///< 0: unknown.
 };
 
 /// Returns a sphere and a hand `depth` below its surface. `kind` is "level set", or "fog N" for a
 /// ramp of N voxels.
 SurfaceMotion sphereMotion(const std::string& kind, double radius, double depth,
                            const std::string& interpolation = "trilinear");
-/// Returns a hollow sphere, and a hand inside it that is `depth` behind the wall.
+/// Returns a solid with a spherical cavity. From the cavity, the hand presses `depth` deep into the
+/// wall.
 SurfaceMotion hollowMotion(double radius, double depth);
 /// Returns a torus, and a hand that winds around its tube.
 SurfaceMotion torusMotion(double major, double minor, double depth);
 /// Returns the level set of a cube with edges of 40 voxels, aligned with the grid or, if `turned`
-/// is true, rotated. The hand slides along four faces and over their edges. If `hollow` is true,
-/// the hand slides inside, into edges and corners.
+/// is true, rotated. The hand slides along four faces and around the edges between them. If
+/// `hollow` is true, the cube is a cavity, and the hand slides into its edges and corners.
 SurfaceMotion cubeMotion(double depth, bool turned, bool hollow = false);
 
 /// Results of a run over a surface.
@@ -83,16 +85,17 @@ struct MotionResult {
   /// Largest distance from the interpolated surface while the proxy is held.
   double off_max = 0.0;
   double off_rms = 0.0;
-  double true_max = 0.0;  ///< Largest distance from the true surface.
-  /// Mean signed distance from the true surface in the last tenth minus that in the first tenth.
+  double true_max = 0.0;  ///< Largest distance from the true surface while the proxy is held.
+  /// Mean signed distance from the true surface at the end minus that at the start. Each mean is
+  /// over a tenth of the run, but at least one lap.
   double drift = 0.0;
   double samples = 0.0;  ///< Mean number of field samples per tick.
   double cells = 0.0;    ///< Mean number of cells that paths cross per tick.
   double most_samples = 0.0;
-  double capped = 0.0;       ///< Share of ticks that did not converge.
-  double nanoseconds = 0.0;  ///< Median time per tick [ns].
+  double capped = 0.0;       ///< Share of ticks with a status worse than kHairpin.
+  double nanoseconds = 0.0;  ///< Time per tick [ns]: the median over batches of ticks.
   double injected = 0.0;     ///< Mean injected energy per lap [J].
-  /// Share of ticks without a force in which the hand is more than half a voxel below the surface.
+  /// Share of ticks in which the hand is more than half a voxel below the surface and has no force.
   double lost = 0.0;
 };
 
@@ -110,7 +113,7 @@ struct Ticked {
 /// A method as a function of the hand's position [m], called once per tick.
 using Stepper = std::function<Ticked(const Vec3& hand)>;
 
-/// Runs a surface motion with any method at a speed [m/s]. MotionResult::off_max uses V / |grad V|
+/// Runs a surface motion with any method at a speed [m/s]. MotionResult::off_max uses Probed::off()
 /// up to one voxel from the true surface, and the true distance beyond it. If `anywhere` is true,
 /// the method may hold the proxy at any value, so the hand starts on the true surface.
 MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, double speed,
@@ -122,8 +125,8 @@ Stepper engineOn(const SurfaceMotion& motion, ModeKind kind, const StepParams& s
 MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double speed, double laps,
                          const StepParams& step, double strength = 3.0);
 
-/// Limit of Stream::mostBend(). Below this limit, the stream has a unique point nearest to the
-/// hand.
+/// Limit of Stream::mostBend() for the streams of tests. At 1, the hand would be at the centre of
+/// curvature, where the nearest point of the stream is not unique.
 inline constexpr double kMostBend = 0.9;
 
 /// A stream and its exact course, computed by RK4 in steps of 0.02 voxel on the cells' polynomials,
@@ -135,11 +138,12 @@ struct Stream {
   /// Points of the course, directions there, and normals transported along the course.
   std::vector<Vec3> x, t, n;
   double spacing = 0.02;
-  /// Returns the largest curvature of the course times `pull`, the hand's distance to the side. At
-  /// 1, the hand is at the centre of curvature.
+  /// Returns the largest curvature of the course towards the hand, times `pull`, the hand's
+  /// distance to the side. At 1, the hand is at the centre of curvature.
   [[nodiscard]] double mostBend(double pull) const;
   [[nodiscard]] double length() const { return spacing * static_cast<double>(x.size() - 1); }
-  /// Returns the point at length `way` along the exact stream through p. p may be off the course.
+  /// Returns the point at length `way` (< 0: upstream) along the exact stream through p. p may be
+  /// off the course.
   [[nodiscard]] Vec3 onFrom(const Vec3& p, double way) const;
   [[nodiscard]] Vec3 directionAt(const Vec3& p) const;
 };
@@ -156,37 +160,38 @@ FieldPtr fieldAbout(const Stream& stream, const std::string& interpolation = "tr
 std::function<Vec3(int, int, int)> abcFlow(int wavelength);
 std::function<Vec3(int, int, int)> taylorGreen(int wavelength);
 
-/// Returns streams of a flow, from random points where the flow is fast. Skips streams with a bend
-/// of kMostBend or more for a hand `pull` voxels to the side.
+/// Returns `count` streams of a flow, from random points where the flow is fast. Skips streams
+/// whose mostBend(pull) is kMostBend or more.
 std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
                                   double length, std::size_t count, double pull,
                                   const std::string& interpolation = "trilinear");
 
 /// Returns at most `count` streams of a file's first vector grid, from random points where the flow
-/// is fast. A stream is 8 to `length` voxels long. Voxels count as cubes.
+/// is fast. A stream is 8 to `length` voxels long. Ignores the grid's transform: voxels count as
+/// cubes.
 std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, double length);
 
 struct StreamResult {
-  double off_max = 0.0;  ///< Largest distance from the course.
+  double off_max = 0.0;  ///< Largest distance from the course, before the course's end.
   /// Sum over all ticks of the proxy's distance from the exact stream through its last position,
   /// per 1,280 voxels of path.
   double departures = 0.0;
   double samples = 0.0;  ///< Mean number of vector samples per tick, including those of tracing.
   double most_samples = 0.0;
-  double capped = 0.0;    ///< Share of ticks that did not converge, not counting hairpins.
-  double hairpins = 0.0;  ///< Share of ticks with status kHairpin.
-  double nanoseconds = 0.0;
-  double force_step = 0.0;  ///< Largest change of the force from tick to tick [N].
-  double force_most = 0.0;  ///< Largest force [N].
+  double capped = 0.0;       ///< Share of ticks with a status worse than kHairpin.
+  double hairpins = 0.0;     ///< Share of ticks with status kHairpin.
+  double nanoseconds = 0.0;  ///< Time per tick [ns]: the median over batches of ticks.
+  double force_step = 0.0;   ///< Largest change of the force from tick to tick [N].
+  double force_most = 0.0;   ///< Largest force [N].
 };
 
-/// Follows a stream with any method. Computes departures only if `judged` is true.
+/// Follows a stream with any method. The hand moves along the course at a speed [m/s], `pull`
+/// voxels to the side. Computes departures only if `judged` is true.
 StreamResult feelStream(const Stream& stream, const Stepper& method, double speed, double pull,
                         bool judged = true);
 /// Returns the engine as a method for a stream.
 Stepper engineOn(const Stream& stream, const StepParams& step, double strength = 1.0);
-/// Follows a stream with the engine and a strength of 1 N. The hand moves along the course at a
-/// speed [m/s], `pull` voxels to the side.
+/// Follows a stream with the engine and a strength of 1 N.
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step);
 
 /// A thin hollow sphere: "level set", "fog" (anti-aliased) or "binary fog". In fogs, the solid is
@@ -200,11 +205,13 @@ struct Shell {
   double radius = 20.0;
   double half = 0.5;  ///< Half of the shell's thickness.
 };
+/// Returns a shell of this kind and thickness. `level` applies to fogs only.
 Shell makeShell(const std::string& kind, double thickness, double level = 0.5);
 
 struct ShellResult {
   long crossed = 0;  ///< Number of presses that end with the proxy beyond the shell's middle.
-  /// Number of presses in which the surface yielded or lost the proxy.
+  /// Number of presses with a tick in which the proxy was not outside of the solid: the surface
+  /// yielded or missed the contact.
   long yielded = 0;
   double samples = 0.0;  ///< Mean number of samples per tick.
   double most_samples = 0.0;

@@ -1,5 +1,5 @@
 /// The time-domain passivity observer and controller of Hannaford and Ryu (2002), impedance type.
-/// The engine used it before the energy tank.
+/// Tests compare the energy tank with it.
 #pragma once
 
 #include "palpate/engine/types.h"

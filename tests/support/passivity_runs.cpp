@@ -16,7 +16,7 @@ namespace palpate::bench {
 namespace {
 
 constexpr int kPieces = 4;      // number of straight pieces of the hand's path per tick
-constexpr double kSoft = 25.0;  // [N/m]; as in the cap of Tank
+constexpr double kSoft = 25.0;  // stiffness that sets the tank's capacity [N/m]
 
 /// Returns a hash of an integer as a number in [0, 1).
 double hashed(std::uint64_t a) noexcept {
@@ -175,8 +175,8 @@ Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
   return a + share * (b - a);
 }
 
-/// Returns the path in this tick of a hand that knows the whole state: with the force, at the best
-/// speed against friction, or back and forth over encoder steps.
+/// Returns the path in this tick of a hand that knows the whole state: along the force, at about
+/// the best speed against friction, or over encoder steps, or at random.
 Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double time, double mood,
               Draw& draw) {
   const Vec3 best = time / (2.0 * run.viscous) * force;
@@ -278,7 +278,7 @@ class Interruptions {
     kZero,    ///< The tank is reset, and a zero force is sent.
   };
   What next(Draw& draw) {
-    // Without resets, draws no random number, so that such runs are the same in all versions.
+    // Without resets, draws no random number, so that the other random numbers stay the same.
     if (!(run_.forgets > 0.0)) return What::kNone;
     if (left_ == 0 && draw.uniform(0, 1) < run_.forgets) {
       left_ = 1 + static_cast<int>(draw.uniform(0.0, run_.away + 1.0));
@@ -379,7 +379,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     if (tank.energy() > 0.0) {
       result.spare = std::min(result.spare, energy + tank.debt() - tank.energy());
     }
-    // Without uncertainty, draws no number, so that these runs are the same in all versions.
+    // Without uncertainty, draws no random number, so that the others stay the same.
     double off = 0.0;
     if (run.doubt > 0.0) {
       off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);
@@ -437,7 +437,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
 }
 
 void PassivityTally::add(const PassivityResult& r) {
-  // Rounding of sums over 2,000 ticks of up to one joule each.
+  // Bounds the rounding of sums over thousands of ticks [J].
   constexpr double kRounding = 1e-12;
   const bool more = r.margin < -kRounding || r.spare < -kRounding;
   add(PassivityTally{1, r.least < -kRounding, r.least<-1e-3, more, r.debt> 0.0, r.least, r.margin,

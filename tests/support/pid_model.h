@@ -80,7 +80,7 @@ class PidModel {
       ++strange_;
     }
   }
-  /// Returns a feature report; empty if the device refuses the request.
+  /// Returns a feature report; empty if the device refuses the request or has no such report.
   std::vector<std::byte> feature(int id) {
     if (id == ids_.at("load") && shape_.create) {
       if (refused_ < shape_.load_refused) {
@@ -469,7 +469,7 @@ class PidModel {
         fields(8, 1, 0);
       } else {
         for (const int u : {0x97, 0x98, 0x99, 0x9A, 0x9B, 0x9C}) usage(u);
-        range(1, 6);  // as in VPforce's firmware
+        range(1, 6);  // as in OpenFFBoard's firmware, although each field has one bit
         fields(1, 8, 2);
       }
       end();

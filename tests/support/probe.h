@@ -40,7 +40,7 @@ inline Placement slanted() {
 }
 
 /// Returns a property derived from a vector and its Jacobian. For scalars, only the first component
-/// counts.
+/// counts. Returns zero for kGradient, which needs a scalar.
 inline Vec3 onTheFly(Derivation what, const VectorSample& s) {
   switch (what) {
     case Derivation::kMagnitude:

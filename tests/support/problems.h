@@ -22,7 +22,7 @@ enum class Family {
   kRandom,        ///< All kinds, anchors in a cube of 4 mm, strengths up to 3 N.
   kOnePoint,      ///< All anchored at the start, as modes do.
   kNearParallel,  ///< Anchored at one point, directions within about 1e-2 rad of one axis.
-  kSlot,          ///< Planes that face each other at distances of 0 to 1 um.
+  kSlot,          ///< Planes that face each other at a distance of 0 or 1 um.
   /// Anchored at one point, directions of one orthonormal frame: up to three planes, or a line and
   /// the plane across it, or a point.
   kOrthogonal,
@@ -32,7 +32,7 @@ enum class Family {
   kMotion,
   kStrengths,     ///< Strengths of 1e-9 to 1e4 N in one set.
   kStiffness,     ///< k of 1 to 1e5 N/m.
-  kKink,          ///< The probe is on the kink of the first primitive.
+  kKink,          ///< The probe is at the position of the first primitive.
   kEdge,          ///< The probe is on the edge where the first two primitives, planes, meet.
   kCorner,        ///< The probe is on the corner where the first three primitives, planes, meet.
   kNearKinks,     ///< Anchors at distances of 1e-16 to 1e-2 m from one point.
@@ -48,12 +48,11 @@ inline constexpr std::array<Family, 15> kFamilies = {
 /// Returns the family's name in tables and charts.
 [[nodiscard]] const char* wordFor(Family family) noexcept;
 
-/// Returns a problem of `count` primitives, but at most three for kOrthogonal, and at least as many
-/// as kSlot, kEdge and kCorner need.
+/// Returns a problem of `count` primitives, but at most three for kOrthogonal, at least two for
+/// kEdge, and at least three for kCorner.
 [[nodiscard]] BalanceProblem makeProblem(Family family, int count, test::Random& random);
 
-/// Returns two planes whose smallest |f_res| is near (3.07, -6.44, 0) mm and not at their balance,
-/// as in 15 of 4,000 random pairs in 2-D.
+/// Returns two planes whose smallest |f_res| is near (3.07, -6.44, 0) mm and not at their balance.
 [[nodiscard]] BalanceProblem makeMisledPair();
 
 /// Returns the sum of strengths divided by the stiffness: the largest possible distance from probe

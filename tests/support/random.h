@@ -14,7 +14,7 @@
 
 namespace palpate::test {
 
-/// The largest number of cases that a test has requested, and that test's usual number.
+/// The numbers of a test's request for random cases with the largest usual number.
 struct AskedCases {
   long run = 0;
   long usual = 0;
@@ -57,7 +57,8 @@ inline long share(long usual) {
   return std::min(cases(usual), usual);
 }
 
-/// Random numbers. A seed gives the same numbers on every machine.
+/// Random numbers. A seed gives the same numbers on every machine, except that logUniform() may
+/// round differently.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}

@@ -18,8 +18,8 @@ struct Reference {
 
 /// Rounds every kink by mu, |d| -> sqrt(|d|^2 + mu^2), and minimises the smooth potential by
 /// Newton's method with step halving. Repeats this for values of mu that fall by factors of ten,
-/// from S/k to 1e-20 S/k. The forces of a rounded primitive stay within its strength, so they are a
-/// feasible point of the dual. For any x, weak duality gives
+/// from 0.1 S/k to 1e-20 S/k. The forces of a rounded primitive stay within its strength, so they
+/// are a feasible point of the dual. For any x, weak duality gives
 ///
 ///     k/2 |x - x*|^2 <= E(x) - D(f),
 ///

@@ -3,8 +3,8 @@ import os
 
 
 def refusal(case, folder, call):
-    """Runs `call`. Checks that it prints one clear line on stderr, nothing on stdout, and leaves no file in `folder`.
-    Returns its result and the line. The caller checks the exit status."""
+    """Runs `call`. Checks that it prints one line on stderr that begins with "palpate: ", prints nothing on stdout, and
+    leaves no new file in `folder`. Returns its result and the line. The caller checks the exit status."""
     before = sorted(os.listdir(folder))
     done = call()
     lines = done.stderr.splitlines()

@@ -9,7 +9,7 @@ namespace palpate::bench {
 
 /// A measured number and its limit.
 struct Finding {
-  std::string who;   ///< The method, or the part of the engine that is switched off.
+  std::string who;   ///< The method, or the engine without one of its parts.
   std::string what;  ///< The quantity, with its unit.
   double value = 0.0;
   double bound = 0.0;
@@ -35,13 +35,14 @@ struct Regime {
 [[nodiscard]] Regime extremeSprings();
 /// Strikes on a thin shell at 2 m/s, and hands without positions for 10 to 100 ms.
 [[nodiscard]] Regime strikesAndJumps();
-/// A hand that slides on a noisy ball with a steep ramp.
+/// A hand on a noisy ball with a steep ramp, a hand that presses on a wall, and the energy that a
+/// tick creates.
 [[nodiscard]] Regime steepAndNoisy();
 /// Couplings beyond the stability limit, delays up to 5 ms, encoder steps of 1 to 100 um.
 [[nodiscard]] Regime stiffAndLate();
-/// Volumes that appear, move or are replaced under the hand.
+/// Balls that appear around the hand, move over it, or are replaced in every tick.
 [[nodiscard]] Regime scenesThatChange();
-/// Devices that report wrong data: unplugged, stale, NaN, late.
+/// Devices that are unplugged or late, and positions that jump, are old or are NaN.
 [[nodiscard]] Regime brokenDevices();
 
 [[nodiscard]] std::vector<Regime> allRegimes();

@@ -5,8 +5,9 @@
 ///
 /// ONE has the address 10.77.0.1, OTHER 10.77.0.2; they reach no other network. The seed and the
 /// number of a packet determine whether it is lost, delayed, doubled or overtaken. Ends with OTHER
-/// and its status, or after S seconds with status 124; then also ends ONE. SIGUSR1 disconnects the
-/// two, the next SIGUSR1 connects them. At the end prints a line of JSON on stderr.
+/// and its status, or after S seconds with status 124; then also ends ONE. Ends with status 77 if
+/// it cannot create the networks. SIGUSR1 disconnects the two, the next SIGUSR1 connects them. At
+/// the end prints a line of JSON on stderr: the numbers of packets.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -59,8 +60,8 @@ void write(const char* file, const std::string& text) {
   if (!done) fail(file);
 }
 
-/// Moves this process into new network and process namespaces, in which it has full rights. When
-/// the first child ends, all other processes of the namespace end.
+/// Moves this process into a new network namespace, in which it has full rights, and its future
+/// children into a new process namespace. When the first child ends, the kernel ends the others.
 void leaveNetworks() {
   const std::string user = "0 " + std::to_string(getuid()) + " 1";
   const std::string group = "0 " + std::to_string(getgid()) + " 1";
@@ -175,7 +176,7 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
     }
     char byte = 0;
     if (read(pair[1], &byte, 1) != 1) _exit(77);
-    // When the first process of a namespace ends, the kernel ends all others.
+    // This child is the first process of the new process namespace.
     const pid_t first = fork();
     if (first != 0) {
       int how = 0;

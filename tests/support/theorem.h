@@ -1,4 +1,4 @@
-/// Checks the section "What holds" of docs/tick.md in each tick of the motion tests.
+/// Checks statements of the section "What holds" of docs/tick.md in each tick of the motion tests.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,8 @@ inline bool& proving() {
   return on;
 }
 
-/// Runs hapticStep(). Throws std::logic_error if the tick violates the theorem.
+/// Runs hapticStep(). If proving() is true, throws std::logic_error if the tick violates a
+/// statement that is checked here.
 inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState& hand,
                              ProxyState& state, double dt) {
   const Vec3 before = state.proxy();
@@ -43,7 +44,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   }
   if (r.status > StepStatus::kHairpin) return r;
 
-  // Strength: in a converged tick, no primitive bears more than its strength.
+  // Strength: in a converged tick, the force is at most the sum of the strengths.
   double strengths = 0.0;
   for (const Primitive& primitive : state.primitives().items()) strengths += primitive.strength;
   double voxel = 0.0;

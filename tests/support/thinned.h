@@ -9,8 +9,8 @@ inline constexpr bool kSanitized = true;
 inline constexpr bool kSanitized = false;
 #endif
 
-/// Selects the combinations that a test runs: all, or with sanitizers the first of every `every`.
-/// Sanitizers make a combination ten times slower, and find the same faults in any combination.
+/// Selects the combinations that a test runs: all, or with sanitizers the first of every `every`,
+/// because sanitizers slow each combination down.
 class Thinned {
  public:
   explicit Thinned(int every) : every_(kSanitized ? every : 1) {}

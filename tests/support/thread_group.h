@@ -56,8 +56,8 @@ class ThreadGroup final : public ProcessGroup {
   int rank_;
 };
 
-/// Runs `work` on `size` ranks. Returns the number of ranks that threw. If exactly one threw,
-/// rethrows its exception.
+/// Runs `work` on `size` ranks. If exactly one rank threw, rethrows its exception. Otherwise
+/// returns the number of ranks that threw.
 inline int byThreads(int size, const std::function<void(ProcessGroup&)>& work) {
   ThreadMeeting meeting(size);
   std::vector<std::exception_ptr> told(static_cast<std::size_t>(size));

@@ -24,9 +24,9 @@ class TemporaryFolder {
 
 /// Writes these files into a folder:
 /// - ball.vdb: "ball", level set of a sphere of radius 2, voxels of 0.1, half-width 3;
-/// - labels.vdb: "labels", integers, not usable as a field; mixed.vdb: both grids;
+/// - labels.vdb: "labels", integers, not usable as a field; mixed.vdb: "ball" and "labels";
 /// - linear.vdb: "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0;
-/// - nan.vdb: "density" with one NaN.
+/// - nan.vdb: "density" as in linear.vdb, with one NaN.
 void writeTestVolumes(const std::filesystem::path& folder);
 
 }  // namespace palpate::test

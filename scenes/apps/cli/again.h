@@ -8,7 +8,7 @@
 
 namespace palpate::cli {
 
-/// Formats a position [m], rounded to 0.01 mm: "0.012,0,-0.00351".
+/// Formats a position [m], rounded to 0.01 mm and five digits: "0.012,0,-0.00351".
 [[nodiscard]] std::string placeWords(const Vec3& p);
 
 /// The options of a command that reproduces a tick.

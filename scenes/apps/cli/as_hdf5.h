@@ -12,7 +12,7 @@ namespace palpate::cli {
 void checkHdf5(const std::string& path);
 
 /// Writes the whole recording. Throws Error if writing fails, and Interrupted after an interrupt.
-/// If writeHdf5() throws, no file remains.
+/// If writeHdf5() throws, the file stays as it was.
 ///
 /// Dataset `ticks`: one dimension, in compressed blocks. Its elements are compounds of all fields
 /// of recordedFields() except `zero`; vectors are arrays. Dataset `scenes`: members `id` and

@@ -103,7 +103,7 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
   return out;
 }
 
-/// Returns the number of cells in which an isosurface meets missing data; null if the volume was
+/// Returns the numbers of cells in which an isosurface meets missing data; null if the volume was
 /// not examined.
 OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene& built) {
   const auto volume = built.volumes.find(mode.of);

@@ -400,7 +400,7 @@ class Pictures {
   }
 
  private:
-  /// Interval between two readings [s].
+  /// Interval between two printed readings [s].
   [[nodiscard]] double often() const { return terminal_ ? 0.25 : 0.5; }
   bool terminal_ = isatty(STDOUT_FILENO) == 1;
   double seconds_;
@@ -462,8 +462,8 @@ int watchPlugin(const DevicesOptions& options) {
   return kInterrupted;
 }
 
-/// Prints the readings of an arm. watch() only reads, so another program can drive the arm at the
-/// same time.
+/// Prints the readings of an arm. An arm over HID is only read, so another program can drive it at
+/// the same time.
 int watch(const DevicesOptions& options) {
   if (parsePluginName(options.watch)) return watchPlugin(options);
   Pictures pictures(options.seconds);

@@ -119,7 +119,7 @@ ScenesById scenesOfReplay(const Hands& hands, const FeelOptions& options, const 
 }
 
 /// Sets the largest number of ticks of the run. Without --seconds there is no limit if all hands
-/// are recorded, or if a real-time run has a window or a server.
+/// follow paths or recordings, or if a real-time run has a window or a server.
 void limitTicks(Run& run) {
   const FeelOptions& options = run.options;
   run.whole_path = !options.seconds &&

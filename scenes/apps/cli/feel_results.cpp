@@ -38,7 +38,7 @@ OrderedJson mostOf(const Hand& hand, const Scene& scene) {
 }
 
 /// Lists the shares of a force, for example "spring 2.1 N, damper and others +0.3 N, limiter -0.4
-/// N". Omits shares below 1 mN.
+/// N". Omits shares below 1 mN, except the spring's.
 std::string shareWords(const OrderedJson& most) {
   constexpr double kLeast = 1e-3;  // [N]
   std::string text = fmt::format("spring {} N", rounded(most["spring"].get<double>()));
@@ -169,7 +169,8 @@ void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
 }
 
 /// Prints the faults and returns the exit status. `nothing`: true if no hand felt a force. `lost`:
-/// true if the window of the only hand has failed. `kept`: true if all recordings are complete.
+/// true if the window has failed while its mouse led all hands. `kept`: true if all recordings are
+/// complete.
 int statusOf(const Run& run, bool nothing, bool lost, bool kept) {
   int status = nothing && !run.options.window ? kNothingFelt : kDone;
   if (lost || !kept) status = kEndedEarly;

@@ -22,11 +22,12 @@ struct Outputs {
   std::optional<WholeFile> summary;
 };
 
-/// Returns the processor, the compiler and the build type.
+/// Returns the processor, its number of cores, the compiler and the build type.
 [[nodiscard]] OrderedJson machineJson();
 
 /// Completes recordings, prints results and draws pictures. Returns the exit status. `run.scene`
-/// and `built` belong to the last scene. `search` is the cost of finding the hand's path, or null.
+/// and `built` belong to the first scene of the run. `search` is the cost of finding the hand's
+/// path, or null.
 [[nodiscard]] int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
                            Outputs& outputs);
 

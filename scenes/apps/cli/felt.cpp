@@ -175,7 +175,7 @@ void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
 }
 
 Felt::SceneFelt* Felt::enterScene(std::uint64_t id) noexcept {
-  // The loop gets a scene after expect() does, so the scene is already in the mailbox.
+  // The loop gets a scene only after expect() has got it, so the scene is already in the mailbox.
   if (!expected_.current() || expected_.current()->id != id) expected_.refresh();
   if (!expected_.current() || expected_.current()->id != id) return nullptr;
   if (scene_ != id) {

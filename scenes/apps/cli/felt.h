@@ -25,7 +25,8 @@ class Durations {
  public:
   Durations() : counts_(kExact + kCoarse) {}
   void add(std::int64_t ns);
-  /// Returns the duration [ns] that the fraction `share` does not exceed; 0 without durations.
+  /// Returns the least duration [ns] that at least the fraction `share` does not exceed, to within
+  /// a bin; 0 without durations.
   [[nodiscard]] std::int64_t percentile(double share) const;
   [[nodiscard]] std::int64_t count() const noexcept { return count_; }
   [[nodiscard]] std::int64_t max() const noexcept { return max_; }
@@ -38,7 +39,8 @@ class Durations {
   std::int64_t max_ = 0;
 };
 
-/// The tick with the strongest force of a mode. A force counts half if the hand moves over 0.1 m/s.
+/// The tick with the strongest force among the ticks in which a mode gave a force. A force counts
+/// half if the hand moves over 0.1 m/s.
 struct Most {
   double force = 0.0;         ///< Force sent to the device [N]; 0 if no mode gave a force.
   double time = 0.0;          ///< Time since the start of the run [s].
@@ -76,7 +78,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     return {loads_.data(), carriers_.size()};
   }
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
-  /// Returns true if a mode contributed to the force in any tick.
+  /// Returns true if a mode gave at least 1 mN, or a hand at another site pulled, in any tick.
   [[nodiscard]] bool anything() const;
   /// Returns the first mode in whose solid the proxy was in its first tick, or an empty text.
   [[nodiscard]] std::string inside() const;
@@ -92,7 +94,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::int64_t active = 0;  ///< Ticks in which the mode gave force.
     std::int64_t last_active = -1;
     bool inside = false;       ///< The proxy was in the solid in its first tick.
-    std::int64_t touches = 0;  ///< Contacts after a pause of at least 50 ms without force.
+    std::int64_t touches = 0;  ///< Contacts; a pause of 50 ms without force separates them.
     std::int64_t yields = 0;   ///< Number of times the proxy was pushed through a surface.
     double impulse = 0.0;      ///< Sum of the force's magnitude over all ticks [N].
     double held = 0.0;         ///< Largest force of the mode [N].

@@ -23,7 +23,8 @@ namespace palpate::cli {
 
 using Body = std::function<int()>;
 
-// Each function is in the source file of its verb. It sets `body`, which returns the exit status.
+// addView is in feel.cpp; each other function is in the source file of its verb. A function sets
+// `body`, which returns the exit status.
 void addInfo(CLI::App& app, Body& body);
 void addImport(CLI::App& app, Body& body);
 void addBrick(CLI::App& app, Body& body);

@@ -25,7 +25,7 @@ class Picture {
   /// Throws Error if the file cannot be written, its ending is unknown, or matplotlib is missing.
   explicit Picture(const std::string& path);
   void add(const Telemetry& tick);
-  /// Draws the picture. Throws Error. If draw() throws, no file remains.
+  /// Draws the picture. Throws Error. If draw() throws, the file stays as it was.
   /// @param press  Null, or the curve of a press, which replaces the force over time: "in" and
   ///   "out" are rows of depth [m] and force [N], "marks" are events with a name and a depth.
   void draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,

@@ -21,8 +21,8 @@ struct SceneInput {
   std::string text;  ///< Content of the scene file; empty for a .vdb or a folder.
   std::vector<std::filesystem::path> files;  ///< For a recording: files of all its scenes.
 };
-/// Opens a scene as openScene does. For a recording, restores the scene of its first tick, and
-/// reports files that have changed since the recording. Throws Error.
+/// Opens a scene as openScene does. For a recording, restores the scene of its first tick with a
+/// scene, and reports files that have changed since the recording. Throws Error.
 [[nodiscard]] SceneInput openSceneInput(const std::string& scene);
 
 /// Opens a scene, and returns the scene with its source text. Throws Error.

@@ -15,8 +15,8 @@ namespace palpate::cli {
 namespace {
 
 /// Runs a program that reads `input` from a pipe and writes to the descriptor `output`. Returns the
-/// program's exit status; -1 if the program did not run. After an interrupt, kills the program and
-/// throws Interrupted.
+/// program's exit status; -1 if the program did not run or was killed. After an interrupt, kills
+/// the program and throws Interrupted.
 int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;

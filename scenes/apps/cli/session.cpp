@@ -269,7 +269,7 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }
-  // `life` is the time of day, so a restarted program gets a greater `life` than before.
+  // `life` is the time since 1970 [ns], so a restarted program gets a greater `life` than before.
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
   LinkParams link;

@@ -220,8 +220,8 @@ struct Run {
 /// Runs the ticks in virtual time, as fast as possible. Repeated runs give equal results.
 void runInVirtualTime(const Run& run);
 /// Replays recorded hands at `run.options.speed`; each device must be a ReplayDevice. `scenes`
-/// contains scenes by recorded id; ticks of other ids use `run.scene`. Ends early if the user
-/// closes the window.
+/// contains scenes by recorded id; ticks of other ids, except 0 (no scene), use `run.scene`. Ends
+/// early if the user closes the window.
 void runAgain(const Run& run, const ScenesById& scenes);
 /// Runs the hands in real time, each in its own thread.
 void runOnTime(Run& run, Guardian& guardian);

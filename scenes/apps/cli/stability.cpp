@@ -236,7 +236,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
     one["tried"] = map.tried;
     one["stiffness"] = map.stiffness;
     one["damping"] = map.damping;
-    // r: rests, c: cycles, l: leaves. A capital letter: the coupling generated energy.
+    // r: rests, c: oscillates, l: diverges. A capital letter: the coupling generated energy.
     one["rows"] = OrderedJson::array();
     const std::size_t n = map.stiffness.size();
     long rests = 0;
@@ -355,7 +355,7 @@ int draw(const StabilityOptions& options) {
   const Setup setup = setupOf(options, out.names);
   const MapSetting setting = settingOf(options);
   const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
-  constexpr double kMost = 1e5;  // [N/m]: upper limit of the map for a loop that is always stable
+  constexpr double kMost = 1e5;  // [N/m]: largest stiffness in the map
   const double most = std::min(kMost, 6.0 * std::max(stable, 10.0 * kLeastStiffness));
   const std::vector<StabilityMap> maps = drawMaps(setup, setting, options.size, most);
   const OrderedJson json = report(options, setup, setting, most, maps);

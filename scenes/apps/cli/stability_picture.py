@@ -14,7 +14,7 @@ import numpy as np  # noqa: E402
 from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.patches import Patch  # noqa: E402
 
-# Colours of outcomes: r rests, c cycles, l leaves. Capital letters: the coupling generated energy.
+# Colours of outcomes: r rests, c oscillates, l diverges. Capital letters: the coupling generated energy.
 COLOURS = {"r": "#e8f2e4", "R": "#b7d7a8", "c": "#fde2b3", "C": "#f5b041", "l": "#f1b0a8",
            "L": "#c0392b"}
 WORDS = {"r": "rests", "R": "rests, energy gained", "c": "oscillates", "C": "oscillates, energy gained",

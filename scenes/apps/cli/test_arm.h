@@ -11,8 +11,8 @@ inline constexpr const char* kNoMotor = "no motor along this axis, and no force"
 
 [[nodiscard]] OrderedJson axisNames(const ArmAxes& axes);
 
-/// Tests the arm `options.test` and stores that it has passed. Returns the exit status. Throws
-/// Error.
+/// Tests the arm `options.test`. Stores that a real arm has passed, if its scale was measured and
+/// its identity is known. Returns the exit status. Throws Error.
 [[nodiscard]] int testArm(const DevicesOptions& options);
 
 }  // namespace palpate::cli

@@ -26,7 +26,7 @@ from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: E402
 
 LONGEST = 65534  # bytes of a row
-LINE = 1000      # sections of a line over time: more than a panel has dots from left to right
+LINE = 1000      # sections of a line over time; a section shows its smallest and largest value
 PATH = 60000     # sections of all paths in a row of panels
 BINS = 60        # bins of the histogram
 NUMBERS = ["t", *(f"{what}_{a}" for what in ("probe", "proxy", "force") for a in AXES),

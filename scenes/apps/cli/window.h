@@ -18,7 +18,7 @@ namespace palpate::cli {
 // Padding is intended: the mailbox in the writer keeps its threads' data apart.
 class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Creates the shared memory. Throws Error if palpate-view is not installed.
+  /// Creates the shared memory. Throws Error if this fails, or if palpate-view is not installed.
   explicit Window(double rate);
   /// Signals the end of the run to the window. Kills palpate-view if it still runs after 1.5 s.
   ~Window();

@@ -50,7 +50,7 @@ extern volatile std::sig_atomic_t interrupted;
 [[nodiscard]] std::string rounded(double value);
 [[nodiscard]] OrderedJson toJson(const Vec3& v);
 
-/// Returns the time of the last write; no value if the file cannot be read.
+/// Returns the time of the last write; no value if it is unknown, as for a missing file.
 [[nodiscard]] std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file);
 
 /// Returns a null-terminated argv for exec and posix_spawn, valid while `words` is unchanged.
@@ -59,7 +59,8 @@ extern volatile std::sig_atomic_t interrupted;
 /// Returns a text as one word of a shell's command line, quoted if necessary.
 [[nodiscard]] std::string shellWord(const std::string& text);
 
-/// Returns the target of symbolic links, so that a new file replaces the target and not the link.
+/// Returns the target of symbolic links, so that a new file replaces the target and not the link. A
+/// link to an object without a path, such as a pipe, stays.
 [[nodiscard]] std::filesystem::path behindLinks(std::filesystem::path path);
 
 /// Throws Error if the path exists but is not a regular file, because the output would replace it.
@@ -80,7 +81,7 @@ class WholeFile {
   [[nodiscard]] int descriptor() const;
   /// Returns the temporary path, for a library that writes to it. Throws Error for standard output.
   [[nodiscard]] std::filesystem::path place() const;
-  /// Completes the file. Throws Error if writing has failed.
+  /// Completes the file; only flushes standard output. Throws Error if writing a file has failed.
   void commit();
 
  private:

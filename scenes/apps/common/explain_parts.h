@@ -24,8 +24,8 @@ struct ExplainedTick {
   const StepTrace& trace;
   const ProxyState& state;  ///< State after the tick.
 
-  /// Returns the position of the last reading of properties [m]; after a fault, the proxy before
-  /// the tick.
+  /// Returns the position of the last reading of properties [m]; without a reading, as after a
+  /// fault, the proxy before the tick.
   [[nodiscard]] const Vec3& place() const {
     const auto steps = trace.steps();
     const auto last = std::find_if(steps.rbegin(), steps.rend(),
@@ -48,7 +48,7 @@ struct ExplainedTick {
   return tick.properties().vectors[static_cast<std::size_t>(i)];
 }
 
-/// Returns the fields whose bounds contain the proxy.
+/// Returns the fields whose bounds contain place().
 [[nodiscard]] FieldSet fieldsAround(const ExplainedTick& tick);
 
 [[nodiscard]] OrderedJson fieldsReport(const ExplainedTick& tick);

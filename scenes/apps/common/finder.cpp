@@ -23,13 +23,13 @@ constexpr double kCircle = 4e-3;    // [m]: radius of a stroke
 constexpr double kFine = 2.5e-4;    // [m]: step of the probe near contacts
 constexpr double kCoarse = 2e-3;    // [m]: step of the probe between contacts
 constexpr double kFelt = 0.3;       // [N]: modes with a smaller force are visited later
-constexpr double kPlan = 60.0;      // [s]: length of the planned path, which is then repeated
+constexpr double kPlan = 60.0;      // [s]: least length of the planned path, which then repeats
 constexpr std::size_t kMostStops = 3;
 
 /// Depths along a ray [m] for one mode.
 struct Stop {
-  double stroke = 0.0;  ///< Depth at which the force is 70 % of the mode's largest on the ray.
-  double press = 0.0;   ///< Depth at which the force is 95 % of the mode's largest on the ray.
+  double stroke = 0.0;  ///< First depth with 70 % of the mode's largest force on the ray.
+  double press = 0.0;   ///< First depth with 95 % of the mode's largest force on the ray.
 };
 
 /// Depth of the first contact on a ray [m], and the stops for the modes behind this contact.

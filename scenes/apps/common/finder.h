@@ -22,13 +22,14 @@ struct Search {
 /// The hand moves along the ray, strokes and presses each mode, and withdraws. The planner offsets
 /// the hand's target by the forces along the path.
 ///
-/// The same scene gives the same path for any `seconds`. After one minute the path repeats.
+/// The same scene gives the same path for any `seconds`. The path repeats after the visit in which
+/// its first minute ends.
 /// @param bounds   Box about all fields and guides of the scene [m].
 /// @param radius   Radius of the arm's workspace about the origin of W [m]; bounds the path.
 /// @param seconds  Duration of the path [s].
 ///
-/// Cost: at most kMostRays rays and kMostReads field readings. In a moving scene, each visit
-/// searches again with one eighth of both limits.
+/// Cost of a search: at most kMostRays rays and about kMostReads field readings (ray_search.cpp).
+/// In a moving scene, each visit searches again with one eighth of both limits.
 [[nodiscard]] HandTarget findingHand(const Scene& scene, const Box& bounds, double radius,
                                      double seconds, Search* search = nullptr);
 

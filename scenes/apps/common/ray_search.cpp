@@ -15,7 +15,7 @@ constexpr int kLeastRays = 256;
 constexpr int kMostRays = 4096;
 constexpr int kEnough = 32;           // the search ends once each mode acted on this number of rays
 constexpr int kSteps = 96;            // steps along a ray as long as the diagonal of the range
-constexpr long kMostReads = 1000000;  // largest number of field readings
+constexpr long kMostReads = 1000000;  // about the largest number of field readings
 constexpr std::size_t kMostBoxes = 512;  // largest number of boxes for rays
 
 /// Returns boxes in which contacts are possible at `time` [s].

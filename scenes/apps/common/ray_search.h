@@ -50,7 +50,8 @@ class SearchProbe {
 /// The region that the hand may use: the scene and a small margin, within the arm's workspace.
 struct HandRange {
   Box box;              ///< Box around the scene and the margin [m].
-  double radius = 0.0;  ///< Radius of the workspace about the origin of W [m].
+  double radius = 0.0;  ///< Radius of the sphere about the origin of W, a little inside the
+                        ///< workspace [m].
 
   /// Returns the interval of t in which the line p + t u, with a unit vector u, lies in the range.
   /// The interval is empty if first >= second.
@@ -78,7 +79,7 @@ class RaySearch {
   /// Searches at `time` [s]. `share`, in (0, 1], scales the limits of rays and readings.
   RaySearch(const Scene& scene, const HandRange& within, double time, double share);
 
-  std::vector<ProbeRay> rays;  ///< Rays on which a mode acted.
+  std::vector<ProbeRay> rays;  ///< Rays on which the forces opposed the probe.
   std::vector<double> top;     ///< Largest force of each mode on any ray [N].
   int rays_cast = 0;           ///< Number of all rays, also those on which no mode acted.
   long reads = 0;              ///< Number of field readings.

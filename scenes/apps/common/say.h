@@ -34,7 +34,7 @@ class Legible {
   /// Converts `text` to one line of printable UTF-8 with at most `most` characters (>= 40). Line
   /// ends, control characters, invalid bytes and invisible characters become escapes, such as \n,
   /// \x1b, \u202e or \U000e0041. If the text is too long, a note with its length replaces the
-  /// middle. Legible text stays unchanged. Needs about four times the memory of `text`.
+  /// middle. Legible text of at most `most` characters stays unchanged.
   explicit Legible(std::string_view text, std::size_t most = kLongestName);
 
   [[nodiscard]] const std::string& text() const noexcept { return text_; }

@@ -74,8 +74,8 @@ struct Rest {
 /// State of a primitive in a balance.
 enum class Hold : std::uint8_t {
   kIdle,    ///< The primitive carries no load.
-  kHolds,   ///< The primitive carries less than its strength, and the proxy stays on it.
-  kYields,  ///< The primitive carries its full strength, and the proxy has left it.
+  kHolds,   ///< The primitive carries less than its strength, or the proxy has stayed on it.
+  kYields,  ///< The primitive carries its full strength, and the proxy leaves it.
   kPushes,  ///< A directed force, which always has its full strength.
 };
 
@@ -107,7 +107,7 @@ struct Load {
 [[nodiscard]] const char* wordFor(Side side);
 [[nodiscard]] const char* wordFor(SolverKind kind);
 
-/// Formats a number with a few digits for the user. Rounding errors become 0.
+/// Formats a number with four significant digits for the user. Magnitudes below 1e-12 become 0.
 [[nodiscard]] std::string shown(double value);
 
 }  // namespace palpate::cli

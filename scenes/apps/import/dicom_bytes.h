@@ -9,16 +9,17 @@
 namespace palpate::importer {
 
 /// Returns true if a file that begins with these bytes is a DICOM file. A file without the preamble
-/// of 128 bytes must begin with two little-endian elements, in order, in groups 0002 to 0010, or
-/// with one big-endian element of group 0008.
+/// of 128 bytes must begin with one big-endian element of group 0008, or with two little-endian
+/// elements in ascending order. Of these, the first is in group 0002 or 0008, and the second in a
+/// group up to 0010.
 [[nodiscard]] bool beginsAsDicom(std::string_view bytes);
 
 /// Inflates a deflated data set in memory, because vtk-dicom reads only data sets that are not
 /// deflated.
 class PlainDicom {
  public:
-  /// Throws VolumeError, which names `file`, if the data set is damaged, exceeds 4 GiB or does not
-  /// fit into memory, or if the file is big-endian without a transfer syntax.
+  /// Throws VolumeError, which names `file`, if the data set is truncated or damaged, exceeds 4 GiB
+  /// or does not fit into memory. Also throws if the file is big-endian without a transfer syntax.
   explicit PlainDicom(const std::filesystem::path& file);
   PlainDicom(const PlainDicom&) = delete;
   PlainDicom& operator=(const PlainDicom&) = delete;

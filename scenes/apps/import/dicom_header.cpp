@@ -38,7 +38,7 @@ double numberOf(const vtkDICOMValue& value) {
   return value.GetNumberOfValues() == 0 ? kUnsaid : value.GetDouble(0);
 }
 
-/// Converts a time HHMMSS.FFFFFF to seconds since midnight.
+/// Converts a time HHMMSS.FFFFFF to seconds since midnight; kUnsaid if it is invalid.
 double secondsOf(const std::string& clock) {
   if (clock.size() < 6) return kUnsaid;
   try {

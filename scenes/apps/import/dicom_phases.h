@@ -16,7 +16,7 @@ struct Phases {
   /// Copies of the files. All have the UID of the first series. Of kTimeTags, their images state
   /// only the time [s], or the number of the step.
   std::vector<File> files;
-  std::vector<std::string> notes;  ///< One line for each series that is left out.
+  std::vector<std::string> notes;  ///< One line for each series or kind of files left out.
   /// The reason why the series are not the steps of one volume; empty if they are. Then `files` and
   /// `notes` are empty.
   std::string problem;

@@ -36,9 +36,9 @@ struct Series {
 [[nodiscard]] Series withoutStrays(const Series& series, std::vector<std::string>& notes);
 
 struct Stack {
-  std::vector<Slices> steps;  ///< Sorted by position.
+  std::vector<Slices> steps;  ///< Slices of each step, sorted by position.
   /// Times of the steps [s]; empty if there is one step. If the files state only numbers of steps,
-  /// 1 s is assumed between successive numbers.
+  /// and no TemporalResolution, 1 s is assumed between successive numbers.
   std::vector<double> times;
   Affine map;
   std::vector<double> depths;  ///< Value of Piece::depths; empty if the slices are evenly spaced.

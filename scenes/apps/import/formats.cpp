@@ -38,7 +38,7 @@ bool hasKey(const std::string& text, std::string_view key) {
   return false;
 }
 
-/// Returns the header file name.hdr, if `file` is name.hdr or name.img.
+/// Returns name.hdr or name.hdr.gz for name.img, if it exists; otherwise `file`.
 std::filesystem::path headerOf(const std::filesystem::path& file) {
   std::filesystem::path plain = file;
   if (plain.extension() == ".gz") plain.replace_extension();

@@ -25,7 +25,7 @@ constexpr double kKmPerDegree = 6371.0 * std::numbers::pi / 180.0;
 /// Converts a pressure [hPa] to a height in the standard atmosphere of ISO 2533 [km].
 double standardHeight(double pressure) {
   constexpr double kGround = 1013.25;
-  // [hPa]: pressure at 11 km, above which the temperature is constant
+  // [hPa]: pressure at 11 km, above which the temperature counts as constant
   constexpr double kTropopause = 226.3206;
   if (pressure > kTropopause) {
     return 44.330769 * (1.0 - std::pow(pressure / kGround, 1.0 / 5.255880));
@@ -46,7 +46,7 @@ double kilometres(std::string unit) {
       {1e-4, {"dm"}},
       {1e-5, {"cm", "centimeter", "centimeters", "centimetre", "centimetres"}},
       {0.3048e-3, {"ft", "foot", "feet"}},
-      // The pressure of sea water grows by one decibar per metre of depth, within 1 %.
+      // The pressure of sea water grows by one decibar per metre of depth, within about 3 %.
       {1e-3, {"dbar", "decibar", "decibars"}},
   };
   for (const Length& length : lengths) {

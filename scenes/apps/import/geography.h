@@ -41,10 +41,11 @@ struct EarthGrid {
 ///
 /// Longitudes and latitudes become km on a plane, at the scale of the middle latitude. Pressures
 /// become heights in the standard atmosphere (ISO 2533). If the range of heights is below a quarter
-/// of the longer horizontal side, all heights are multiplied by a round number, so that the range
-/// is at least a quarter. Components of wind or current become one vector, with its z component
-/// stretched too. Adds a note for each change. Throws VolumeError if positions along an axis
-/// neither increase nor decrease.
+/// of the longer horizontal side, all heights are multiplied by a round number. The range is then
+/// at least a quarter. Components of wind or current become one vector, with its z component
+/// stretched too. Adds a note for each change. Throws VolumeError if positions along an axis are
+/// not finite, or neither increase nor decrease. Also throws if a longitude or latitude is out of
+/// range.
 [[nodiscard]] std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                              const std::string& file, Content& content);
 

@@ -1,4 +1,5 @@
-/// Converts images to OpenVDB grids. Voxels with the value of the surroundings are inactive.
+/// Converts images to OpenVDB grids. Voxels with the value of the surroundings are usually
+/// inactive.
 #pragma once
 
 #include <array>
@@ -26,7 +27,8 @@ struct Gridded {
   double tolerance = 0.0;
   /// Suggested tolerance that hides noise around the object: 99 % of the values on the image's
   /// faces are within it. `quieter_share` is the fraction of voxels that would stay active. Both
-  /// are 0 if few voxels would become inactive, or if the tolerance would exceed 5 % of the range.
+  /// are 0 for vectors, meshes and images with missing voxels, if few voxels would become inactive,
+  /// or if the tolerance would exceed 5 % of the range.
   double quieter_tolerance = 0.0;
   double quieter_share = 0.0;
 };
@@ -43,7 +45,7 @@ struct Gridded {
 /// image has voxels without data: then only these are inactive (kMetaInactiveIsMissing). The
 /// background is the median of the values on the image's faces; for vectors it is zero. Works in
 /// parallel. Needs memory only for the grid. Throws VolumeError, which names `file`, if the
-/// transform is singular or the values are not numbers.
+/// transform is singular, not finite, or too small for OpenVDB.
 /// @param tolerance  Tolerance of the background, in the array's unit, >= 0.
 [[nodiscard]] Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
                                     const std::string& file, const Progress& progress);
@@ -51,8 +53,7 @@ struct Gridded {
 /// Makes a grid as gridFromImage does, but without its voxels. Gridded::make makes them in boxes,
 /// and keeps the image in memory.
 /// @param shared  Process group. A rank makes boxes in its bricks and their aprons. All other
-/// results
-///                are of the whole image.
+///                results are of the whole image.
 [[nodiscard]] Gridded gridOnRequest(const Piece& image, const Array& array, double tolerance,
                                     const std::string& file, const Progress& progress,
                                     const Shared& shared);
@@ -64,18 +65,18 @@ struct Gridded {
                                   double tolerance, const std::string& file,
                                   const Progress& progress);
 
-/// Throws VolumeError if the edge is 1e-5 or less, because OpenVDB cannot represent it.
+/// Throws VolumeError if the edge is below about 1.4e-5, because OpenVDB cannot represent it.
 [[nodiscard]] openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
                                                   const std::string& file);
 
 /// Returns the number of cubes along each axis that fill a box. Throws VolumeError if that is more
-/// than kMostVoxels, more than 1e6 along an axis, or only 1 along each axis.
+/// than kMostVoxels, 1e6 or more along an axis, or only 1 along each axis.
 /// @param sides  Lengths of the box's sides, in the unit of `voxel` (the edge of a cube).
 /// @param slack  Fraction of an edge by which the last voxel may be outside the box.
 [[nodiscard]] std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel,
                                             double slack, const std::string& file);
 
-/// Largest number of voxels in a box. The leaves of more voxels would take more than an hour.
+/// Largest number of voxels in a box.
 inline constexpr double kMostVoxels = 4e9;
 
 }  // namespace palpate::importer

@@ -32,10 +32,10 @@ class Teller {
 /// Runs `work` in a child process and returns its exit status. If the work fails, prints one line
 /// on standard error. The status is then 2 for Error and for a crash (the file is at fault), 1 for
 /// a lack of memory, 3 for other failures. If this process is interrupted or terminated, the child
-/// is killed and the status is 130, unless its work is complete. The announced files appear
-/// together if the child succeeds, otherwise not at all. `what` is the file that is read. If the
-/// child ends without a message, the parent prints `silent`; if `silent` is empty, a message that
-/// the file is probably damaged.
+/// is killed and the status is 130, unless its work is complete. The announced files appear only if
+/// the child succeeds. Throws Error if a pipe, a process or a file cannot be created. `what` is the
+/// file that is read. If the child ends without a message, the parent prints `silent`; if `silent`
+/// is empty, a message that the file is probably damaged.
 [[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
                              const std::string& silent = "");
 

@@ -12,8 +12,8 @@ namespace palpate::importer {
                                    const std::filesystem::path& data);
 
 /// Returns the size of an array [bytes] with the counts `sizes` along its axes and `bytes` bytes
-/// per value. Throws VolumeError, which names `header`, if a count is not a positive whole number
-/// or the size exceeds 1e15 bytes.
+/// per value. Throws VolumeError, which names `header`, if a count is not a whole number from 1 to
+/// 2^31 - 1, or the size exceeds 1e15 bytes.
 [[nodiscard]] double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
                              double bytes);
 
@@ -21,8 +21,8 @@ namespace palpate::importer {
 [[nodiscard]] std::string firstBytesOf(const std::filesystem::path& file);
 
 /// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if the data
-/// file is unreadable or, unless `follow` is true, if the file (after all links) is neither in the
-/// header's folder nor below this folder.
+/// file is unreadable. Unless `follow` is true, the file (after all links) must also be in the
+/// header's folder or below it.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,
                                 const std::filesystem::path& data, bool follow);
 

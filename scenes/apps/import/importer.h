@@ -45,11 +45,11 @@ struct Imported {
   /// Whole number that was subtracted from the values (Array::value_offset).
   double value_offset = 0.0;
   std::optional<ResamplingError> resampling;
-  double voxel = 0.0;      ///< Edge of the cubes after resampling; 0: not resampled.
+  double voxel = 0.0;      ///< Edge of the cubes after resampling; 0: not resampled to cubes.
   double smoothing = 0.0;  ///< RMS of the changes by smoothing, in `unit`.
   std::optional<LevelSet> level_set;
-  /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled.
-  /// No value for a mesh.
+  /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled
+  /// to cubes. No value for a mesh.
   std::optional<openvdb::CoordBBox> image;
   /// The grid for --bricks, if it has the image's own voxels: they are not in `made.grid`. `open`
   /// uses the reader and the group.
@@ -81,8 +81,8 @@ struct Telling {
 
 /// Data that a step of a series needs from earlier steps, by the name of a scalar array.
 struct EarlierSteps {
-  /// Background of the last step with data. A step without data gets this value, so that the
-  /// sequence has all frames.
+  /// Background of the last step whose values vary. A step without such values gets this value, so
+  /// that the sequence has all frames.
   std::map<std::string, double> backgrounds;
   std::map<std::string, std::optional<double>> value_offsets;  ///< Array::value_offset.
   /// True after an empty level set. Only the first empty level set gets a note.
@@ -95,17 +95,18 @@ struct EarlierSteps {
 [[nodiscard]] bool hasContrast(const Step& step);
 
 /// Reads a step, makes its grids and sets their metadata. Leaves out constant scalars, unless
-/// --time is "all". With --iso and --time all, a step without the surface gets an empty level set,
-/// except with --bricks. Throws Error if --bricks would get several arrays. If no grid remains, the
-/// notes state the reason. Throws Error. In a process group, each rank gets its parts of an image's
-/// grid (Imported::parts), and other grids completely. In a divided group, reads the image once for
-/// each value that all slabs share.
+/// --time is "all" without --iso. With --iso and --time all, a step without the surface gets an
+/// empty level set, except with --bricks. Throws Error, also if --bricks would get several arrays.
+/// If no grid remains, the notes state the reason. In a process group, each rank gets its parts of
+/// an image's grid (Imported::parts), and other grids completely. In a divided group, reads the
+/// image once for each value that all slabs share.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, SlabGroup& group, EarlierSteps& earlier);
 
 /// Writes the grids, or an empty frame without a grid, with Blosc compression, frees them, and
-/// reads them back as a scene does. Throws Error, which names `in`, if a grid is then rejected; the
-/// file remains.
+/// reads grids back as a scene does. Throws Error, which names `file`, if it cannot be written.
+/// Throws Error, which names `in`, if a grid is rejected; the file then remains. Does not read an
+/// empty frame back.
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
 /// Writes the only grid as bricks and frees it. All ranks must call this function.
@@ -117,7 +118,7 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
 void addBodies(Step& step, EarlierSteps& earlier);
 
 /// Returns the scene guess for a .vdb at `vdb`, which may be a pattern of several files. Throws
-/// VolumeError if all grids are constant.
+/// VolumeError if no grid is usable, as when all are constant.
 [[nodiscard]] std::string sceneFor(const std::string& vdb, const Step& step);
 
 }  // namespace palpate::importer

@@ -17,7 +17,8 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns the text of an attribute in a file or group; "" if it is absent.
+/// Returns the text of an attribute in a file or group, without spaces at its end. Returns "" if
+/// the attribute is absent, is not a text or is too long.
 std::string textIn(int id, int variable, const char* name) {
   nc_type type = NC_NAT;
   std::size_t length = 0;

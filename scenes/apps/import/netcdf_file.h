@@ -27,7 +27,8 @@ struct Variable {
   std::vector<int> dimensions;
 };
 
-/// An open netCDF file. All functions throw VolumeError if the file is damaged.
+/// An open netCDF file. The constructor and the functions that read numbers throw VolumeError if
+/// the file is damaged.
 class NetcdfFile {
  public:
   explicit NetcdfFile(const std::filesystem::path& path);

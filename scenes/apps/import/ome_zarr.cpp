@@ -195,7 +195,8 @@ class OmeParser {
     return out;
   }
 
-  /// Converts positions to the unit of x.
+  /// Converts positions to the unit of x. If units differ and one is unknown, the result has no
+  /// unit.
   void unifyUnits() {
     if (out_.time >= 0) out_.time_unit = units_[static_cast<std::size_t>(out_.time)];
     const std::string& unit = units_[out_.space[0]];

@@ -33,7 +33,8 @@ struct OmeImage {
 };
 
 /// Parses the content of a file .zattrs with the key "multiscales". Converts positions to the unit
-/// of x. Throws VolumeError, which names `file`.
+/// of x. If units differ and one is unknown, the result has no unit. Throws VolumeError, which
+/// names `file`.
 [[nodiscard]] OmeImage parseOmeImage(const nlohmann::json& json, const std::filesystem::path& file,
                                      std::vector<std::string>& notes);
 

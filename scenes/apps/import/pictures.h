@@ -33,8 +33,9 @@ class Pictures {
   /// they state, at the highest ratio of its compression.
   [[nodiscard]] virtual const std::vector<PictureFormat>& formats() const = 0;
   /// Reads a picture from the top row to the bottom row, each row from left to right. `to` has room
-  /// for all values of formats()[index]. A larger value is brighter. Throws VolumeError. The
-  /// picture of a PNG can be read once.
+  /// for all values of formats()[index]. A larger value is brighter, except in pictures of signed
+  /// numbers or floats for which 0 is white. Throws VolumeError. The picture of a PNG can be read
+  /// once.
   virtual void read(std::size_t index, void* to) = 0;
   /// Facts that the first picture's tags state.
   [[nodiscard]] virtual StatedStack stated() const { return {}; }

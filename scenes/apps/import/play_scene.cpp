@@ -85,7 +85,7 @@ std::string playScene(const std::string& scene, const PlayedSteps& steps,
   }
   // The frames that play needs in memory (FrameSequence::neededFor), with a reserve for the data
   // that a volume adds to its grid.
-  constexpr double kDefault = 1024.0;  // [MB]
+  constexpr double kDefault = 1024.0;  // [MiB]
   constexpr double kReserve = 1.2;
   const double needed = std::min(static_cast<double>(times.size()),
                                  6.0 + std::ceil(0.05 * speed / distances.front()));

@@ -16,10 +16,10 @@ struct PlayedSteps {
   std::string file_of_guess;   ///< The step's .vdb for which the scene was guessed.
 };
 
-/// Returns `scene`, in which each volume's "file" is the pattern of all steps' files, with the
-/// times of the steps ("frames") and the settings of playback ("play"). Play begins at 0 with the
-/// first step. Times at equal distances become a rate. Volumes of axial vectors cannot play: they
-/// get the file `file_of_guess`. Adds notes about assumptions.
+/// Returns `scene`, whose volumes have the pattern of all steps' files as "file", with the times of
+/// the steps ("frames") and the settings of playback ("play"). Play begins at 0 with the first
+/// step. Times at equal distances become a rate. Volumes of axial vectors cannot play: they get the
+/// file `file_of_guess`. Adds notes about assumptions.
 [[nodiscard]] std::string playScene(const std::string& scene, const PlayedSteps& steps,
                                     std::vector<std::string>& notes);
 

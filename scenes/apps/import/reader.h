@@ -76,7 +76,7 @@ class Mesh {
 
   /// Resamples arrays of the mesh's points to the same voxels. The first voxel is at the lowest
   /// corner of the mesh's bounds. Interpolates in the cell that contains a voxel's centre. Works in
-  /// parallel. Throws VolumeError if there would be too many voxels.
+  /// parallel. Throws VolumeError if there would be too many voxels, or if no voxel gets data.
   [[nodiscard]] virtual std::vector<Resampled> resample(const std::vector<Array>& arrays,
                                                         double voxel, const std::string& file,
                                                         const Progress& progress) const = 0;
@@ -154,7 +154,7 @@ class Reader {
   Reader& operator=(const Reader&) = delete;
   virtual ~Reader() = default;
 
-  /// Returns the time of each step; empty for a file with one step.
+  /// Returns the time of each step; may be empty for a file with one step.
   [[nodiscard]] virtual std::vector<double> times() const { return {}; }
   /// Returns the unit of times() [s]; no value if the file does not state it.
   [[nodiscard]] virtual std::optional<double> timeUnit() const { return std::nullopt; }

@@ -12,7 +12,8 @@ namespace palpate::importer {
 struct ResamplingError {
   double rms = 0.0;
   double largest = 0.0;
-  std::uint64_t points = 0;  ///< Number of points whose 8 surrounding voxels all have data.
+  std::uint64_t points = 0;  ///< Number of compared points; for a mesh, those whose 8 surrounding
+                             ///< voxels all have data.
   /// Errors at points of a mesh of which only some of the 8 surrounding voxels have data. These
   /// errors depend on the background too.
   double edge_rms = 0.0;

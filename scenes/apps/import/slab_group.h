@@ -26,7 +26,7 @@ namespace palpate::importer {
 /// result.
 class SlabGroup final : public ProcessGroup {
  public:
-  /// Largest number of points in a slab. As doubles, they need 256 MB.
+  /// Largest number of points in a slab. As doubles, they need 256 MiB.
   static constexpr double kMostPoints = 1U << 25U;
 
   /// @param processes    Must outlive this object. Only a group of one process can be divided.

@@ -22,8 +22,8 @@ struct Diffusion {
 ///                (Basser & Pierpaoli 1996). Negative eigenvalues are due to noise. Here they
 ///                count as 0, so that the anisotropy lies between 0 and 1;
 ///   diffusivity  (a + b + c) / 3, with negative eigenvalues unchanged.
-/// All quantities are zero for a tensor that is zero or not finite. The direction is zero if a = c
-/// or a <= 0.
+/// All quantities are zero for a tensor that is zero or not finite. The direction is zero if a and
+/// c are equal to within 1e-6 a, or if a <= 0.
 [[nodiscard]] Diffusion diffusionOf(const Mat3& D);
 
 /// Derives NAME_direction, NAME_anisotropy and NAME_diffusivity from tensors with 9 components, row

@@ -36,8 +36,8 @@ class Unpacked {
   std::size_t readSome(void* to, std::size_t bytes);
   void read(void* to, std::size_t bytes, const Progress& progress = nullptr);
   void skip(std::uint64_t bytes);
-  /// Reads to the end, and verifies the checksums of a compressed file. Returns the total number of
-  /// bytes read.
+  /// Reads a compressed file to the end, and verifies its checksums. Returns the number of bytes
+  /// that were read or skipped.
   std::uint64_t finish();
 
  private:

@@ -125,7 +125,8 @@ inline const std::vector<int> kUpperTriangle{0, 3, 5, 1, 4, 2};
 inline const std::vector<int> kLowerTriangle{0, 2, 5, 1, 4, 3};
 
 /// Returns slope * value + offset as floats, or the values themselves if they stay equal. As in
-/// NIfTI and MetaImage, a slope of 0 or a slope that is not finite means no scaling.
+/// NIfTI and MetaImage, a slope of 0 means no scaling, as does a slope or offset that is not
+/// finite.
 [[nodiscard]] Values rescaled(const Values& values, double slope, double offset);
 
 /// Returns the values as floats; floats are returned without a copy.

@@ -88,7 +88,7 @@ void stepAside(int loops) {
   }
 }
 
-/// Throws Error if the OpenGL version is too old for VTK, which would crash.
+/// Throws Error if OpenGL does not start, or its version is too old for VTK, which would crash.
 void needOpenGL() {
   const auto window = vtkSmartPointer<vtkRenderWindow>::New();
   window->SetOffScreenRendering(1);

@@ -28,7 +28,7 @@ class Overlay {
   /// @param opacity  Opacity, 0 to 1.
   Overlay(vtkRenderer& renderer, double size, double opacity);
 
-  /// Draws a tick. Takes about 0.1 ms, so do not call it in a haptic loop.
+  /// Draws a tick. Updates objects of VTK, so do not call it in a haptic loop.
   void show(const LiveTick& tick);
 
   /// Returns the bounds of each visible actor: least and greatest x, y and z [m].

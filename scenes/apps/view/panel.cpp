@@ -211,7 +211,7 @@ double Panel::strip(double top, const std::string& title, const std::vector<Live
                    unit, brief(most)),
        12, kFaint);
   if (rows.size() < 2) return bottom - 10.0;
-  // Draws the highest value in each column of pixels, so that every peak is visible.
+  // Draws the highest value in each column of the plot, so that every peak is visible.
   std::array<double, kColumns> columns{};
   std::array<bool, kColumns> there{};
   const double first = rows.front().time;

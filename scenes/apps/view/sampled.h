@@ -11,15 +11,15 @@
 
 namespace palpate::view {
 
-/// Samples a scalar field in its rest pose, with `most` points along the longest side of its
+/// Samples a scalar field in its rest pose, with about `most` points along the longest side of its
 /// bounds. The image is in W [m]; its scalars have the name "value". Slow; uses all cores.
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const ScalarField& field, int most);
 /// Samples a vector field in the same way. The vectors have the name "vector" and are zero where
 /// data are missing; their magnitudes have the name "value".
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const VectorField& field, Along along,
                                                     int most);
-/// Returns the 2nd and the 99.5th percentile of the values. If these are equal, the second is
-/// increased by 1.
+/// Returns the 2nd and the 99.5th percentile of about 50,000 of the values. If these are equal, the
+/// second is the first plus 1.
 [[nodiscard]] std::pair<double, double> usual(vtkImageData& image);
 
 }  // namespace palpate::view

@@ -33,8 +33,8 @@ inline constexpr Colour kForce{0.80, 0.47, 0.65};
 /// Draws each field as its modes use it: as a surface, a cloud, or streamlines.
 class Shapes {
  public:
-  /// Reads all fields, which takes one or two seconds. If `fine`, for still pictures, surfaces have
-  /// eight times as many triangles. Draws only the first kMostParts parts of the scene.
+  /// Reads all fields, which may take seconds. If `fine`, for still pictures, surfaces outside
+  /// parts are sampled with more points. Draws only the first kMostParts parts of the scene.
   Shapes(const BuiltScene& built, bool fine);
 
   static constexpr std::size_t kMostParts = 48;
@@ -50,7 +50,8 @@ class Shapes {
   void moveTo(double time);
   [[nodiscard]] bool moves() const noexcept;
   [[nodiscard]] const Box& bounds() const noexcept { return bounds_; }
-  /// Returns the horizontal unit vector from the centre to the viewer of the first picture.
+  /// Returns the horizontal unit vector from the centre to the scene's front, where the viewer of
+  /// the first picture is.
   [[nodiscard]] const Vec3& front() const noexcept { return front_; }
 
   struct Entry {
@@ -82,7 +83,7 @@ class Shapes {
     Colour colour{};  ///< Colour of the line, visible on grey.
   };
   [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
-  /// Shows or hides surfaces and clouds, which would cover the slices.
+  /// Shows or hides surfaces and clouds, which would cover the slices, from the next detail() on.
   void showBodies(bool on);
   /// Returns notes about parts that are not drawn, one line each.
   [[nodiscard]] const std::vector<std::string>& notes() const noexcept { return notes_; }
@@ -109,7 +110,7 @@ class Shapes {
   void addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name);
   void addLetters(const Mat3& patient);
   void add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion);
-  /// Makes each surface translucent that encloses another surface.
+  /// Makes each outermost surface translucent that encloses another surface, if both are at rest.
   void seeThrough();
 
   std::vector<Shape> shapes_;

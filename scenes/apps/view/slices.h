@@ -21,8 +21,8 @@ class Slices {
  public:
   explicit Slices(vtkRenderer& renderer);
 
-  /// Draws a field in `pose` on planes through `at` [m], in a few ms. The value `low` is black, and
-  /// `high` is white. The levels of this field are lines.
+  /// Draws a field in `pose` on planes through `at` [m]. The value `low` is black, and `high` is
+  /// white. The levels of this field are lines.
   void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high,
             const std::vector<Shapes::Level>& levels);
   void hide();

@@ -30,7 +30,7 @@
 
 namespace palpate::view {
 
-/// Data of the last drawing, for tests. Positions are from the lower left corner [pixels].
+/// Data of the last drawing, for tests. Positions in pixels are from the lower left corner.
 using Told = nlohmann::ordered_json;
 
 class ViewWindow {
@@ -54,7 +54,8 @@ class ViewWindow {
   ViewWindow& operator=(const ViewWindow&) = delete;
 
   /// Runs until the window is closed or the run has ended. Every `every` seconds, writes data to
-  /// the file `told` and a picture to the file `shot`; an empty name means no file.
+  /// the file `told` and a picture to the file `shot`; an empty name means no file. Without `told`,
+  /// writes no pictures either.
   void run(double every, const std::string& shot, const std::string& told);
   void draw(const std::string& file);
   [[nodiscard]] Told told() const;
@@ -157,7 +158,7 @@ class ViewWindow {
   Clock::time_point tick_at_;
   static constexpr std::size_t kCosts = 256;
   std::size_t next_cost_ = 0;
-  std::vector<double> frame_costs_;  ///< CPU time of each of the last frames [s].
+  std::vector<double> frame_costs_;  ///< CPU times of the last frames, without the backdrop [s].
   struct Cost {
     double cpu = 0.0;
     double wall = 0.0;

@@ -39,7 +39,7 @@ typedef struct palpate_hand palpate_hand;
 /** Returns the version of palpate, such as "0.2.0". */
 const char* palpate_version(void);
 
-/** Returns limits that every desktop arm can render, with `hand` set: 3.3 N, 500 N/m. */
+/** Returns limits that all common desktop arms can render, with `hand` set: 3.3 N, 500 N/m. */
 palpate_arm palpate_weakest_arm(void);
 
 /** Loads a scene file, a .vdb file, or a folder of .vdb files or bricks. Slow: loads volumes.
@@ -70,9 +70,11 @@ void palpate_unload(palpate_hand* hand);
 
 /** Computes one tick. Real-time: no allocation, no lock, no system call. Only one thread at a time
  *  may call this function.
- *  @param position  Position of the hand [m]. If it is the same to the last bit for more than half
- *                   a second, the encoders count as no longer read, and the force fades.
- *  @param age       Age of the position [s]; 0 if unknown. More than 50 ms is a fault.
+ *  @param position  Position of the hand [m]. If palpate_arm::hand is set and the position is the
+ *                   same to the last bit for more than half a second, the encoders count as no
+ *                   longer read, and the force fades.
+ *  @param age       Age of the position [s]; 0 if unknown. If palpate_arm::hand is set, more than
+ *                   50 ms is a fault.
  *  @param dt        Time since the last tick [s]. It is a fault if `dt` exceeds the period by more
  *                   than 5 ms and by more than three periods. It is also a fault if time does not
  *                   advance for that long, or if this call takes that long (except after

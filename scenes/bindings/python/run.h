@@ -29,7 +29,7 @@ struct TraceRow {
 
 [[nodiscard]] py::dtype traceType();
 
-/// Stores a row for each tick. Reserves all memory before the first tick.
+/// Stores a row for each of the first `most` ticks. Reserves all memory before the first tick.
 class Rows final : public TickSink {
  public:
   explicit Rows(std::size_t most) { rows.reserve(most); }

@@ -89,7 +89,7 @@ void askPython();
 class Asking {
  public:
   void operator()() {
-    constexpr unsigned kBetween = 16;  // reading the clock takes a tenth as long as a sample
+    constexpr unsigned kBetween = 16;  // reading the clock in each call would slow the samples
     if (!asks_) return Computing::all().parkAtEnd();
     if (++calls_ % kBetween != 0 || Clock::now() < next_) return;
     askPython();

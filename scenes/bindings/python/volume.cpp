@@ -80,7 +80,7 @@ void warnOfBackground(const GridInfo& info) {
 }
 
 /// Returns arrays of native floats and doubles unchanged. Converts other arrays to floats if this
-/// is exact, otherwise to doubles.
+/// is exact, otherwise to doubles, which may round.
 py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
     throw VolumeError(name, "it is a masked array", "give array.filled(background)");

@@ -27,7 +27,7 @@ using SharedKey = std::vector<std::string>;
 
 /// Logical time of an edit. All parts of one edit have the same stamp.
 struct SharedStamp {
-  std::uint64_t count = 0;  ///< Larger than every count that the site knew at the edit.
+  std::uint64_t count = 0;  ///< At most 2^53; larger than all counts the site knew at the edit.
   std::string site;         ///< The site that has made the edit.
   [[nodiscard]] bool operator==(const SharedStamp&) const = default;
   /// Returns true if this stamp is earlier than `other`.
@@ -43,8 +43,9 @@ struct SharedEdit {
 };
 using SharedEdits = std::map<SharedKey, SharedEdit>;
 
-/// Returns the parts that sites share, without data of the machine (files, grids, frames, windows)
-/// and of the arm ("coupling", "accuracy"). `scene` must be valid by the schema.
+/// Returns the parts that sites share, without descriptions, data of the machine (files, grids,
+/// frames, windows) and data of the arm ("coupling", "accuracy"). `scene` must be valid by the
+/// schema.
 [[nodiscard]] std::map<SharedKey, Json> sharedOf(const Json& scene);
 [[nodiscard]] SharedEdits editsBetween(const Json& before, const Json& after,
                                        const SharedStamp& stamp);

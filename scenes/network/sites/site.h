@@ -27,7 +27,8 @@ struct SiteParams {
 /// Longest text of a scene that a site sends [bytes].
 inline constexpr std::size_t kMostSceneText = 65536;
 
-/// Parses NAME or NAME@DOMAIN. Throws Error.
+/// Parses NAME or NAME@DOMAIN, and checks the addresses `with` of other sites, which must be
+/// numeric. Throws Error.
 [[nodiscard]] SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with);
 
 [[nodiscard]] bool isSiteName(const std::string& name) noexcept;
@@ -42,7 +43,7 @@ struct SiteState {
   double energy = 0.0;       ///< Link::energy [J]
 };
 
-/// Links a hand with other sites on its own thread: up to 250 messages/s of about 250 bytes.
+/// Links a hand with other sites on its own thread, with up to 250 messages per second.
 class Site {
  public:
   Site() = default;
@@ -56,15 +57,15 @@ class Site {
   [[nodiscard]] virtual std::map<std::string, SiteState> others() const = 0;
 
   /// Sets the text of this scene for all sites, also for late joiners. Sends only the newest text,
-  /// at most 5 times per second.
+  /// at most 5 times per second, and none above kMostSceneText.
   virtual void tellScene(std::string text) = 0;
   /// Returns the newest text of each site since the last call, by site. The texts are untrusted.
   [[nodiscard]] virtual std::map<std::string, std::string> takeScenes() = 0;
 };
 
-/// Joins the other sites. The first call loads the module palpate_sites.so, which contains DDS.
-/// Throws Error if the module, the address or the network is missing. `links` must outlive the
-/// result.
+/// Joins the other sites. The first call loads the module palpate_sites.so, which uses Cyclone DDS.
+/// Throws Error if the module, the address or the network is missing, or if the keys are unusable.
+/// `links` must outlive the result.
 [[nodiscard]] std::unique_ptr<Site> openSite(const SiteParams& params, HandLinks& links);
 /// Type of the module's entry function.
 using SiteFactory = std::unique_ptr<Site>(const SiteParams& params, HandLinks& links);

@@ -21,8 +21,8 @@ days=3650
 key() { openssl ecparam -name prime256v1 -genkey -noout -out "$1"; }
 sign() { openssl smime -sign -in "$1" -text -out "$2" -signer "$folder/ca/cert.pem" -inkey "$folder/ca/key.pem"; }
 
-# An interrupted run leaves a folder whose name ends in .new. The next run makes this folder again. A site cannot have
-# this name.
+# An interrupted run leaves a folder whose name ends in .new. The next run replaces it if it contains key.pem. A site
+# cannot have this name.
 fresh() {
     [ ! -e "$1" ] || [ -e "$1/key.pem" ] || {
         echo "site_keys.sh: $1 exists without keys: remove it first" >&2; exit 1; }
@@ -36,7 +36,8 @@ if [ ! -e "$folder/ca" ]; then
         -out "$folder/ca.new/cert.pem"
     mv "$folder/ca.new" "$folder/ca"
 fi
-# Participants without keys are ignored. All messages are encrypted, discovery included.
+# Participants without keys are ignored. All messages are encrypted, except the first announcements and the handshakes
+# of participants.
 cat >"$folder/ca/governance.xml" <<END
 <?xml version="1.0" encoding="UTF-8"?>
 <dds><domain_access_rules><domain_rule>

@@ -17,7 +17,8 @@ struct IgtlServer::Counts {
   std::atomic<std::int64_t> connections{0};
   /// Number of clients that had to wait, because the largest number of clients was connected.
   std::atomic<std::int64_t> refused{0};
-  /// Number of connections that the server has ended, because of invalid data or unread messages.
+  /// Number of connections that the server has ended, because of invalid data, a late message,
+  /// unread messages or a lack of memory.
   std::atomic<std::int64_t> ended{0};
   /// Number of sets of messages that were sent, summed over all clients.
   std::atomic<std::int64_t> sent{0};
@@ -29,7 +30,7 @@ struct IgtlServer::Counts {
 
 struct IgtlServer::Client {
   enum class At : std::uint8_t { kHead, kBody, kSkip };
-  /// Limit of the data that wait for the client [bytes].
+  /// Size of waiting data from which on the client gets no further answers [bytes].
   static constexpr std::size_t kMostOut = 1U << 16U;
 
   std::uint64_t number = 0;  ///< Identifies the client; unique in the run.

@@ -21,7 +21,7 @@ using ByteView = std::span<const std::uint8_t>;
 inline constexpr std::size_t kIgtlHead = 58;  ///< Size of a header [bytes].
 
 struct IgtlHead {
-  /// 1, or 2 for version 3 of the protocol, whose bodies have data before and after the content.
+  /// 1 to 3. From 2 on, bodies have data before and after the content.
   std::uint16_t version = 0;
   std::string type;        ///< Type of the message, for example TRANSFORM.
   std::string name;        ///< Name of the sending device; may contain any bytes.
@@ -45,9 +45,9 @@ enum class IgtlCode : std::uint16_t {
   kDisabled = 15,
 };
 
-/// The next three functions return complete messages of version 1, and shorten long texts. `name`
-/// is the device's name in the message. `now` is in ns since 1970. `place` is in the space and unit
-/// that the client expects.
+/// The next three functions return complete messages of version 1. They shorten a name to 20 bytes,
+/// and the text of a STRING to 65535 bytes. `name` is the device's name in the message. `now` is in
+/// ns since 1970. `place` is in the space and unit that the client expects.
 [[nodiscard]] Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place);
 [[nodiscard]] Bytes igtlString(std::string_view name, std::int64_t now, std::string_view text);
 [[nodiscard]] Bytes igtlStatus(std::string_view name, std::int64_t now, IgtlCode code,
@@ -58,7 +58,8 @@ enum class IgtlCode : std::uint16_t {
 
 /// Returns a body without the data that version 3 adds before and after. Throws Error.
 [[nodiscard]] ByteView igtlContent(const IgtlHead& head, ByteView body);
-/// Returns the position in the content of a TRANSFORM. Throws Error if a number is not finite.
+/// Returns the position in the content of a TRANSFORM. Throws Error if there are not 12 numbers, or
+/// one is not finite.
 [[nodiscard]] Vec3 readIgtlTransform(ByteView content);
 /// Returns the text in the content of a STRING, which may contain any bytes. Throws Error.
 [[nodiscard]] std::string readIgtlString(ByteView content);

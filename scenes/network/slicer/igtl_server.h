@@ -90,7 +90,8 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
  private:
   struct Stage {
-    Placement first;  ///< Placement of the volume with the first name.
+    Placement first;  ///< Placement of the volume with the first name. Without volumes: W in
+                      ///< millimetres.
     std::set<std::string> volumes;
   };
   struct Client;

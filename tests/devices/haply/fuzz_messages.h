@@ -20,9 +20,9 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
   if (verdict != Verdict::kState) {
     const bool empty = message.arm_count == 0 && message.grip_count == 0 &&
                        message.generation == Generation::kUnknown;
-    return empty ? "" : "a refused message has something in it";
+    return empty ? "" : "a refused message left data in the output";
   }
-  if (message.generation == Generation::kUnknown) return "a state of no generation";
+  if (message.generation == Generation::kUnknown) return "a state without a generation";
   if (message.arm_count > kMaxArms || message.grip_count > kMaxGrips) return "too many devices";
   const auto within = [](const auto& values, double limit) {
     return std::all_of(values.begin(), values.end(),
@@ -32,17 +32,19 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
   for (std::size_t i = 0; i < message.arm_count; ++i) {
     const ArmState& arm = message.arms[i];
     if (arm.id.view().empty()) return "an arm without an id";
-    if (!within(arm.position_D, kFarthest)) return "a position out of reach";
-    if (!within(arm.velocity_D, kFastest)) return "a velocity out of reason";
-    if (!within(arm.joints, 63.0)) return "an angle out of reason";
+    if (!within(arm.position_D, kFarthest)) return "a position beyond kFarthest";
+    if (!within(arm.velocity_D, kFastest)) return "a velocity above kFastest";
+    if (!within(arm.joints, 63.0)) return "a joint angle above 63 rad";
     forces[i] = {arm.id.view(), {1e-300, -4.0, 1.0 / 3.0}};
   }
   for (std::size_t i = 0; i < message.grip_count; ++i) {
     const auto& q = message.grips[i].orientation_D;
     const double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    if (message.grips[i].turned && !(std::abs(length - 1.0) < 1e-9)) return "no unit quaternion";
+    if (message.grips[i].turned && !(std::abs(length - 1.0) < 1e-9))
+      return "an orientation that is not a unit quaternion";
     if (message.grips[i].id.view().empty()) return "a handle without an id";
-    if (message.grips[i].button_count > 4 || message.grips[i].buttons > 15) return "buttons";
+    if (message.grips[i].button_count > 4 || message.grips[i].buttons > 15)
+      return "more than four buttons";
   }
   // Ids that were read can be written into a message to the service, which is then valid JSON.
   std::array<char, kRoom> room{};
@@ -51,7 +53,7 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
   if (size == 0) return "a message to the service that does not fit";
   if (std::count(room.begin(), room.begin() + static_cast<long>(size), '"') !=
       12 + static_cast<long>(message.arm_count) * 16) {
-    return "quotes in an id";
+    return "an id with quotes";
   }
   return "";
 }

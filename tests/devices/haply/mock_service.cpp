@@ -53,7 +53,7 @@ struct MockService::Inside {
 
   const Speaks speaks;
   std::atomic<int> port;
-  mutable std::mutex mutex;  // Guards all members up to the next comment.
+  mutable std::mutex mutex;  // Guards the members from `arms` to `heard`.
   std::array<MockArm, 2> arms;
   Lie lie = Lie::kNone;
   std::int64_t delay = 0;

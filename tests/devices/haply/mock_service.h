@@ -27,7 +27,7 @@ enum class Lie {
   kOtherIds,    ///< Ids of other arms.
   kBadIds,      ///< Ids with characters that end a JSON string.
   kDeep,        ///< JSON nested 50,000 levels deep.
-  kLong,        ///< 10 MB of JSON; the first object is correct.
+  kLong,        ///< A correct object, then 10 MB of blanks.
   kBinary,      ///< The correct bytes in a binary frame.
   kHalf,        ///< The first half of the bytes.
   kEmptyLists,  ///< Empty lists, as if all arms were unplugged.

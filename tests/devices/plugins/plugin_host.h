@@ -82,8 +82,8 @@ class PluginHost {
     return arm->write(arm, &force);
   }
 
-  /// Returns true if the error is one short line that begins with the source's name and contains a
-  /// remedy.
+  /// Returns true if the error is one short line that begins with the source's name and has a comma
+  /// or semicolon, which precedes the remedy.
   bool errorIsALine(const std::string& name) const {
     return error.rfind(name + ": ", 0) == 0 && error.find('\n') == std::string::npos &&
            error.size() < 200 && error.find_first_of(",;") != std::string::npos;

@@ -116,7 +116,8 @@ std::string fileOf(const Sdk& sdk) {
   return std::string(PALPATE_STUBBED_PLUGINS "/") + sdk.name + ".so";
 }
 
-/// An arm of a stub, opened through its plug-in. The SDK's loop runs only during turn().
+/// An arm of a stub, opened through its plug-in. After ready(), the SDK's loop runs only during
+/// turn() and after gone().
 class Bench {
  public:
   explicit Bench(const Sdk& which) : sdk(which), fresh_(which.plug), host(fileOf(which)) {}
@@ -149,7 +150,7 @@ class Bench {
   const Sdk& sdk;
 
  private:
-  // First member: resets the stub's arm before `host` loads the plug-in.
+  // Declared before `host`: resets the stub's arm before `host` loads the plug-in.
   struct Fresh {
     explicit Fresh(void (*plug)()) { plug(); }
   } fresh_;
@@ -370,11 +371,11 @@ TEST_CASE("an SDK's plug-in accepts smaller and larger structs of older and newe
   CHECK(arm->facts(arm, facts.get()) == PALPATE_PLUGIN_OK);
   CHECK(facts.get()->force == bench.sdk.limits[0]);
   CHECK(facts.untouchedFrom(kFacts));
-  // The struct ends within its third number, which therefore counts as zero.
+  // The struct ends before its third number, which therefore counts as zero.
   palpate_plugin_force force = {offsetof(palpate_plugin_force, force) + 16, 0, {1.0, 2.0, 3.0}, {}};
   CHECK(arm->write(arm, &force) == PALPATE_PLUGIN_OK);
   same(bench.given(), {1.0, 2.0, 0.0});
-  // In an array of larger structs, the plug-in must advance by the host's struct size.
+  // The plug-in must not write beyond a struct that ends before `model`.
   Other<palpate_plugin_found> found(offsetof(palpate_plugin_found, model));
   CHECK(bench.host.arms->find(found.get(), 1) == 1);
   CHECK(found.untouchedFrom(offsetof(palpate_plugin_found, model)));

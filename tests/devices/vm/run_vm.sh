@@ -2,7 +2,7 @@
 # Tests arms on a real kernel without hardware: run_vm.sh uhid|usb|test BIN WORK MAKE_VOLUMES
 # uhid: an arm and devices of USB's PID class. usb: an arm behind USB. test: an arm behind uhid, tested by the program.
 #
-# Starts a small machine in QEMU whose clock counts instructions, so the host's load has no effect. BIN has palpate,
+# Starts a small machine in QEMU whose clock counts instructions, so the host's load has little effect. BIN has palpate,
 # virtual_arm and vm_check. The kernel is Debian's, unpacked but not installed. Exits with 77 and the reason if QEMU or
 # the kernel is missing.
 set -euo pipefail
@@ -15,7 +15,7 @@ skip() {
 for tool in qemu-system-x86_64 busybox cpio dpkg-deb; do
     command -v $tool >/dev/null || skip "no $tool: .ci/install test"
 done
-[ "$(uname -m)" = x86_64 ] || skip "the machine is no x86_64"
+[ "$(uname -m)" = x86_64 ] || skip "the machine is not x86_64"
 
 # Debian's small cloud kernel has uhid. Only the full kernel has USB's virtual host controller.
 meta=linux-image-cloud-amd64
@@ -29,7 +29,7 @@ package=$(apt-cache depends $meta 2>/dev/null | sed -n 's/.*Depends: \(linux-ima
 kernel=$work/$package
 if [ ! -d "$kernel" ]; then
     rm -rf "$kernel.new" && mkdir -p "$kernel.new"
-    (cd "$kernel.new" && apt-get -qq download "$package") || skip "$package cannot be had"
+    (cd "$kernel.new" && apt-get -qq download "$package") || skip "$package cannot be downloaded"
     dpkg-deb -x "$kernel.new"/*.deb "$kernel.new" && rm "$kernel.new"/*.deb
     mv "$kernel.new" "$kernel"
 fi

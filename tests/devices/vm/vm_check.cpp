@@ -114,7 +114,7 @@ std::string pathOfArm() {
     }
     usleep(10000);
   }
-  throw DeviceError("arm", "it never came", "see the log");
+  throw DeviceError("arm", "it did not appear within 3 s", "see the log");
 }
 
 template <class What>
@@ -594,7 +594,7 @@ bool run(const std::string& what, const std::string& volume, const std::string& 
   std::vector<std::string> said;
   const std::unique_ptr<HidDevice> arm = openHidArm(profile_file, said);
   check(contains(refusal([&] { (void)openArm("hid:" + profile_file, {}); }), "other hands use"),
-        "an arm that a hand has is no other hand's");
+        "an arm that one hand uses is refused to another hand");
   check(arm->info().limits.peak == kUntestedForce && !said.empty() &&
             contains(said.back(), "palpate devices --test hid:" + profile_file + "@ARM0001"),
         "an untested arm is limited to 1 N, and the message names the test");
