@@ -545,7 +545,7 @@ TEST_CASE("invalid displacement frames are refused with the reason", "[motion][w
     }
     return std::string("taken");
   };
-  using Catch::Matchers::Contains;
+  using Catch::Contains;
   CHECK(message([](auto&, auto&) {}) == "taken");
   CHECK_THAT(message([](auto&, WarpTimes& t) { t.times.pop_back(); }),
              Contains("/volumes/ct/warp/times: 2 times are given for 3"));
@@ -740,7 +740,7 @@ TEST_CASE("a guide is refused in a volume that deforms", "[motion][warp]") {
   guide.in = "ball";
   const MotionPtr motion = deforming(warpOf(wave(60.0, 3.0, 4.0), 16.0, 0.25, 5));
   CHECK_THROWS_WITH(sceneOf({isosurface(3.0), guide}, ball, motion),
-                    Catch::Matchers::Contains("/modes/1/in: \"ball\" deforms"));
+                    Catch::Contains("/modes/1/in: \"ball\" deforms"));
 }
 
 }  // namespace palpate::warp_test

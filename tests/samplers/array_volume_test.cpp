@@ -13,7 +13,7 @@
 #include "palpate/samplers/grid/vdb_field.h"
 
 namespace palpate::array_volume_test {
-using Catch::Matchers::Contains;
+using Catch::Contains;
 
 namespace {
 

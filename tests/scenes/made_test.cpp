@@ -14,7 +14,7 @@
 #include "tests/support/vdb_files.h"
 
 namespace palpate::made_test {
-using Catch::Matchers::Contains;
+using Catch::Contains;
 
 namespace {
 

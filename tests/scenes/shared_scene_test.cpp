@@ -23,7 +23,7 @@
 #include "tests/support/vdb_files.h"
 
 namespace palpate::shared_scene_test {
-using Catch::Matchers::Contains;
+using Catch::Contains;
 using test::Random;
 
 namespace {

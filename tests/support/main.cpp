@@ -1,5 +1,4 @@
-#define CATCH_CONFIG_MAIN
-#include <algorithm>
+#define CATCH_CONFIG_MAIN  // Catch2 3 has its main in a library.
 #include <chrono>
 #include <csignal>
 #include <cstdio>
@@ -54,35 +53,37 @@ class BusyNeighbours {
   std::vector<pid_t> children_;
 };
 
+using Listener = Catch::TestEventListenerBase;
+
 /// Runs [host] tests, which depend on the scheduler, while every core is busy. Prints a line for
 /// each test: result, seconds, name; for random tests also the number of cases.
-struct Surroundings : Catch::TestEventListenerBase {
-  using TestEventListenerBase::TestEventListenerBase;
+struct Surroundings : Listener {
+  using Listener::Listener;
 
   void testCaseStarting(const Catch::TestCaseInfo& test) override {
-    TestEventListenerBase::testCaseStarting(test);
+    Listener::testCaseStarting(test);
     palpate::test::askedCases() = {};
     begun_ = std::chrono::steady_clock::now();
-    const auto& tags = test.lcaseTags;
-    if (std::find(tags.begin(), tags.end(), "host") != tags.end()) {
+    name_ = test.name;
+    if (test.tagsAsString().find("[host]") != std::string::npos) {
       neighbours_ = std::make_unique<BusyNeighbours>();
     }
   }
   void testCaseEnded(const Catch::TestCaseStats& stats) override {
-    TestEventListenerBase::testCaseEnded(stats);
+    Listener::testCaseEnded(stats);
     neighbours_.reset();
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begun_;
     std::printf("%-7s %8.3f s  %s\n", stats.totals.testCases.failed == 0 ? "passed" : "failed",
-                took.count(), stats.testInfo.name.c_str());
+                took.count(), name_.c_str());
     std::fflush(stdout);
     const auto [run, usual] = palpate::test::askedCases();
     if (usual > 0) {
-      std::cout << "random cases: " << run << " of " << usual << ": " << stats.testInfo.name
-                << '\n';
+      std::cout << "random cases: " << run << " of " << usual << ": " << name_ << '\n';
     }
   }
 
  private:
+  std::string name_;  ///< of the running test
   std::unique_ptr<BusyNeighbours> neighbours_;
   std::chrono::steady_clock::time_point begun_;
 };
