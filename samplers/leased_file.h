@@ -43,8 +43,9 @@ class LeasedFile {
   /// now.
   [[nodiscard]] const std::filesystem::path& place() const noexcept { return place_; }
 
-  /// Returns true if programs that want to change the file stay blocked for at least half of the
-  /// system's limit. If false, read no more of the file. Thread-safe. Cost: one system call.
+  /// Returns true if the file cannot change soon: always for a copy; with a lease, if a program
+  /// that wants to change the file must still wait for at least half of the system's limit. If
+  /// false, read no more of the file. Thread-safe. Cost: one system call with a lease.
   [[nodiscard]] bool kept() const noexcept { return keptAt(Clock::now()); }
   /// Returns kept() for the time `now`, which must not decrease from call to call.
   [[nodiscard]] bool keptAt(Clock::time_point now) const noexcept;

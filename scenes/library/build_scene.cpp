@@ -100,7 +100,8 @@ void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& buil
          "smooth the volume before you write the bricks");
   refuse(volume.sampling.interpolation != Interpolation::kTrilinear, "interpolation",
          "a volume in bricks has trilinear interpolation only", "remove \"interpolation\"");
-  refuse(volume.sampling.axial, "axial", "a volume in bricks cannot be axial", "remove \"axial\"");
+  refuse(volume.sampling.axial, "axial", "a volume in bricks cannot be axial",
+         "give the volume as a .vdb, or remove \"axial\" if the signs of its vectors matter");
   refuse(!volume.instances.empty(), "instances", "a volume in bricks can have only one place",
          "replace \"instances\" by \"place\"");
   constexpr double kDefault = 256.0;

@@ -363,8 +363,8 @@ class Memory(Case):
         path = self.dir / "zeros.raw"
         with path.open("wb") as file:
             file.truncate(4 * 10 ** 9)
-        self.assertIn(f"{path}: memory ran out: choose fewer arrays with --field, a larger --voxel or, for an image, "
-                      "--bricks", self.run_limited(path, "--raw", '{"size":[1000,1000,1000],"type":"float32"}'))
+        self.assertIn(f"{path}: memory ran out: import fewer arrays (--field), resample to a larger --voxel, or write an "
+                      "image as bricks (--bricks)", self.run_limited(path, "--raw", '{"size":[1000,1000,1000],"type":"float32"}'))
 
 
 class Damage(Case):

@@ -565,8 +565,8 @@ class Run {
                 return Outcome{};
               }).memory) {}
 
-  /// Reads the undamaged file, and samples its volumes in a child process. Returns false if the
-  /// file or one of these steps fails.
+  /// Reads the undamaged file, and samples its volumes in a child process. Prints why and returns
+  /// false if the file has fewer than 100 bytes, or if its volumes cannot be read.
   bool open(const fs::path& path, Victim& victim) const {
     victim.path = path;
     std::ifstream in(path, std::ios::binary);

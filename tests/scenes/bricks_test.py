@@ -422,7 +422,7 @@ class Import(Case):
         file, layout = self.raw()
         words = ["import", file, "--raw", layout, "--bricks"]
         self.refused(*words, self.dir / "a.vdb", says="omit .vdb in the name")
-        self.refused(*words, self.dir / "a", "--scene", "s.json", says="--scene: a scene needs a .vdb")
+        self.refused(*words, self.dir / "a", "--scene", "s.json", says="run palpate scene on the folder of bricks")
         self.refused("import", file, self.dir / "a", "--raw", layout, says="add .vdb to the name")
         self.refused(*words, self.dir, says="it exists already and contains")
 

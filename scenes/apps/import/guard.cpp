@@ -43,10 +43,7 @@ bool writeAll(int file, const char* data, std::size_t count) {
   return true;
 }
 
-constexpr const char* kNeedLess =
-    "choose fewer arrays with --field, a larger --voxel or, for an image, --bricks";
-
-[[noreturn]] void runChild(const std::string& what, int pipe,
+[[noreturn]] void runChild(const std::string& what, const std::string& need_less, int pipe,
                            const std::function<int(Teller&)>& work) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   signal(SIGINT, SIG_IGN);  // a terminal sends SIGINT to both processes; the parent kills the child
@@ -72,7 +69,7 @@ constexpr const char* kNeedLess =
                     e.path1().string(), e.code().message()));
     status = cli::kBadInput;
   } catch (const std::bad_alloc&) {
-    complain(fmt::format("{}: memory ran out: {}", what, kNeedLess));
+    complain(fmt::format("{}: memory ran out: {}", what, need_less));
     status = cli::kEndedEarly;
   } catch (const std::exception& e) {
     complain(fmt::format("internal error: {}: please report this message and your command line",
@@ -183,8 +180,8 @@ void Teller::file(const std::string& partial, const std::string& file) {
   send('f', partial + '\0' + file);
 }
 
-int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
-               const std::string& silent) {
+int runGuarded(const std::string& what, const std::string& need_less,
+               const std::function<int(Teller&)>& work, const std::string& silent) {
   std::fflush(nullptr);
   int ends[2];
   if (pipe(ends) != 0) {
@@ -201,7 +198,7 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
   }
   if (child == 0) {
     close(ends[0]);
-    runChild(what, ends[1], work);
+    runChild(what, need_less, ends[1], work);
   }
   child_of_signals = child;
   if (was_interrupted != 0) kill(child, SIGKILL);
@@ -235,7 +232,7 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
     const int signal = WTERMSIG(result);
     if (signal == SIGKILL) {
       cli::complain(fmt::format(
-          "{}: the system ended the import, probably because memory ran out: {}", what, kNeedLess));
+          "{}: the system ended the import, probably because memory ran out: {}", what, need_less));
       return cli::kEndedEarly;
     }
     cli::complain(fmt::format(

@@ -279,8 +279,8 @@ void check(const Options& options) {
                 options.bricks ? "omit .vdb in the name" : "add .vdb to the name");
   }
   if (options.bricks && !options.scene.empty()) {
-    throw Error("--scene", "a scene needs a .vdb, which --bricks does not write",
-                "omit one of the two options");
+    throw Error("--scene", "this option makes a scene of a .vdb, but --bricks writes none",
+                "omit --scene, then run palpate scene on the folder of bricks");
   }
   const bool is_scene_twice =
       !options.scene.empty() && (cli::isSamePlace(options.scene, options.out) ||
@@ -362,13 +362,22 @@ void checkTogether(const Options& options) {
   }
 }
 
+/// Returns the remedy for an import that needs more memory than there is.
+std::string needLess(const Options& options) {
+  return options.bricks
+             ? "export the image as uncompressed .nii, MetaImage or NRRD, which --bricks reads in "
+               "parts, and omit --voxel and --iso"
+             : "import fewer arrays (--field), resample to a larger --voxel, or write an image as "
+               "bricks (--bricks)";
+}
+
 /// Every rank checks options and files, which may differ between machines. One rank reports.
 int importTogether(const Options& options) {
   // MPI may end a process by exit() without a message; palpate then prints this message.
   const Error silent("mpirun", "this rank stopped without a message",
                      "check the network between the machines, or import the file with one process");
   return runGuarded(
-      options.request.file.string(),
+      options.request.file.string(), needLess(options),
       [&](Teller& teller) {
         const std::unique_ptr<ProcessGroup> group = joinGroup();
         if (group->size() == 1 && ranksByEnvironment() > 1) {
@@ -387,7 +396,7 @@ int importTogether(const Options& options) {
 
 int importAlone(const Options& options) {
   check(options);
-  return runGuarded(options.request.file.string(), [&](Teller& teller) {
+  return runGuarded(options.request.file.string(), needLess(options), [&](Teller& teller) {
     SingleProcess alone;
     return import(options, teller, alone);
   });

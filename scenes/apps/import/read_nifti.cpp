@@ -238,7 +238,11 @@ class NiftiReader final : public Reader {
              kByItk);
     }
     if (header_.intent_name.starts_with("NREG_TRANS")) {
-      refuse("NiftyReg wrote the field, whose vectors do not follow the convention of ITK", kByItk);
+      refuse(
+          "NiftyReg wrote the field; its vectors are not displacements along LPS in mm, as ITK "
+          "writes them",
+          "register with elastix or ANTs, or convert the vectors (saving the field in another "
+          "format does not convert them)");
     }
     if (!hasForm()) {
       refuse(
