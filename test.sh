@@ -16,7 +16,7 @@ long=
 while [ $# -gt 0 ]; do
     case $1 in
         --data)
-            [ $# -ge 2 ] && [ -d "$2" ] || { echo "test.sh: --data needs a folder" >&2; exit 2; }
+            [ $# -ge 2 ] && [ -d "$2" ] || { echo "test.sh: --data needs an existing folder" >&2; exit 2; }
             PALPATE_DATA=$(cd "$2" && pwd)
             export PALPATE_DATA
             shift ;;

@@ -67,9 +67,9 @@ template <class Work>
 Said inChild(const Options& options, Work work) {
   std::fflush(nullptr);
   std::array<int, 2> ends{};
-  if (pipe(ends.data()) != 0) throw std::runtime_error("no pipe");
+  if (pipe(ends.data()) != 0) throw std::runtime_error("a pipe cannot be opened");
   const pid_t child = fork();
-  if (child < 0) throw std::runtime_error("no process");
+  if (child < 0) throw std::runtime_error("a process cannot start");
   if (child == 0) {
     try {
       const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,

@@ -38,7 +38,8 @@ std::vector<Vec3> readPoints(const char* file) {
   while (in.read(reinterpret_cast<char*>(p.data()), sizeof(p))) {
     points.emplace_back(p[0], p[1], p[2]);
   }
-  if (points.empty()) throw std::runtime_error(std::string(file) + " has no points");
+  if (points.empty())
+    throw std::runtime_error(std::string(file) + " has no points, or cannot be read");
   return points;
 }
 

@@ -44,7 +44,8 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
                       fmt::format("give one of {}", fmt::join(all, ", ")));
   }
   if (needsClock(*trouble) && !options.realtime) {
-    throw DeviceError("--device", fmt::format("\"{}\" needs real time", of.name), "add --realtime");
+    throw DeviceError("--device", fmt::format("\"{}\" needs real time", of.name),
+                      options.mouse.at ? "leave out --picture" : "add --realtime");
   }
   ArmParams arm;
   arm.hand = true;
@@ -157,8 +158,8 @@ std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions&
   if (name.rfind("replay:", 0) == 0) return openRecorded(name.substr(7), options);
   if (parseArmName(name) || parsePluginName(name)) return openRealArm(name, options);
   throw DeviceError("--device", "\"" + name + "\" is not a device of this version",
-                    "use simulated, simulated:TROUBLE, path:FILE.csv, replay:FILE, hid:PROFILE or "
-                    "plugin:NAME");
+                    "use simulated, simulated:TROUBLE, mouse, igtl, path:FILE.csv, replay:FILE, "
+                    "hid:PROFILE or plugin:NAME");
 }
 
 }  // namespace palpate

@@ -68,7 +68,10 @@ const ModuleVersion& loadModule(const Module& module, const std::string& subject
       continue;
     }
     void* const library = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
-    if (library == nullptr) throw Error(subject, dlerror(), remedy);
+    if (library == nullptr) {
+      throw Error(subject, dlerror(),
+                  "install the library that is missing, or install palpate-network again");
+    }
     const auto* const entry = static_cast<const ModuleVersion*>(dlsym(library, "palpate_module"));
     if (entry != nullptr && entry->version == std::string_view(kVersion)) return *entry;
     other = file.string() + " belongs to " +

@@ -199,7 +199,8 @@ Guardian::Guardian() : maker_(getpid()) {
     const std::string why = reason();
     close(socket_);
     munmap(shared_, sizeof(Shared));
-    throw DeviceError("guardian", "its process cannot start (" + why + ")", "end other programs");
+    throw DeviceError("guardian", "its process cannot start (" + why + ")",
+                      "end other programs, or raise the limit of processes (ulimit -u)");
   }
 }
 

@@ -223,7 +223,8 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
         .element(i)
         .child("from")
         .fail("the counter wraps, and the pose at the counter's zero is unknown",
-              "add \"home\" steps, home_at_open, a flag that means homed, or remove \"wraps\"");
+              "add \"home\" steps, home_at_open or a flag that means homed; if the counter never "
+              "wraps, remove \"wraps\"");
   }
   if (profile.output && motors == 0) {
     root.child("kinematics")

@@ -42,7 +42,7 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
   }
   if (field.wraps && field.type == Type::kFloat) {
     node.child("wraps").fail("a field of type float cannot be a counter that wraps",
-                             "remove \"wraps\"");
+                             "remove \"wraps\", or correct \"type\"");
   }
   const bool with_sign = field.type == Type::kSigned;
   field.least = with_sign ? -std::ldexp(1.0, file.bits - 1) : 0.0;
@@ -183,8 +183,9 @@ HidTurn turnOf(const FileTurn& file, const Node& node, const Fields& fields,
   }
   turn.from = fields.input(node.child("from"), file.from);
   if (profile.input[turn.from.report].fields[turn.from.field].wraps) {
-    node.child("from").fail("palpate can follow a counter that wraps only if it belongs to a joint",
-                            "name the joint, or remove \"wraps\" of the field");
+    node.child("from").fail(
+        "palpate can follow a counter that wraps only if it belongs to a joint",
+        "name the joint; if the counter never wraps, remove \"wraps\" of its field");
   }
   return turn;
 }

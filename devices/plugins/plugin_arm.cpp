@@ -36,12 +36,12 @@ Vec3 vectorOf(const double (&v)[3]) noexcept {  // NOLINT(modernize-avoid-c-arra
 DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, bool tested) {
   const bool drives = (facts.has & PALPATE_PLUGIN_FORCE) != 0;
   // Returns `value` in its range, or `otherwise` for 0 if the fact may be left out. Else throws.
-  const auto number = [&](const char* what, double value, double least, double most,
-                          double otherwise) {
+  const auto number = [&](const char* what, const char* unit, double value, double least,
+                          double most, double otherwise) {
     if (value == 0.0 && otherwise >= 0.0) return otherwise;
     if (value >= least && value <= most) return value;
     throw DeviceError(name, fmt::format("its plug-in reports {} = {}, out of range", what, value),
-                      fmt::format("correct the plug-in: report {} to {}", least, most));
+                      fmt::format("correct the plug-in: report {} to {} {}", least, most, unit));
   };
   constexpr double kNone = -1.0;
   constexpr double kAny = 1e9;
@@ -49,20 +49,21 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
   DeviceInfo info;
   info.name = name;
   info.hand = drives;
-  info.limits.peak = number("force", facts.force, 1e-3, 1e3, needed(info.limits.peak));
-  info.limits.slew = number("slew", facts.slew, 1.0, 1e6, kPluginSlew);
-  info.max_stiffness = number("stiffness", facts.stiffness, 1e-3, 1e6, needed(info.max_stiffness));
-  info.max_damping = number("damping", facts.damping, 0.0, kAny, 0.0);
+  info.limits.peak = number("force", "N", facts.force, 1e-3, 1e3, needed(info.limits.peak));
+  info.limits.slew = number("slew", "N/s", facts.slew, 1.0, 1e6, kPluginSlew);
+  info.max_stiffness =
+      number("stiffness", "N/m", facts.stiffness, 1e-3, 1e6, needed(info.max_stiffness));
+  info.max_damping = number("damping", "N s/m", facts.damping, 0.0, kAny, 0.0);
   info.workspace_radius =
-      number("workspace_radius", facts.workspace_radius, 1e-3, kMostWorkspace, kNone);
-  const double rate = number("rate", facts.rate, 1.0, kMostRate, kNone);
-  info.output_rate = number("output_rate", facts.output_rate, 1.0, kMostRate, rate);
-  info.watch.stale = number("stale", facts.stale, 1e-3, 0.5, WatchLimits().stale);
-  info.watch.max_speed = number("speed", facts.speed, 0.05, 10.0, WatchLimits().max_speed);
-  info.limits.continuous = number("continuous", facts.continuous, 1e-3, 1e3, 0.0);
-  info.limits.heating = number("heating", facts.heating, 1e-3, 1e4, info.limits.heating);
-  (void)number("resolution", facts.resolution, 0.0, kMostWorkspace, 0.0);
-  (void)number("watchdog", facts.watchdog, 1e-4, 60.0, 0.0);
+      number("workspace_radius", "m", facts.workspace_radius, 1e-3, kMostWorkspace, kNone);
+  const double rate = number("rate", "Hz", facts.rate, 1.0, kMostRate, kNone);
+  info.output_rate = number("output_rate", "Hz", facts.output_rate, 1.0, kMostRate, rate);
+  info.watch.stale = number("stale", "s", facts.stale, 1e-3, 0.5, WatchLimits().stale);
+  info.watch.max_speed = number("speed", "m/s", facts.speed, 0.05, 10.0, WatchLimits().max_speed);
+  info.limits.continuous = number("continuous", "N", facts.continuous, 1e-3, 1e3, 0.0);
+  info.limits.heating = number("heating", "s", facts.heating, 1e-3, 1e4, info.limits.heating);
+  (void)number("resolution", "m", facts.resolution, 0.0, kMostWorkspace, 0.0);
+  (void)number("watchdog", "s", facts.watchdog, 1e-4, 60.0, 0.0);
   if ((facts.continuous > 0.0) != (facts.heating > 0.0)) {
     throw DeviceError(name, "its plug-in reports only one of continuous and heating",
                       "correct the plug-in: report both or none");

@@ -16,15 +16,26 @@
 #include <unistd.h>
 
 namespace palpate {
+namespace {
+
+/// Throws DeviceError for a descriptor that the system refuses, with the reason in errno.
+[[noreturn]] void throwNoDescriptor() {
+  throw DeviceError(
+      kPluginProgram,
+      std::string("its sockets or memory cannot be opened (") + std::strerror(errno) + ")",
+      "close files, or raise the limit of open files (ulimit -n)");
+}
+
+}  // namespace
 
 OwnedDescriptor::OwnedDescriptor(int own) : own_(own) {
-  if (own_ < 0) throw DeviceError(kPluginProgram, std::strerror(errno), "close some files");
+  if (own_ < 0) throwNoDescriptor();
   constexpr int kAbove = 16;
   if (own_ < kAbove) {
     const int moved = fcntl(own_, F_DUPFD_CLOEXEC, kAbove);
     close(std::exchange(own_, moved));
   }
-  if (own_ < 0) throw DeviceError(kPluginProgram, std::strerror(errno), "close some files");
+  if (own_ < 0) throwNoDescriptor();
 }
 
 OwnedDescriptor::~OwnedDescriptor() {
@@ -34,7 +45,7 @@ OwnedDescriptor::~OwnedDescriptor() {
 std::pair<OwnedDescriptor, OwnedDescriptor> pluginSocketPair() {
   std::array<int, 2> ends{-1, -1};
   const int made = socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data());
-  if (made != 0) throw DeviceError(kPluginProgram, std::strerror(errno), "close some files");
+  if (made != 0) throwNoDescriptor();
   OwnedDescriptor first(ends[0]);
   return {std::move(first), OwnedDescriptor(ends[1])};
 }
@@ -78,7 +89,11 @@ PluginChild::PluginChild(const std::filesystem::path& program,
   posix_spawn_file_actions_destroy(&files);
   if (failed != 0) {
     process_ = -1;
-    throw DeviceError(program.string(), std::strerror(failed), "install this program again");
+    const bool busy = failed == EAGAIN || failed == ENOMEM;
+    throw DeviceError(program.string(),
+                      std::string("it cannot start (") + std::strerror(failed) + ")",
+                      busy ? "end other programs, or raise the limit of processes (ulimit -u)"
+                           : "install this program again");
   }
 }
 

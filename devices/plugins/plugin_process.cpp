@@ -42,7 +42,10 @@ class SharedLink {
       at = mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, file_.get(), 0);
     }
     if (at == MAP_FAILED) {
-      throw DeviceError(kPluginProgram, std::strerror(errno), "free some memory");
+      throw DeviceError(
+          kPluginProgram,
+          std::string("its shared memory cannot be created (") + std::strerror(errno) + ")",
+          "end other programs to free memory");
     }
     link_ = new (at) PluginLink;
   }

@@ -258,7 +258,8 @@ class Claim {
       const int error = errno;
       if (own_ >= 0) close(own_);
       if (error == EADDRINUSE)
-        throw DeviceError(arm, "another program uses this arm", "end that program");
+        throw DeviceError(arm, "another program uses this arm, or another hand of this program",
+                          "end that program, or name another arm for this hand");
       throw DeviceError(arm, std::string("it cannot be claimed (") + std::strerror(error) + ")",
                         "end other programs, or permit Unix sockets to this process");
     }

@@ -54,7 +54,7 @@ Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
 void Recorder::begin() {
   if (std::rename(beside_.c_str(), file_.c_str()) != 0) {
     throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
-                "check the folder and its permissions");
+                "check what is at this path and its permissions, or give another path");
   }
   beside_.clear();
   thread_ = std::thread([this] { run(); });

@@ -40,7 +40,7 @@ HapticThread::HapticThread(Device& device, const LoopParams& params, TickSink* s
     thread_ = std::thread([this] { run(); });
   } catch (const std::system_error& e) {
     throw DeviceError("loop", std::string("its thread cannot start (") + e.what() + ")",
-                      "end other programs");
+                      "end other programs, or raise the limit of processes (ulimit -u)");
   }
   ready_.wait(false, std::memory_order_acquire);
 }

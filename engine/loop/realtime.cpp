@@ -59,12 +59,15 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     refuse(report, "cores that stay awake", awake.error(),
            awake.error() == ENOENT
                ? "pass /dev/cpu_dma_latency to the container, or use a kernel that has it"
-               : "give your group write access to /dev/cpu_dma_latency");
+               : "join the group realtime of the package palpate and log in again, or give your "
+                 "group write access to /dev/cpu_dma_latency");
   }
   if (request.lock_memory) {
     report.memory = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
     if (!report.memory) {
-      refuse(report, "locked memory", errno, "raise memlock in /etc/security/limits.d");
+      refuse(report, "locked memory", errno,
+             "join the group realtime of the package palpate, or raise memlock in "
+             "/etc/security/limits.d, then log in again");
     }
     // The kernel may still merge locked pages into a huge page, which can delay a thread by a tick.
     (void)prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
@@ -76,7 +79,8 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     report.priority = error == 0;
     if (error != 0) {
       refuse(report, "priority " + std::to_string(wanted.sched_priority), error,
-             "raise rtprio in /etc/security/limits.d");
+             "join the group realtime of the package palpate, or raise rtprio in "
+             "/etc/security/limits.d, then log in again");
     }
   }
   if (request.core >= 0 && (report.priority || request.priority <= 0)) {

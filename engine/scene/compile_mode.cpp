@@ -67,7 +67,8 @@ void checkKeys(const ModeSpec& mode, const std::string& path, const GraphNames& 
   const bool surface = mode.kind == ModeKind::kSurface || mode.kind == ModeKind::kIsosurface;
   if (!surface && (mode.friction.highest() > 0.0 || mode.viscosity.highest() > 0.0)) {
     throw SceneError(
-        path, std::string("mode ") + wordFor(mode.kind) + " has no friction and no viscosity",
+        path,
+        std::string("mode ") + wordFor(mode.kind) + " does not use \"friction\" or \"viscosity\"",
         "remove these keys, or use mode surface or isosurface");
   }
   if (mode.by.empty()) return;
@@ -128,7 +129,7 @@ class ModeCompiler {
       throw SceneError(path_ + "/of",
                        "mode " + std::string(wordFor(mode_.kind)) +
                            " needs a scalar volume and \"" + mode_.of + "\" is a vector",
-                       "use mode follow or force for a vector");
+                       "use mode follow or force for a vector, or give a scalar volume");
     }
     return *std::get<0>(*field);
   }

@@ -27,7 +27,8 @@ void checkRoom(const Graph& graph) {
   throw SceneError(
       "/volumes",
       "the modes and the stiffness read more than " + std::to_string(kMaxFields) + " volumes",
-      "use fewer volumes");
+      "use fewer volumes, or groups of up to 8 still volumes, which can become parts "
+      "(docs/scene.md)");
 }
 
 }  // namespace

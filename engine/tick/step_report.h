@@ -54,7 +54,7 @@ struct StepReport {
   int substeps = 0;  ///< Number of readings of properties on the path; a balance follows each. May
                      ///< be 0 if the hand is free and meets no surface, or rests on surfaces.
   int samples = 0;   ///< Number of readings of fields and warps, without those of seams (seams.h),
-                    ///< of streams (`traced`) and of searches for a surface (`walked`).
+                     ///< of streams (`traced`) and of searches for a surface (`walked`).
   bool coarse = false;  ///< True if coarser data, or data of another time, replaced missing data.
   int traced = 0;       ///< Number of vector reads along streams.
   int walked = 0;       ///< Sum of Crossing::cells of the searches for a surface on the path.

@@ -219,7 +219,7 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
     if (input.format.half) v = floatOfHalf(halfOfFloat(v));
     if (!std::isfinite(v)) {
       refuse("its background is not a finite number, or is too large for 16 bits (65504)",
-             "give a finite background, or store 32 bits");
+             "give a finite background, or store 32 bits (omit --half)");
     }
   }
   if (options.compression < 1 || options.compression > 19) {

@@ -39,7 +39,8 @@ BrickManifest BrickManifest::read(const std::filesystem::path& folder) {
   }
   if (!std::filesystem::is_directory(status) || !isBricks(folder)) {
     throw VolumeError(folder.string(), "it is not a volume in bricks",
-                      "make one: palpate brick FILE.vdb FOLDER");
+                      "give the folder that palpate brick has written, or write one: palpate brick "
+                      "FILE.vdb NEW_FOLDER");
   }
   if (!std::filesystem::exists(file, error)) {
     throw VolumeError(folder.string(), "it is unfinished: it has no manifest",

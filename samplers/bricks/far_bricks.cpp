@@ -53,6 +53,23 @@ BrickVerdict verdictOf(const ObjectRequest& of) {
   return {BrickStatus::kUnreadable, "it was not received (" + why + ")"};
 }
 
+/// Returns the remedy for a manifest that did not arrive for the reason `why`.
+const char* remedyForManifest(const ObjectRequest& request, const std::string& why) {
+  const auto says = [&](const char* words) { return why.find(words) != std::string::npos; };
+  if (says("rejects the key")) return "correct the server's key in that file (docs/servers.md)";
+  if (says("PALPATE_HTTP_KEYS")) {
+    return "write the server's key into a file, and set PALPATE_HTTP_KEYS to the file "
+           "(docs/servers.md)";
+  }
+  if (says("certificate")) {
+    return "correct the address, or let the machine trust the issuer of the server's certificate";
+  }
+  if (says("redirects")) return "give the address to which the server redirects";
+  if (says(kNoMemory)) return "end other programs to free memory";
+  return request.code != 0 ? "check the address and the server"
+                           : "check the address, the server and the network";
+}
+
 }  // namespace
 
 struct FarBricks::State {
@@ -131,17 +148,12 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
                           std::string(kBrickManifestFile));
   }
   if (verdict.status == BrickStatus::kCut) {
-    throw VolumeError(url(kBrickManifestFile), "it is longer than 1 GiB", "check the address");
+    throw VolumeError(url(kBrickManifestFile), "it is longer than 1 GiB",
+                      "check the address; for so many bricks, give a folder instead of an address");
   }
   if (verdict.status != BrickStatus::kArrived) {
-    constexpr long kUnauthorized = 401;
-    throw VolumeError(
-        url(kBrickManifestFile), verdict.why,
-        file.request->code == kUnauthorized
-            ? "set PALPATE_HTTP_KEYS to a file with the server's key (docs/servers.md)"
-        : verdict.why.find(kNoMemory) != std::string::npos
-            ? "end other programs to free memory"
-            : "check the address, the server and the network");
+    throw VolumeError(url(kBrickManifestFile), verdict.why,
+                      remedyForManifest(*file.request, verdict.why));
   }
   const std::vector<std::byte>& body = file.request->body;
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));

@@ -325,7 +325,8 @@ std::unique_ptr<ObjectStore> openHttp(const std::string& address, const StorePar
   const std::optional<HttpOrigin> origin = httpOriginOf(address);
   if (!isAddress(address) || !origin) {
     throw VolumeError(address, "it is not an address of a folder",
-                      "give http://host/folder or https://host/folder, without @, ? or #");
+                      "give http://host/folder or https://host/folder, without @, ? or #; give a "
+                      "password by PALPATE_HTTP_KEYS (docs/servers.md)");
   }
   beginCurl();
   std::string folder = address;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <condition_variable>
+#include <cstdlib>
 #include <cstring>
 #include <dlfcn.h>
 #include <mutex>
@@ -193,7 +194,9 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
   how = call_.conf_read_file(cluster_, nullptr);
   if (how < 0) {
     fail(how, "the configuration of Ceph cannot be read",
-         "set CEPH_CONF to a ceph.conf, or write /etc/ceph/ceph.conf");
+         std::getenv("CEPH_CONF") != nullptr
+             ? "correct the path in CEPH_CONF, or the file's syntax or permissions"
+             : "set CEPH_CONF to a ceph.conf, or write or correct /etc/ceph/ceph.conf");
   }
   how = call_.conf_parse_env(cluster_, nullptr);
   if (how < 0) fail(how, "Ceph rejects the options in CEPH_ARGS", "correct or unset CEPH_ARGS");

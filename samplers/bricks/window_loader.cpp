@@ -269,12 +269,12 @@ void BrickWindow::Loader::checkVolume(Clock::time_point now) {
   if (!there && doubted && !gone) {
     gone = true;
     // Reports the loss even if no fetch has failed yet.
-    reportOnce(
-        {{},
-         BrickStatus::kGone,
-         source.manifest().info().name +
-             ": the volume does not exist any more, or cannot be reached: restore it, or check the "
-             "network"});
+    reportOnce({{},
+                BrickStatus::kGone,
+                source.manifest().info().name +
+                    ": the volume does not exist any more, was replaced, or cannot be reached: "
+                    "restore it, check the network, or start the program again to load its "
+                    "replacement"});
   }
   if (!there || !doubted) return;
   if (gone.exchange(false)) {

@@ -42,7 +42,9 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
     fs::create_directory(folder, error);
     if (error) {
       throw Error(folder.string(), "the folder cannot be created (" + error.message() + ")",
-                  "choose another place");
+                  error == std::errc::no_such_file_or_directory
+                      ? "create the folder that contains it, or choose another place"
+                      : "choose another place");
     }
     return Found::kNothing;
   }
@@ -58,12 +60,17 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
                 remedy);
   }
   if (fs::exists(folder / kBrickAttributesFile, error)) {
-    if (BrickFacts::identityIn(contentsOf(folder / kBrickAttributesFile)) == identity) {
-      return Found::kUnfinished;
+    const std::uint64_t there = BrickFacts::identityIn(contentsOf(folder / kBrickAttributesFile));
+    if (there == identity) return Found::kUnfinished;
+    if (there == 0) {
+      throw Error(folder.string(),
+                  std::string("it contains data of another program (its ") + kBrickAttributesFile +
+                      " is not palpate's)",
+                  "name another folder");
     }
     throw Error(folder.string(),
-                "it contains other data, or unfinished bricks of another input, other options or "
-                "another version of palpate or zstd",
+                "it contains unfinished bricks of another input, other options or another version "
+                "of palpate or zstd",
                 remedy);
   }
   // A terminated run may have left .partial and .zgroup.
@@ -312,10 +319,11 @@ class Writer {
     for (std::size_t a = 0; a < 3; ++a) {
       voxel += (a == 0 ? "" : ", ") + std::to_string(lower[a] + static_cast<std::int32_t>(step[a]));
     }
-    throw VolumeError("\"" + input_.name + "\"",
-                      "its value at voxel (" + voxel + ") is not a finite number" +
-                          (input_.format.half ? ", or is too large for 16 bits" : ""),
-                      input_.format.half ? "replace it, or store 32 bits" : "replace it");
+    throw VolumeError(
+        "\"" + input_.name + "\"",
+        "its value at voxel (" + voxel + ") is not a finite number" +
+            (input_.format.half ? ", or is too large for 16 bits" : ""),
+        input_.format.half ? "replace it, or store 32 bits (omit --half)" : "replace it");
   }
 
   /// Makes all voxels outside of the extent inactive background, even if the input has set them.

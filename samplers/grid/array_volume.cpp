@@ -137,9 +137,11 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
     throw VolumeError(array.name,
                       array.vector ? "all its vectors are zero, so no voxel has data"
                                    : "all its values equal the background, so no voxel has data",
-                      array.vector || array.background
-                          ? "give an array with other values"
-                          : "give an array with other values, or another background, such as 0");
+                      array.vector ? "give an array with other values"
+                      : array.background
+                          ? "give an array with other values, or another background"
+                          : "give an array with other values, or another background, "
+                            "such as 0");
   }
   grid->setName(array.name);
   if (array.level_set) grid->setGridClass(openvdb::GRID_LEVEL_SET);

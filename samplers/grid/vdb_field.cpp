@@ -104,9 +104,14 @@ FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume, const Placeme
                       "give a number above 0 and at most 1, such as 0.5");
   }
   if (sampling.axial) {
-    if (!volume->info().vector || parts.size() > 1) {
-      throw VolumeError(what, "only a vector in one grid that is not staggered can be axial",
-                        "remove \"axial\"");
+    if (!volume->info().vector) {
+      throw VolumeError(what, "it is a scalar, and only vectors can be axial", "remove \"axial\"");
+    }
+    if (parts.size() > 1) {
+      throw VolumeError(what,
+                        "its components are separate grids or staggered, so it cannot be axial",
+                        "write it as one grid of vectors at the voxels' centres, or remove "
+                        "\"axial\" if the signs of its vectors matter");
     }
     if (sampling.interpolation != Interpolation::kTrilinear) {
       throw VolumeError(what,

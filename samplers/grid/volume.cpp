@@ -160,9 +160,13 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
     const auto colon = why.find(": ");
     const std::string reason = why.substr(0, colon);
     const std::string remedy = why.substr(colon + 2);
-    const bool empty = why == kNoActiveVoxel && prepared.info.filled == 0;
-    if (empty) throw NoDataError(name, reason, remedy);
-    throw VolumeError(name, reason, remedy);
+    if (why != kNoActiveVoxel) throw VolumeError(name, reason, remedy);
+    if (prepared.info.filled == 0) throw NoDataError(name, reason, remedy);
+    throw VolumeError(name,
+                      "it has no active voxel after the filling of " +
+                          std::to_string(prepared.info.filled) +
+                          " values that were NaN, infinite or above 1e100 in size",
+                      "write the grid with finite values in its active voxels");
   }
   return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
 }

@@ -99,7 +99,8 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
                           ") than the first one with data (" + kind(like) + ")",
                       is.vector != like.vector
                           ? "give frames of one type"
-                          : std::string("set the grid class of all frames to \"") +
+                          : std::string("give frames of one kind, or, if only the class is wrong, "
+                                        "set the grid class of all frames to \"") +
                                 wordFor(like.grid_class) + "\"");
   }
   if (out.volume->grid().parts.size() > 1) {
@@ -364,7 +365,9 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
   const std::string name = frames_.front().file.string();
   checkTimes(when_, frames_.size(), name);
   if (sampling.axial) {
-    throw VolumeError(name, "axial vectors of two frames cannot be blended", "remove \"axial\"");
+    throw VolumeError(name, "axial vectors of two frames cannot be blended",
+                      "give one frame as \"file\", without \"frames\", or remove \"axial\" if the "
+                      "signs of its vectors matter");
   }
   std::vector<Loaded> kept;
   std::uint64_t held = 0;

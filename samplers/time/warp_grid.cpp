@@ -450,7 +450,7 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
                        std::to_string(std::lround(memory / 1e6)) + " MB, more than the limit of " +
                        std::to_string(std::lround(static_cast<double>(kMostWarpMemory) / 1e6)) +
                        " MB",
-                   "resample them to a coarser lattice");
+                   "resample them to a coarser lattice, or give fewer fields");
 }
 
 WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when, const std::string& path) {

@@ -42,7 +42,7 @@ void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
     draft.leaveOut(fmt::format("{}, {}, {}", parts[0]->grid, parts[1]->grid, parts[2]->grid),
                    "components of a vector, which a scene cannot join",
                    fmt::format("name them {0}.x, {0}.y and {0}.z in the .vdb, or import the "
-                               "original file: palpate import joins them",
+                               "original file without --field: palpate import joins them",
                                found.name));
   }
 }

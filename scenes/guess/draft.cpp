@@ -104,7 +104,7 @@ std::string Draft::firstRemedy(const std::string& otherwise) const {
 Guess Draft::write() const {
   if (modes_.empty()) {
     throw VolumeError(names_.file, "no grid can be used in a scene" + omissions(" (", ")"),
-                      firstRemedy("import an array that varies"));
+                      firstRemedy("choose a file or an array whose values vary"));
   }
   Guess out;
   std::string description =

@@ -99,11 +99,12 @@ void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& buil
   refuse(volume.smooth.sigma != 0.0, "smooth", "a volume in bricks cannot be smoothed at load",
          "smooth the volume before you write the bricks");
   refuse(volume.sampling.interpolation != Interpolation::kTrilinear, "interpolation",
-         "a volume in bricks has trilinear interpolation only", "remove \"interpolation\"");
+         "a volume in bricks has trilinear interpolation only",
+         "give the volume as a .vdb, or remove \"interpolation\" if trilinear suits its values");
   refuse(volume.sampling.axial, "axial", "a volume in bricks cannot be axial",
          "give the volume as a .vdb, or remove \"axial\" if the signs of its vectors matter");
   refuse(!volume.instances.empty(), "instances", "a volume in bricks can have only one place",
-         "replace \"instances\" by \"place\"");
+         "give the volume as a .vdb, or replace \"instances\" by \"place\"");
   constexpr double kDefault = 256.0;
   WindowParams params;
   constexpr double kMost = 1e9;

@@ -104,7 +104,8 @@ class FieldComputer {
     if (of->axial && kindOf(what).of_volume) {
       throw SceneError(
           path, "the field has to be computed at load, but axial vectors have no derivatives",
-          "remove \"axial\", or remove the modes and fields that need its derivatives");
+          "remove the modes and fields that need its derivatives, or remove \"axial\" if the signs "
+          "of the vectors matter");
     }
     // A scene from another site may contain thousands of fields.
     if (++computed_ > kMostComputed) {

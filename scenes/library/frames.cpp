@@ -105,7 +105,7 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
         throw VolumeError(
             (volume.file.parent_path() / pattern->nameOf(next)).string(),
             fmt::format("the frame is missing, but {} exists", file.filename().string()),
-            "number the frames without a gap");
+            "copy this frame too; if none is missing, number the frames without a gap");
       }
       ++next;
       frames.push_back(like);

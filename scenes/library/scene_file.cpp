@@ -30,8 +30,8 @@ std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path)
   std::sort(files.begin(), files.end());
   if (files.empty()) {
     throw VolumeError(path.string(), "the folder has no .vdb file",
-                      "give a folder of .vdb files; import DICOM and OpenFOAM first: palpate "
-                      "import FOLDER OUT.vdb");
+                      "give a folder of .vdb files; import DICOM, slices, Zarr and OpenFOAM first: "
+                      "palpate import FOLDER OUT.vdb");
   }
   return files;
 }

@@ -346,7 +346,7 @@ class Zarr(images.Case):
         done = subprocess.run([str(BIN / "palpate-import"), str(write_array(self.folder())), str(bricks), "--bricks"],
                               capture_output=True, text=True, timeout=120, check=False)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        self.refused(bricks, "the folder has palpate's own bricks: a scene reads them without an import")
+        self.refused(bricks, "the folder has palpate's own bricks: run palpate scene on the folder, without an import")
 
 
 if __name__ == "__main__":

@@ -710,6 +710,11 @@ TEST_CASE("writing bricks leaves a folder with other contents unchanged", "[bric
   put(folder / "photos" / "a.jpg", Bytes(3));
   CHECK_THAT(trying(folder / "photos", fogOf(1)),
              Contains("it exists already and contains \"a.jpg\""));
+  fs::create_directory(folder / "zarr");
+  put(folder / "zarr" / ".zattrs", Bytes(3));
+  CHECK_THAT(
+      trying(folder / "zarr", fogOf(1)),
+      Contains("data of another program (its .zattrs is not palpate's): name another folder"));
   put(folder / "file", Bytes(3));
   CHECK_THAT(trying(folder / "file", fogOf(1)), Contains("it exists already and is not a folder"));
   CHECK_THAT(trying(folder / "no" / "b", fogOf(1)),

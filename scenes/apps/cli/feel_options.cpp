@@ -54,8 +54,9 @@ void checkTank(const FeelOptions& options) {
                 "use 0.1");
   }
   if (options.refill > 0.0 && !options.passive) {
+    const bool replays = std::any_of(options.devices.begin(), options.devices.end(), isReplay);
     throw Error("--refill", "it has no effect without --passive",
-                "add --passive, or leave out --refill");
+                paths || replays ? "leave out --refill" : "add --passive, or leave out --refill");
   }
 }
 
@@ -69,7 +70,10 @@ void checkRecordings(const FeelOptions& options) {
   if (replayed > 0 && (options.realtime || replayed < options.devices.size())) {
     throw Error("--device",
                 "recorded hands run in virtual time, and only with other recorded hands",
-                options.realtime ? "leave out --realtime" : "give only devices replay:FILE");
+                !options.realtime                   ? "give only devices replay:FILE"
+                : replayed < options.devices.size() ? "leave out --realtime, and give only devices "
+                                                      "replay:FILE"
+                                                    : "leave out --realtime");
   }
   if (options.passive && replayed > 0) {
     throw Error("--passive", "a replay uses the energy tank of the recorded run",
@@ -86,11 +90,12 @@ void checkRecordings(const FeelOptions& options) {
   }
 }
 
-/// Returns the remedy for an option that needs real time. `palpate view` has no --realtime, and
-/// recorded hands cannot run in real time.
+/// Returns the remedy for an option that needs real time. `palpate view` has no --realtime, but
+/// --picture makes its time virtual. Recorded hands cannot run in real time.
 std::string remedyWithoutRealtime(const FeelOptions& options, const std::string& option) {
   const bool replayed = std::any_of(options.devices.begin(), options.devices.end(), isReplay);
-  return options.window || replayed ? "leave out " + option : "add --realtime";
+  if (replayed) return "leave out " + option;
+  return options.window ? "leave out --picture or " + option : "add --realtime";
 }
 
 void checkSite(const FeelOptions& options) {

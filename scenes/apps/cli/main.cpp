@@ -158,7 +158,8 @@ int main(int argc, char** argv) {
     return cli::kInterrupted;
   } catch (const std::bad_alloc&) {
     cli::complain(
-        "memory: not enough memory is available: use smaller data, or end other programs");
+        "memory: not enough memory is available: use smaller volumes, or volumes in bricks "
+        "(palpate brick), or end other programs");
     return cli::kEndedEarly;
   } catch (const std::filesystem::filesystem_error& e) {
     cli::complain(

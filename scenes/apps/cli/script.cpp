@@ -67,6 +67,10 @@ Script::Script(const std::string& name, const std::string& option)
   if (!std::filesystem::exists(script_)) {
     script_ = programFolder().parent_path() / "share" / "palpate" / name;
   }
+  if (!std::filesystem::exists(script_)) {
+    throw Error(option, script_.string() + ", which draws pictures, is missing",
+                "install palpate again");
+  }
   if (run({script_.string(), "--check"}, "", STDERR_FILENO) != 0) {
     throw Error(option, "/usr/bin/python3 with matplotlib is missing or does not start",
                 "install python3-matplotlib, or correct the error that python3 has printed");

@@ -12,7 +12,7 @@ namespace palpate::cli {
 /// A Python program that reads JSON from standard input and writes a picture to standard output.
 class Script {
  public:
-  /// Throws Error if Python or matplotlib is missing; the message says that `option` needs them.
+  /// Throws Error if the program, Python or matplotlib is missing; the message names `option`.
   Script(const std::string& name, const std::string& option);
   /// Draws a picture into `file`, which the caller commits. Throws Error.
   void draw(const OrderedJson& json, const WholeFile& file, const std::string& path,

@@ -26,8 +26,8 @@ constexpr std::size_t kPreamble = 128;
 constexpr std::size_t kPrefix = kPreamble + 4;
 constexpr std::string_view kPlainSyntax = "1.2.840.10008.1.2.1";
 constexpr std::string_view kDeflatedSyntax = "1.2.840.10008.1.2.1.99";
-constexpr const char* kNoMemory =
-    "the inflated data set needs more memory than is free (dcmconv +te inflates it on the disk)";
+constexpr const char* kNoMemory = "the inflated data set needs more memory than is free";
+constexpr const char* kTooLarge = "the inflated data set is larger than the limit of 4 GiB";
 
 std::uint32_t numberAt(std::string_view bytes, std::size_t at, std::size_t size) {
   if (at + size > bytes.size()) return 0;
@@ -153,7 +153,7 @@ std::string inflateInto(int to, std::istream& in) {
     if (status != Z_OK && status != Z_STREAM_END) return "the deflated data set is damaged";
     const std::size_t count = plain.size() - stream.avail_out;
     total += count;
-    if (total > kMost) return "the inflated data set is larger than the limit of 4 GiB";
+    if (total > kMost) return kTooLarge;
     if (!writeAll(to, plain.data(), count)) return kNoMemory;
   }
   return "";
@@ -194,9 +194,12 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
   }
   if (!defect.empty()) {
     if (memory_ >= 0) ::close(memory_);
-    const bool full = defect == kNoMemory || memory_ < 0;
     throw VolumeError(file.string(), defect,
-                      full ? "end other programs" : "copy or export the file again");
+                      defect == kNoMemory ? "inflate it on the disk with dcmconv +te, or end other "
+                                            "programs"
+                      : defect == kTooLarge ? "export a smaller part"
+                      : memory_ < 0         ? "end other programs"
+                                            : "copy or export the file again");
   }
   path_ = fmt::format("/proc/self/fd/{}", memory_);
 }

@@ -159,6 +159,7 @@ bool isReadable(const std::string& syntax) {
   return codec.GetTransferSyntaxUID() == syntax && codec < vtkDICOMImageCodec::MPEG2ML;
 }
 
+constexpr const char* kExportPlain = "export it without compression";
 constexpr const char* kTooFew = "the file has fewer pixels than its header states";
 
 /// Returns the damage of a file that lacks compressed frames; "" if all are present. The decoders
@@ -256,6 +257,9 @@ File headerOf(const fs::path& path) {
   }
   const int frames = std::max(1, meta->Get(0, DC::NumberOfFrames).AsInt());
   file.damage = damageOf(parser, meta, frames);
+  if (parser->GetPixelDataFound() && !isReadable(textOf(meta->Get(0, DC::TransferSyntaxUID)))) {
+    file.remedy = kExportPlain;
+  }
   if (!file.damage.empty()) return file;
 
   const std::string photometric = meta->Get(0, DC::PhotometricInterpretation).AsString();
@@ -267,7 +271,7 @@ File headerOf(const fs::path& path) {
     if (!is_rle) {
       file.damage =
           "the pixels have 1 bit each and a compression other than RLE, which is unsupported";
-      file.remedy = "export it without compression";
+      file.remedy = kExportPlain;
       return file;
     }
     file.bits_at = static_cast<std::int64_t>(parser->GetFileOffset());

@@ -414,7 +414,10 @@ class Stacker {
     refuse(fmt::format("slices are missing {}: {} of {}{}",
                        ruler.between(groups[*where].front(), groups[*where + 1].front()), missing,
                        groups.size() + missing, missing > 1 ? " in all" : ""),
-           "copy or export all images of the series");
+           series_.files.size() == 1
+               ? "export all images of the series"
+               : "copy or export all images of the series; if none is missing, import the slices "
+                 "before and after this gap from two folders");
   }
 
   const Series& series_;

@@ -148,8 +148,8 @@ class Inversion {
         fmt::format("the import finds no inverse at ({:.3g}, {:.3g}, {:.3g}) m: the residual is "
                     "{:.2g} voxels, more than {:g}",
                     y.x(), y.y(), y.z(), residual.norm() / edge_, kConverged),
-        "smooth the field with --smooth, or export the transform from the fixed to the moving "
-        "image");
+        "smooth the field, or smooth it more, with --smooth, or export the transform from the "
+        "fixed to the moving image");
   }
 
   DisplacementFrames lattice_;  ///< The given field.

@@ -51,6 +51,8 @@ std::filesystem::path headerOf(const std::filesystem::path& file) {
   return std::filesystem::exists(packed, error) ? packed : file;
 }
 
+constexpr const char* kRawValues = "raw values";
+
 struct Format {
   const char* name;
   bool (*begins)(const std::string& bytes);
@@ -60,13 +62,27 @@ struct Format {
   const char* option = "";
 };
 
+std::string remedyForUnused(const Request& request, const std::string& format,
+                            std::string_view option) {
+  if (option == "--as" && request.as == "displacement") {
+    return "let the registration write the field as NIfTI, MetaImage or NRRD";
+  }
+  if (format == kRawValues && option == "--as" && request.as == "vector") {
+    return R"(omit this option, and give "components": 3 in --raw)";
+  }
+  if (format == kRawValues && option == "--spacing") {
+    return R"(omit this option, and give "spacing" in --raw)";
+  }
+  return "omit this option";
+}
+
 void refuseUnused(const Request& request, const std::string& format, std::string_view used) {
   const auto refuse = [&](const char* name, bool given) {
     if (!given || used == name) return;
     throw Error(name,
                 fmt::format("{} is read as {}, which does not use this option",
                             request.file.string(), format),
-                "omit this option");
+                remedyForUnused(request, format, name));
   };
   refuse("--series", !request.series.empty());
   refuse("--as", !request.as.empty());
@@ -171,7 +187,9 @@ const std::array kFormats = {
            nullptr, "save the data as VTK XML, for example with ParaView"},
     Format{"OpenDX",
            [](const std::string& b) { return b.find("class gridpositions") != std::string::npos; },
-           nullptr, "describe the layout of its values with --raw, see docs/import.md"},
+           nullptr,
+           "if its values are binary, describe their layout with --raw, see docs/import.md; "
+           "otherwise convert it to VTK or NRRD"},
     Format{"Analyze 7.5 (a header without NIfTI's magic number)",
            [](const std::string& b) {
              return has(b, 0, {"\x5c\x01\0\0", 4}) && b.size() >= 348;
@@ -216,12 +234,16 @@ bool isPlot3d(const Request& request) {
   return false;
 }
 
-/// Returns the remedy; if the file is gzipped and the remedy names --raw, adds that the file must
-/// be unpacked.
+/// Returns the remedy; if the file is gzipped and the remedy names --raw or palpate feel, adds that
+/// the file must be unpacked.
 std::string unpackedFor(const std::filesystem::path& file, const std::string& remedy) {
-  const bool is_packed = remedy.find("--raw") != std::string::npos && isGzip(file);
-  return is_packed ? "unpack the file with gunzip, which --raw does not do; then " + remedy
-                   : remedy;
+  if (!isGzip(file)) return remedy;
+  for (const char* reader : {"--raw", "palpate feel"}) {
+    if (remedy.find(reader) == std::string::npos) continue;
+    return fmt::format("unpack the file with gunzip, which {} does not do; then {}", reader,
+                       remedy);
+  }
+  return remedy;
 }
 
 bool isText(const std::string& bytes) {
@@ -348,7 +370,7 @@ std::unique_ptr<Reader> openAny(const Request& given) {
                       "give a file, a folder of slices, a Zarr folder or an OpenFOAM case");
   }
   if (!request.raw.empty()) {
-    refuseUnused(request, "raw values", "");
+    refuseUnused(request, kRawValues, "");
     return openRaw(request);
   }
   if (request.file.extension() == ".foam" || request.file.extension() == ".OpenFOAM") {

@@ -500,17 +500,19 @@ std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel, 
     if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
       throw VolumeError(
           file,
-          fmt::format("the volume would need too many voxels with an edge of {:g} (more than {:g}, "
-                      "or 1e6 along an axis)",
+          fmt::format("the volume would need too many voxels with an edge of {:g}, in the file's "
+                      "unit (more than {:g}, or 1e6 along an axis)",
                       voxel, kMostVoxels),
           "give a larger --voxel");
     }
     size[a] = static_cast<int>(steps);
   }
   if (*std::max_element(size.begin(), size.end()) < 2) {
-    throw VolumeError(file,
-                      fmt::format("voxels with an edge of {:g} are larger than the volume", voxel),
-                      "give a smaller --voxel");
+    throw VolumeError(
+        file,
+        fmt::format("voxels with an edge of {:g}, in the file's unit, are larger than the volume",
+                    voxel),
+        "give a smaller --voxel");
   }
   return size;
 }

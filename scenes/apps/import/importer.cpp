@@ -69,8 +69,9 @@ std::vector<Imported> fromMesh(const Options& options, Piece& piece, const std::
     voxel = suggested.edge;
     if (suggested.edge > suggested.by_cell) {
       notes.push_back(fmt::format(
-          "the voxel edge is {:g}, which limits the voxels to {:g} per point (33 x 33 x 33 in a "
-          "small mesh); without this limit, the edge would be {:g}, for {:.2g} million voxels; {}",
+          "the voxel edge is {:g} in the file's unit, which limits the voxels to {:g} per point "
+          "(33 x 33 x 33 in a small mesh); without this limit, the edge would be {:g}, for {:.2g} "
+          "million voxels; {}",
           voxel, kVoxelsPerPoint, suggested.by_cell, 1e-6 * suggested.voxels_by_cell,
           options.iso ? "smaller voxels are not possible with --iso on a mesh"
                       : fmt::format("--voxel {:g} selects the smaller voxels", suggested.by_cell)));
@@ -329,11 +330,12 @@ void checkAsked(const Request& request, const Content& content) {
   const int width = content.pieces.front().arrays.front().values.components();
   const bool tensor = request.as == "tensor";
   if (tensor ? width >= 6 : width == 3) return;
-  throw Error("--as",
-              fmt::format("{} has {} per voxel, not the {} of a {}", request.file.string(),
-                          width == 1 ? "one value" : fmt::format("{} values", width),
-                          tensor ? 6 : 3, request.as),
-              "omit this option");
+  throw Error(
+      "--as",
+      fmt::format("{} has {} per voxel, not the {} of a {}", request.file.string(),
+                  width == 1 ? "one value" : fmt::format("{} values", width), tensor ? 6 : 3,
+                  request.as),
+      fmt::format("give a file with {} values per voxel, or omit this option", tensor ? 6 : 3));
 }
 
 /// Throws Error if --bricks would have to write several arrays. takeSurface() checks those of

@@ -113,8 +113,10 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   if (static_cast<double>(quads.size()) * refinement * refinement * 6.0 > 1e9) {
     throw VolumeError(
         file,
-        fmt::format("the surface would need too many voxels with an edge of {:g} (more than 1e9)",
-                    edge),
+        fmt::format(
+            "the surface would need too many voxels with an edge of {:g}, in the file's unit (more "
+            "than 1e9)",
+            edge),
         "give a larger --voxel");
   }
   // OpenVDB's own signs would fill cavities, because all that a surface encloses counts as inside.

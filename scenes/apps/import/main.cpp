@@ -173,8 +173,8 @@ void noteSkipped(const Options& options, Step& step, std::size_t steps) {
   if (steps == 1) {
     throw Error(options.request.file.string(), step.notes.back(),
                 options.tolerance.value_or(0.0) > 0.0
-                    ? "give a smaller --tolerance, or import arrays whose values vary"
-                    : "import arrays whose values vary");
+                    ? "give a smaller --tolerance, or import arrays that have data and vary"
+                    : "import arrays that have data and vary");
   }
   step.notes.emplace_back(
       options.bricks ? "no folder for this step: all arrays were skipped"
@@ -364,6 +364,9 @@ void checkTogether(const Options& options) {
 
 /// Returns the remedy for an import that needs more memory than there is.
 std::string needLess(const Options& options) {
+  if (options.request.as == "displacement") {
+    return "resample the field to a larger --voxel";
+  }
   return options.bricks
              ? "export the image as uncompressed .nii, MetaImage or NRRD, which --bricks reads in "
                "parts, and omit --voxel and --iso"

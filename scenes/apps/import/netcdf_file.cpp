@@ -148,7 +148,7 @@ void NetcdfFile::checkAbsurd(double values) const {
     throw VolumeError(path_.string(),
                       fmt::format("a variable has {:.3g} values, more than the limit of {:.0g}",
                                   values, kMostVoxels),
-                      "export a smaller part");
+                      "export fewer time steps, or a smaller part");
   }
 }
 

@@ -55,7 +55,8 @@ class OmeParser {
     const std::string version = textAt(image, "version");
     if (!version.empty() && version != "0.4") {
       refuse(fmt::format("the image is OME-Zarr {}, but palpate reads version 0.4", version),
-             "convert it to OME-Zarr 0.4 or NRRD, or give the folder of one of its arrays");
+             "convert it to OME-Zarr 0.4 or NRRD, or give the folder of an array with 3 axes, "
+             "which has no spacing");
     }
     out_.name = textAt(image, "name");
     parseAxes(image);

@@ -416,7 +416,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   if (paths.empty()) {
     throw VolumeError(folder.string(),
                       "the folder has no DICOM file, nor have the three levels of folders below it",
-                      "give a folder of DICOM slices");
+                      "give one file, a folder of DICOM, TIFF or PNG slices, a Zarr folder or an "
+                      "OpenFOAM case");
   }
   std::vector<File> files;
   files.reserve(paths.size());

@@ -154,14 +154,17 @@ class Header {
 
   /// Reads slices of a step. Unless isSeekable() is true, these must be all slices. Throws
   /// VolumeError.
-  [[nodiscard]] Values values(std::size_t step, const Slab& slices, const Progress& progress) {
+  [[nodiscard]] Values values(std::size_t step, const Slab& slices, const Request& request) {
+    const Progress& progress = request.progress;
     Values values;
     const std::vector<double> n = sizes();
     const std::size_t slice = static_cast<std::size_t>(n[0]) * static_cast<std::size_t>(n[1]);
     try {
       values = Values(type().type, channels(), slice * static_cast<std::size_t>(slices.count));
     } catch (const std::bad_alloc&) {
-      refuse("the values need more memory than is free", "export and import a smaller part");
+      refuse("the values need more memory than is free",
+             remedyForMemory(request, static_cast<int>(n[2]),
+                             isSeekable() ? "" : "export it as binary without compression"));
     }
     if (isSeekable()) {
       readSlices(step, slices, values, progress);
@@ -439,7 +442,7 @@ class MetaImageReader final : public Reader {
     }
     image.file_from_index = place(turn, content.notes);
     const Slab slices = header_.isSeekable() ? slicesToRead(request_, image) : image.slices();
-    const Values values = header_.values(step, slices, request_.progress);
+    const Values values = header_.values(step, slices, request_);
     image.arrays.push_back(named(values, turn, content));
     content.pieces.push_back(std::move(image));
     if (header_.text({"Modality"}) == "MET_MOD_CT") content.modality = Modality::kCt;

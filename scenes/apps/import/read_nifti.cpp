@@ -229,7 +229,8 @@ class NiftiReader final : public Reader {
   /// Throws VolumeError if the header does not describe displacements as ITK writes them.
   void checkDisplacement() const {
     constexpr const char* kByItk =
-        "export the field with ITK, ANTs or elastix, or as .nrrd or .mhd";
+        "export the field with ITK, ANTs or elastix (saving the field of another program in "
+        "another format does not convert its vectors)";
     if (header_.size[5] != 3 ||
         (header_.intent != kDisplacementIntent && header_.intent != kVectorIntent)) {
       refuse(fmt::format("the header has the intent {} and the size {} along the fifth axis, but a "
@@ -248,7 +249,7 @@ class NiftiReader final : public Reader {
       refuse(
           "the header has neither an sform nor a qform, so the axes of its displacements are "
           "unknown",
-          "write one of them, for example with fslorient");
+          "write the sform of the fixed image into the header, for example with fslorient");
     }
   }
 
@@ -453,7 +454,11 @@ class NiftiReader final : public Reader {
         }
       }
     } catch (const std::bad_alloc&) {
-      refuse("the values need more memory than is free", "export and import a smaller part");
+      // findDirections() reads all slices, also with --bricks.
+      const bool reads_all = series_ && as_components_;
+      refuse("the values need more memory than is free",
+             remedyForMemory(request_, reads_all ? 1 : static_cast<int>(size[3]),
+                             isGzip(data) ? "unpack it with gunzip" : ""));
     }
     // Verifies the checksum of the whole file once.
     if (!sound_) in.finish();

@@ -337,7 +337,12 @@ class NrrdReader final : public Reader {
         }
       }
     } catch (const std::bad_alloc&) {
-      refuse("the values need more memory than is free", "export and import a smaller part");
+      const bool is_raw = state_->encoding == nrrdEncodingRaw;
+      refuse("the values need more memory than is free",
+             remedyForMemory(request_, static_cast<int>(axisAt(space_[2]).size),
+                             !isInOrder() ? "export it with components first and a series last"
+                             : is_raw     ? ""
+                                          : "export it with raw encoding"));
     }
     if (series_ < 0) whole_ = {};
     return values;

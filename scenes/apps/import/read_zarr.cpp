@@ -29,7 +29,8 @@ class ZarrReader final : public Reader {
       attributes = readZarrJson(folder / ".zattrs");
     }
     if (attributes.contains("palpate")) {
-      refuse("the folder has palpate's own bricks", "a scene reads them without an import");
+      refuse("the folder has palpate's own bricks",
+             "run palpate scene on the folder, without an import");
     }
     if (attributes.contains("multiscales")) {
       openImage(attributes);

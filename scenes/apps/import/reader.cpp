@@ -6,6 +6,8 @@
 #include <string_view>
 #include <utility>
 
+#include "palpate/samplers/bricks/bricks.h"
+
 namespace palpate::importer {
 namespace {
 
@@ -54,6 +56,18 @@ Slab slicesToRead(const Request& request, Piece& image, bool is_packed, int dept
     image.held = request.slices(image.size, image.file_from_index, is_packed, depth);
   }
   return image.slices();
+}
+
+std::string remedyForMemory(const Request& request, int slices, const std::string& first) {
+  // A brick has kBrickSide slices, so --bricks reads at least as many together. A displacement
+  // field cannot be written as bricks.
+  const bool can_divide = slices > kBrickSide && request.as != "displacement";
+  if (!can_divide || (request.slices && first.empty())) {
+    return "end other programs, or export a smaller part of the image";
+  }
+  if (request.slices) return first + ", so that --bricks reads it in parts";
+  return (first.empty() ? "import it" : first + ", and import it") +
+         " with --bricks, without --voxel and --iso: then only a part is in memory";
 }
 
 std::unique_ptr<Reader> oneStep(const Request& request, Content (*read)(const Request&)) {

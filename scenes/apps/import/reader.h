@@ -171,6 +171,12 @@ class Reader {
 [[nodiscard]] Slab slicesToRead(const Request& request, Piece& image, bool is_packed = false,
                                 int depth = 1);
 
+/// Returns the remedy if the values of an image with `slices` slices need more memory than is free.
+/// @param first  What makes the file readable in parts, such as "unpack it with gunzip"; empty: it
+///               is already.
+[[nodiscard]] std::string remedyForMemory(const Request& request, int slices,
+                                          const std::string& first = "");
+
 [[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,
                                               Content (*read)(const Request&));
 

@@ -441,11 +441,12 @@ class MeshResampler {
     grid->setName(sheet.array().name);
     one.made.grid = grid;
     if (grid->empty()) {
-      throw VolumeError(file_,
-                        fmt::format("no voxel with an edge of {:g} has its centre in the part of "
-                                    "the mesh where {} has data",
-                                    voxel_, sheet.array().name),
-                        "give a smaller --voxel, or choose arrays with data by --field");
+      throw VolumeError(
+          file_,
+          fmt::format("no voxel with an edge of {:g}, in the file's unit, has its "
+                      "centre in the part of the mesh where {} has data",
+                      voxel_, sheet.array().name),
+          "give a smaller --voxel, without --iso, or choose arrays with data by --field");
     }
     return one;
   }

@@ -461,7 +461,10 @@ Values ZarrArray::read(const ZarrBox& whole, const ZarrBox& part, const Progress
     }
     return values;
   } catch (const std::bad_alloc&) {
-    refuse("the values need more memory than is free", orCoarser("export a smaller part"));
+    refuse("the values need more memory than is free",
+           orCoarser(is_sliced_ ? "end other programs, or export a smaller part"
+                                : "add --bricks, without --iso and --voxel, to read a part at a "
+                                  "time"));
   }
 }
 

@@ -25,9 +25,11 @@ std::string pluginOf(const char* what) {
       if (fs::exists(folder / name, ignored)) return (folder / name).string();
     }
   }
-  throw Error("--site-keys",
-              fmt::format("the installed Cyclone DDS lacks DDS security: {} is missing", name),
-              "install the DDS of Debian 12, or leave out --site-keys");
+  throw Error(
+      "--site-keys",
+      fmt::format("the installed Cyclone DDS lacks DDS security: {} is missing", name),
+      "install the DDS of Debian 12, or leave out --site-keys and connect the machines by a "
+      "tunnel (docs/sites.md)");
 }
 
 }  // namespace

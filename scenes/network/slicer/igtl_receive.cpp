@@ -109,7 +109,9 @@ void IgtlServer::beginBody(Client& client) {
     client.why = "IMAGE " + head.name + ": " + why;
   };
   if (!images_) {
-    refuse(IgtlCode::kDisabled, "the run is recorded, and a recording cannot hold images");
+    refuse(
+        IgtlCode::kDisabled,
+        "the run is recorded, and a recording cannot hold images: start palpate without --record");
   } else if (stage_.current().volumes.count(head.name) == 0) {
     refuse(IgtlCode::kNotFound,
            "the scene has no volume of that name in memory: name the image like a volume that is "
