@@ -74,11 +74,19 @@ class Unlocked {
   Unlocked& operator=(const Unlocked&) = delete;
   ~Unlocked() {
     if (counted_) Computing::all().leave();
-    if (_Py_IsFinalizing() != 0 && counted_) Computing::park();
+    if (isFinalizing() && counted_) Computing::park();
     PyEval_RestoreThread(state_);
   }
 
  private:
+  static bool isFinalizing() {
+#if PY_VERSION_HEX >= 0x030D0000
+    return Py_IsFinalizing() != 0;
+#else
+    return _Py_IsFinalizing() != 0;
+#endif
+  }
+
   PyThreadState* state_;
   bool counted_ = !onMainThread();
 };
