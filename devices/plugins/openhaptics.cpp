@@ -200,6 +200,14 @@ void pauseFor(long milliseconds) {
   nanosleep(&time, nullptr);
 }
 
+// Ends the servo loop and switches the motors off.
+void endServo(Arm& arm) {
+  hdStopScheduler();
+  hdUnschedule(arm.callback);
+  hdMakeCurrentDevice(arm.handle);
+  hdDisable(HD_FORCE_OUTPUT);
+}
+
 int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
   Arm& arm = of(device);
   if (!arm.runs) {
@@ -211,7 +219,8 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
     if (errors.newest != HD_SUCCESS) {
       tell(error, room, "openhaptics: the scheduler does not start (%s); end other programs",
            hdGetErrorString(errors.newest));
-      hdUnschedule(arm.callback);
+      endServo(arm);
+      errorsNow();
       return PALPATE_PLUGIN_FAILED;
     }
     arm.runs = true;
@@ -275,12 +284,7 @@ void stop(palpate_plugin_device* device) {
 void close(palpate_plugin_device* device) {
   Arm& arm = of(device);
   arm.orders.stop();
-  if (arm.runs) {
-    hdStopScheduler();
-    hdUnschedule(arm.callback);
-    hdMakeCurrentDevice(arm.handle);
-    hdDisable(HD_FORCE_OUTPUT);
-  }
+  if (arm.runs) endServo(arm);
   hdDisableDevice(arm.handle);
   errorsNow();
   open_arm = nullptr;
@@ -296,7 +300,12 @@ bool begin(Arm& arm, const char* name, HDerror& why) {
   errorsNow();
   arm.handle = hdInitDevice(name);
   why = errorsNow().newest;
-  if (arm.handle == HD_INVALID_HANDLE || why != HD_SUCCESS) return false;
+  if (arm.handle == HD_INVALID_HANDLE) return false;
+  if (why != HD_SUCCESS) {
+    hdDisableDevice(arm.handle);
+    errorsNow();
+    return false;
+  }
   describe(arm);
   errorsNow();
   return true;

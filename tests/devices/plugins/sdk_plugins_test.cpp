@@ -490,6 +490,23 @@ TEST_CASE("OpenHaptics: an arm other than the default is opened by its configure
   CHECK(stub_hd::arm().open == 1);
 }
 
+TEST_CASE("OpenHaptics: an arm that opens with an error is closed again", "[plugin]") {
+  Bench bench(kOpenHaptics);
+  stub_hd::arm().opening = {HD_COMM_ERROR};
+  CHECK_FALSE(bench.host.open(GENERATE("", "T-77", "Left")));
+  CHECK(stub_hd::arm().open == 0);
+}
+
+TEST_CASE("OpenHaptics: the motors are off if the scheduler does not start", "[plugin]") {
+  Bench bench(kOpenHaptics);
+  stub_hd::arm().starting = {HD_COMM_ERROR};
+  bench.open();
+  CHECK(bench.host.prepare() == PALPATE_PLUGIN_FAILED);
+  CHECK_FALSE(stub_hd::arm().enabled);
+  stub_hd::arm().starting.clear();
+  CHECK(bench.host.prepare() == PALPATE_PLUGIN_OK);
+}
+
 TEST_CASE("DHD: a reading that the SDK marks as old is not returned as a new reading", "[plugin]") {
   Bench bench(kDhd);
   bench.ready();

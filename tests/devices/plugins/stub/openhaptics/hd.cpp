@@ -49,6 +49,7 @@ HHD hdInitDevice(HDstring name) {
     return HD_INVALID_HANDLE;
   }
   ++the_arm->open;
+  stack.insert(stack.end(), the_arm->opening.begin(), the_arm->opening.end());
   return 7;
 }
 void hdDisableDevice(HHD) {
@@ -143,6 +144,8 @@ void hdUpdateCalibration(HDenum) {
   the_arm->calibration = HD_CALIBRATION_OK;
 }
 void hdStartScheduler() {
+  stack.insert(stack.end(), the_arm->starting.begin(), the_arm->starting.end());
+  if (!the_arm->starting.empty()) return;
   runs = true;
   scheduler = std::thread(run);
 }

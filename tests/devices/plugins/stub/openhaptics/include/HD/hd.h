@@ -100,7 +100,9 @@ struct Arm {
   int buttons = 0;
   int style = HD_CALIBRATION_AUTO;
   HDenum calibration = HD_CALIBRATION_NEEDS_UPDATE;
-  std::vector<HDerror> fails;  // errors that the next frame pushes on the error stack
+  std::vector<HDerror> opening;   // errors that hdInitDevice pushes although it opens the arm
+  std::vector<HDerror> starting;  // errors with which hdStartScheduler fails
+  std::vector<HDerror> fails;     // errors that the next frame pushes on the error stack
   std::atomic<bool> lost{false};
   std::atomic<bool> inkwell{false};  // the stylus is in the inkwell
   double force[3] = {};              // in the API's frame [N]
