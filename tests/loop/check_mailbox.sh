@@ -8,16 +8,17 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 
-# verify BREAK: prints Spin's verdict on the model with fault BREAK, over all interleavings.
+# verify BREAK: prints Spin's verdict on the model with fault BREAK, over all interleavings. The caller keeps standard
+# output in a variable, so messages go to standard error.
 verify() {
-    spin -a -DBREAK="$1" "$model" >spin.txt
+    spin -a -DBREAK="$1" "$model" >spin.txt || { cat spin.txt >&2; exit 1; }
     cc -O2 -DSAFETY -DMEMLIM=2048 -w -o pan pan.c
-    ./pan -m100000 | tee pan.txt >"pan$1.txt"
-    if grep -q "search depth too small\|out of memory" pan.txt; then
-        echo "Spin reached its limit of depth or memory, so the check is not complete"
+    ./pan -m100000 >"pan$1.txt" || { cat "pan$1.txt" >&2; exit 1; }
+    if grep -q "search depth too small\|out of memory" "pan$1.txt"; then
+        echo "Spin reached its limit of depth or memory, so the check is not complete" >&2
         exit 1
     fi
-    grep -o "errors: [0-9]*" pan.txt
+    grep -o "errors: [0-9]*" "pan$1.txt" || { cat "pan$1.txt" >&2; exit 1; }
 }
 
 verdict=$(verify 0)

@@ -30,8 +30,9 @@ MOST_FORCES = 25   # at 1 kHz
 SIGNALS = ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGSEGV", "SIGBUS", "SIGABRT", "SIGXCPU",
            "SIGSTOP", "SIGTSTP", "SIGKILL"]
 OWN = ["exception", "exit", "return", "hang"]
-ACTIONS = {"a_slow_write_is_followed_by_zero": "slow", "a_blocked_device_does_not_delay_another": "blocked",
-           "a_zero_is_retried_while_the_queue_is_full": "fast"}   # by test
+ACTIONS = {"a_write_of_40_ms_followed_by_one_that_hangs_ends_with_zero_force": "slow",
+           "a_blocked_device_does_not_delay_another": "blocked",
+           "the_guardian_sends_zero_force_again_while_the_device_s_queue_is_full": "fast"}   # by test
 SO_TIMESTAMP = 29   # Linux; Python has no name for it
 QUIET = 120.0      # [s]; time in which the machine must not stall while a hand is pressed
 LONGEST = 600.0    # [s]

@@ -80,7 +80,7 @@ TEST_CASE("play time stays finite for invalid seeks, speeds and ends", "[sequenc
     clock.steer({1.0, false, 0.0, bad, true});
     CHECK(std::isfinite(clock.next(head, kTick)));
     clock.steer({1.0, false, bad, infinity, false});
-    (void)clock.next(head, kTick);
+    CHECK(std::isfinite(clock.next(head, kTick)));
     clock.steer({});
     CHECK(std::isfinite(clock.next(head, kTick)));
   }
