@@ -73,6 +73,16 @@ bool reaches(const Struct* what, std::size_t end) {
 #define PALPATE_REACHES(what, type, member) \
   reaches(what, offsetof(type, member) + sizeof(type::member))
 
+/// Stops and closes an arm with an incomplete struct. Skips a function that the struct lacks.
+void closeIncomplete(palpate_plugin_device* device) {
+  if (PALPATE_REACHES(device, palpate_plugin_device, stop) && device->stop != nullptr) {
+    device->stop(device);
+  }
+  if (PALPATE_REACHES(device, palpate_plugin_device, close) && device->close != nullptr) {
+    device->close(device);
+  }
+}
+
 std::string orNone(const char* text) {
   return text != nullptr ? text : "";
 }
@@ -262,11 +272,15 @@ PluginDevice PluginLibrary::open(const std::string& serial) const {
     throw DeviceError(arm, error[0] != '\0' ? error.data() : "it does not open",
                       "check the plug-in's requirements");
   }
+  // The arm is open already, and its motors may have power.
+  const auto refuse = [&](const std::string& why, const std::string& remedy) {
+    closeIncomplete(device);
+    throw DeviceError(arm, why, remedy);
+  };
   if (!PALPATE_REACHES(device, palpate_plugin_device, extension)) {
-    throw DeviceError(arm,
-                      "the size in its palpate_plugin_device is " + std::to_string(device->size) +
-                          " bytes, which is too small",
-                      "set size to sizeof(palpate_plugin_device)");
+    refuse("the size in its palpate_plugin_device is " + std::to_string(device->size) +
+               " bytes, which is too small",
+           "set size to sizeof(palpate_plugin_device)");
   }
   const std::pair<const char*, bool> functions[] = {
       {"facts", device->facts != nullptr}, {"prepare", device->prepare != nullptr},
@@ -274,9 +288,8 @@ PluginDevice PluginLibrary::open(const std::string& serial) const {
       {"stop", device->stop != nullptr},   {"close", device->close != nullptr}};
   for (const auto& [function, given] : functions) {
     if (given) continue;
-    throw DeviceError(
-        arm, "the function " + std::string(function) + " of its palpate_plugin_device is missing",
-        "set this function in the plug-in");
+    refuse("the function " + std::string(function) + " of its palpate_plugin_device is missing",
+           "set this function in the plug-in");
   }
   return PluginDevice(device, arm);
 }

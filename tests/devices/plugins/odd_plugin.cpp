@@ -1,6 +1,7 @@
 /// A plug-in with faults. The part of the arm's serial number before a # selects the fault. The
 /// part after the # separates tests that run at the same time.
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
 #include <cstring>
 #include <limits>
@@ -215,6 +216,10 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
                  stop,
                  closeOdd,
                  deviceExtension};
+  if (odd->kind == "small") odd->device.size = offsetof(palpate_plugin_device, extension);
+  if (odd->kind == "tiny") odd->device.size = offsetof(palpate_plugin_device, close);
+  if (odd->kind == "readless") odd->device.read = nullptr;
+  if (odd->kind == "closeless") odd->device.close = nullptr;
   return &odd->device;
 }
 

@@ -124,6 +124,26 @@ TEST_CASE("unusable plug-in libraries and arms are refused with the reason", "[p
   CHECK(bench->closes == 1);
 }
 
+TEST_CASE("an arm with an incomplete struct is stopped and closed before it is refused",
+          "[plugin]") {
+  struct Incomplete {
+    const char* serial;
+    const char* why;
+    std::uint32_t closes;  ///< 0: the struct has no function to close the arm.
+  };
+  const Incomplete one = GENERATE(Incomplete{"small", "which is too small", 1},
+                                  Incomplete{"tiny", "which is too small", 0},
+                                  Incomplete{"readless", "the function read of its", 1},
+                                  Incomplete{"closeless", "the function close of its", 0});
+  CAPTURE(one.serial);
+  const Bench bench;
+  const PluginLibrary library(kOdd, {});
+  CHECK(refusal([&] { (void)library.open(one.serial); }).find(one.why) != std::string::npos);
+  CHECK(bench->opens == 1);
+  CHECK(bench->stops == 1);
+  CHECK(bench->closes == one.closes);
+}
+
 TEST_CASE("plug-ins load only from their folders and only if no other user can write there",
           "[plugin]") {
   const Bench bench;
@@ -548,7 +568,7 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   params.rate = 1000.0;
   HapticThread loop(*arm, params);
   loop.publish(ballScene(ballField()));
-  INFO(kind << ", then " << wordFor(loop.latest().fault));
+  CAPTURE(kind);
   // The hand trembles, because the force would fade at a constant position.
   std::atomic<bool> over{false};
   std::thread trembles([&] {
