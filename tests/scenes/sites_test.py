@@ -396,6 +396,17 @@ class OneMachine(Case):
             self.assertIn(says, done.stderr)
         self.assertEqual(mine[1].read_text(), "mine")
 
+    def test_the_command_that_makes_keys_resumes_after_an_interruption(self):
+        self.keys("cut", "A")
+        for made in (True, False):
+            (self.dir / "cut/B.new").mkdir()
+            if made:
+                (self.dir / "cut/B.new/key.pem").write_text("half")
+            self.keys("cut", "B")
+            self.assertFalse((self.dir / "cut/B.new").exists())
+            self.assertIn("PRIVATE KEY", (self.dir / "cut/B/key.pem").read_text())
+            shutil.rmtree(self.dir / "cut/B")
+
     def test_invalid_keys_are_refused(self):
         self.keys("ours", "A")
         self.keys("theirs", "A")

@@ -21,10 +21,10 @@ days=3650
 key() { openssl ecparam -name prime256v1 -genkey -noout -out "$1"; }
 sign() { openssl smime -sign -in "$1" -text -out "$2" -signer "$folder/ca/cert.pem" -inkey "$folder/ca/key.pem"; }
 
-# An interrupted run leaves a folder whose name ends in .new. The next run replaces it if it contains key.pem. A site
-# cannot have this name.
+# An interrupted run leaves a folder whose name ends in .new. The next run replaces it if it is empty or contains
+# key.pem. A site cannot have this name.
 fresh() {
-    [ ! -e "$1" ] || [ -e "$1/key.pem" ] || {
+    [ ! -e "$1" ] || [ -e "$1/key.pem" ] || rmdir "$1" 2>/dev/null || {
         echo "site_keys.sh: $1 exists without keys: remove it first" >&2; exit 1; }
     rm -rf "$1"
     mkdir "$1"
