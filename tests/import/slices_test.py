@@ -132,6 +132,13 @@ class Reading(Case):
         self.is_stack(folder, of=lambda i, j, k: 255 - value(i, j, k))
         self.assertEqual(self.notes(folder, *WORDS).count("0 is white in the file"), 1)
 
+    def test_signed_values_and_floats_are_kept_if_0_is_white_in_the_file(self):
+        # The TIFF specification defines no largest value for them. libtiff, ITK and ImageJ keep them too.
+        for letter, kind in (("b", INT), ("h", INT), ("f", FLOAT), ("d", FLOAT)):
+            path = self.write("a.tif", stack(letter, kind=kind, _262=[0]))
+            self.is_stack(path)
+            self.assertNotIn("0 is white in the file", self.notes(path, *WORDS))
+
     def test_a_folder_has_the_notes_of_all_its_files(self):
         preview = Tiff(_254=[1]).page(rows_of(3, shape=(2, 2)), 2)
         preview.tags = {}
