@@ -1256,9 +1256,8 @@ TEST_CASE("the guessed modes of a CT act on the patient and not on the table", "
   // A head with a cavity of air, in which there is a vessel. A table is four voxels below the head.
   const auto value = [](const Vec3d& p) {
     const double r = (p - Vec3d(0.0, 6.0, 0.0)).length();
-    const double cavity = (p - Vec3d(0.0, 6.0, 0.0)).length();
-    if (cavity < 2.0) return 40.0F;
-    if (cavity < 5.0) return -1000.0F;
+    if (r < 2.0) return 40.0F;
+    if (r < 5.0) return -1000.0F;
     if (r < 15.0) return r > 11.0 && r < 13.0 ? 900.0F : 40.0F;
     return std::abs(p.y() + 16.0) < 3.0 && std::abs(p.x()) < 16.0 ? 200.0F : -1000.0F;
   };

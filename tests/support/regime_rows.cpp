@@ -272,7 +272,7 @@ Regime strikesAndJumps() {
     }
   }
   return {"2 m/s on a shell of 1.5 voxels; positions lost for 10 to 100 ms",
-          {{"contact looked for where ticks end", "strikes that go through, of 1,000",
+          {{"contact checked only where ticks end", "strikes that go through, of 1,000",
             static_cast<double>(missed), 100.0},
            {"this engine without its limiter", "force in one tick after the gap [N]", spring, 5.0}},
           {{"palpate", "strikes that go through, of 1,000",
@@ -380,10 +380,10 @@ Regime stiffAndLate() {
   };
   return {
       "a coupling at 1.3 of the boundary; delays to 5 ms, encoders of 1 to 100 um",
-      {{"all methods, this engine's balance among them", "that swing at a wall, of seven",
-        static_cast<double>(swinging), 7.0},
-       {"nobody at the port", "runs that give the hand energy", share(nobody.active), 0.25},
-       {"nobody at the port", "the most [J]", -nobody.worst, 1e-3},
+      {{"all methods, this engine's balance among them",
+        "methods that oscillate at a wall, of seven", static_cast<double>(swinging), 7.0},
+       {"no passivity controller", "runs that give the hand energy", share(nobody.active), 0.25},
+       {"no passivity controller", "the most [J]", -nobody.worst, 1e-3},
        {"observer and controller", "runs that give the hand energy", share(observer.active), 0.25},
        {"observer and controller", "the most [J]", -observer.worst, 1e-3}},
       {{"palpate", "runs that give the hand energy", share(tank.broken), 0.0},
@@ -455,15 +455,15 @@ Regime scenesThatChange() {
     keepMost(off, std::abs((r.proxy - centre).norm() - kRadius) / 1e-3);
     lost += swapped.wanted.norm() > 0.0 ? 0 : 1;
   }
-  return {"a ball that is suddenly about the hand; one that comes over it",
+  return {"a ball that appears around the hand; a ball that moves over the hand",
           {{"force function", "force in the first tick [N]", pushed, 2.0},
-           {"this engine, told a new scene every tick",
-            "ticks behind the wall that feel nothing, share",
+           {"this engine, with a new scene every tick",
+            "share of ticks behind the wall without a force",
             static_cast<double>(lost) / static_cast<double>(ticks), 0.9}},
           {{"palpate", "force in the second after the swap [N]", jolt, 0.1},
-           {"palpate", "ticks behind the wall that feel nothing, share",
+           {"palpate", "share of ticks behind the wall without a force",
             static_cast<double>(left) / static_cast<double>(ticks), 0.0},
-           {"palpate", "proxy off the moving surface [voxels]", off, 0.01},
+           {"palpate", "distance of the proxy from the moving surface [voxels]", off, 0.01},
            {"palpate", "energy of the spring that is not counted [J]", uncounted, 1e-12}}};
 }
 
@@ -521,14 +521,14 @@ Regime brokenDevices() {
     keepMost(steepest, (device.sent.norm() - sent.norm()) / (kSlew * time.dt));
     sent = device.sent;
   }
-  return {"positions that are none, jump, are old or late; unplugged; 400,000 ticks",
-          {{"penalty force, no limiter", "forces that are no number or above the peak",
+  return {"positions not finite, jumping, old or late; arm unplugged; 400,000 ticks",
+          {{"penalty force, no limiter", "forces that are not finite or exceed the peak",
             static_cast<double>(bad_old), 10.0},
            {"penalty force, no limiter", "the largest [N]", worst_old, 1.5 * kPeak}},
-          {{"palpate", "forces that are no number", static_cast<double>(bad), 0.0},
+          {{"palpate", "forces that are not finite", static_cast<double>(bad), 0.0},
            {"palpate", "the largest [N]", most, kPeak * (1 + 1e-9)},
-           {"palpate", "growth over the slew limit's", steepest, 1.0 + 1e-9},
-           {"palpate", "share of ticks in which it is cut though the hand is deep",
+           {"palpate", "growth of the force divided by the slew limit", steepest, 1.0 + 1e-9},
+           {"palpate", "share of ticks with the force cut while the hand is deep",
             static_cast<double>(mute) / static_cast<double>(deep), 0.1}}};
 }
 
