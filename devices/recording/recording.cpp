@@ -28,7 +28,7 @@ using OrderedJson = nlohmann::ordered_json;
 static_assert(std::endian::native == std::endian::little,
               "a recording stores ticks in their layout in memory");
 
-constexpr int kVersion = 4;
+constexpr int kVersion = 5;
 constexpr const char* kRemedy = "give a file of palpate feel --record";
 constexpr const char* kDamaged = "copy the file again, or record again";
 constexpr std::int64_t kChunk = -1;  // value of RecordedTick::tick in a chunk's mark
@@ -99,8 +99,8 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(max_speed, input.hand.max_speed, "m/s", false)  \
   FIELD(orientation, input.hand.handle.orientation, "", false) \
   FIELD(measured_velocity, input.hand.handle.velocity, "m/s", false) \
-  FIELD(gripper, input.hand.handle.gripper, "rad", false) \
-  FIELD(joints, input.hand.handle.joints, "rad", false) \
+  FIELD(gripper, input.hand.handle.gripper, "rad or m", false) \
+  FIELD(joints, input.hand.handle.joints, "rad or m", false) \
   FIELD(given, input.given, "", false)                  \
   FIELD(force, report.force, "N", true)                 \
   FIELD(wanted, report.wanted, "N", true)               \
@@ -135,7 +135,8 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(status, report.status, "", true)                \
   FIELD(limited, report.limited, "", true)              \
   FIELD(missed, missed, "", false)                      \
-  FIELD(fault, fault, "", true)
+  FIELD(fault, fault, "", true)                         \
+  FIELD(coarse, report.coarse, "", false)
 // clang-format on
 
 // put() copies a field to a record. take() copies the field back, and converts any byte to a valid
@@ -393,6 +394,20 @@ std::string headerLine(std::span<const std::byte> bytes, const std::string& file
   return {begin, static_cast<const char*>(end)};
 }
 
+/// Returns true if the records have the layout of RecordedTick, as in versions 4 and 5. In version
+/// 4, the byte of `coarse` belonged to `zero`.
+bool hasKnownFields(const OrderedJson& header) {
+  OrderedJson dtype = OrderedJson::parse(recordingHeader({})).at("dtype");
+  const OrderedJson& version = header.at("palpate_recording");
+  if (version == 4) {
+    dtype.erase(dtype.size() - 2);  // coarse
+    dtype.back().back() = sizeof(RecordedTick::zero) + sizeof(RecordedTick::coarse);
+  } else if (version != kVersion) {
+    return false;
+  }
+  return header.at("dtype") == dtype;
+}
+
 /// Throws Error if the ticks do not begin at the header's end, or if the rate is not valid.
 void checkHeader(const std::string& file, std::size_t offset, std::size_t end, double rate) {
   std::string why;
@@ -500,8 +515,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
   try {
     const std::string line = headerLine(bytes_, name);
     const OrderedJson json = parsed(line, name);
-    const OrderedJson written = OrderedJson::parse(recordingHeader({}));
-    if (json.at("palpate_recording") != kVersion || json.at("dtype") != written.at("dtype")) {
+    if (!hasKnownFields(json)) {
       throw Error(name, "it is a recording of another version of palpate",
                   "convert it to CSV with that version (palpate convert)");
     }

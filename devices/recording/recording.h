@@ -29,7 +29,7 @@ struct RecordedTick {
   std::uint64_t scene;             ///< Telemetry::scene.
   std::int64_t tick_ns;            ///< Telemetry::tick_ns.
   std::int64_t wake_ns;            ///< Telemetry::wake_ns.
-  std::int64_t late_ticks;         ///< Number of missed ticks until now.
+  std::int64_t late_ticks;         ///< Number of late ticks until now.
   double time;                     ///< Time since the start of the loop [s].
   double dt;                       ///< TickInput::dt [s].
   double play;                     ///< TickInput::play [s].
@@ -82,13 +82,13 @@ struct RecordedTick {
   std::uint8_t limited;              ///< StepReport::limited.
   std::uint8_t missed;               ///< Telemetry::missed.
   std::uint8_t fault;                ///< Telemetry::fault.
-  std::array<std::uint8_t, 7> zero;  ///< Padding, always zero.
+  std::uint8_t coarse;               ///< StepReport::coarse; 0 in recordings of version 4.
+  std::array<std::uint8_t, 6> zero;  ///< Padding, always zero.
 };
 
 /// Returns the record of a tick. RT: no allocation.
 [[nodiscard]] RecordedTick recordedTick(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
-/// Returns the tick that a record stores. Restores all members except StepReport::coarse, which has
-/// no field.
+/// Returns the tick that a record stores.
 [[nodiscard]] Telemetry telemetryOf(const RecordedTick& tick) noexcept;
 
 /// Position and meaning of a field of a recorded tick.
@@ -125,7 +125,7 @@ struct RecordedSetting {
 /// A recording's file, copied to memory. Truncated or damaged parts are skipped.
 class Recording {
  public:
-  /// Throws Error if the file cannot be read, is not a recording of this format version, or has a
+  /// Throws Error if the file cannot be read, is not a recording of format version 4 or 5, or has a
   /// damaged header.
   explicit Recording(const std::filesystem::path& file);
   Recording(const Recording&) = delete;

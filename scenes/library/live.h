@@ -93,7 +93,7 @@ struct LiveTick {
   std::array<double, 3> force{};               ///< Force that was sent to the device [N].
   double stiffness = 0.0;                      ///< Stiffness of the coupling [N/m].
   double error_bound = 0.0;                    ///< StepReport::error_bound [m].
-  std::int64_t late_ticks = 0;                 ///< Number of missed ticks since the start.
+  std::int64_t late_ticks = 0;                 ///< Number of late ticks since the start.
   std::uint32_t primitive_count = 0;           ///< Number of valid entries in `primitives`.
   StepStatus status = StepStatus::kConverged;  ///< Result of the tick.
   Fault fault = Fault::kNone;                  ///< Fault that cuts the force; kNone: no fault.

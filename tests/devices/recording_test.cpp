@@ -81,7 +81,7 @@ Telemetry anyTick(std::int64_t number, Random& random) {
   }
   tick.tick = number;
   for (std::uint8_t* flag : {&tick.fresh, &tick.ready, &tick.too_fast, &tick.cleared, &tick.limited,
-                             &tick.missed, &tick.solver}) {
+                             &tick.missed, &tick.coarse, &tick.solver}) {
     *flag = bits();
   }
   for (std::uint8_t* why : {&tick.reported, &tick.wrong, &tick.order, &tick.unsent, &tick.fault}) {
@@ -269,6 +269,16 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
   CHECK_THROWS_AS(header_with("\"peak\":3.3", "\"peak\":-.3"), Error);
   CHECK_THROWS_AS(header_with("\"peak\":3.3", "\"peak\":-3 "), Error);
   CHECK_THROWS_AS(header_with("\"offset\":", "\"offset\":1"), Error);
+  // Before version 5, the byte of `coarse` belonged to `zero`.
+  std::string old = whole;
+  const auto change = [&old](const std::string& from, const std::string& to) {
+    REQUIRE(to.size() <= from.size());
+    old.replace(old.find(from), from.size(), to + std::string(from.size() - to.size(), ' '));
+  };
+  change("\"palpate_recording\":5", "\"palpate_recording\":4");
+  CHECK_THROWS_WITH(ticksOf(old), Contains("another version"));
+  change(R"(["coarse","u1"],["zero","u1",6])", R"(["zero","u1",7])");
+  CHECK(ticksOf(old) == 9);
   const std::string deep(200000, '[');
   CHECK_THROWS_AS(header_with("{\"version\"", deep + "{\"version\""), Error);
 }

@@ -43,7 +43,7 @@ const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, boo
 RecordedTick given(RecordedTick tick) {
   tick.scene = 0;
   tick.tick_ns = tick.wake_ns = tick.late_ticks = 0;
-  tick.missed = 0;
+  tick.missed = tick.coarse = 0;
   return tick;
 }
 
