@@ -1092,6 +1092,16 @@ class Extremes(Case):
 
 
 class Running(Case):
+    def test_output_that_cannot_be_written_is_an_error(self):
+        source = self.write("a.raw", bytes(range(64)))
+        for words in ([], ["--json"]):
+            words += ["--raw", '{"size":[4,4,4],"type":"uint8"}']
+            with open("/dev/full", "w") as full:
+                done = process.run([PALPATE, "import", source, self.dir / "out.vdb", *words], stdout=full,
+                                   stderr=subprocess.PIPE, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2)
+            self.assertEqual(done.stderr, "palpate: standard output: it cannot be written: check the disk or the pipe\n")
+
     def big(self, n=160):
         rng = random.Random(6)
         return self.write("big.raw", rng.randbytes(n ** 3)), json.dumps(

@@ -733,7 +733,8 @@ class Feel(Case):
 
     def test_output_that_cannot_be_written_is_an_error(self):
         ball = str(self.dir / "ball.vdb")
-        for words in (("info", ball), ("check", ball), ("feel", ball, "--seconds", "1", "--json"),
+        for words in (("--help",), ("--version",), ("help", "feel"), ("feel", "--help"),
+                      ("info", ball), ("check", ball), ("feel", ball, "--seconds", "1", "--json"),
                       ("feel", ball, "--seconds", "1", "--trace", "-")):
             with open("/dev/full", "w") as full:
                 done = process.run([PALPATE, *words], stdout=full, stderr=subprocess.PIPE,

@@ -9,6 +9,7 @@
 #include <functional>
 #include <ios>
 #include <new>
+#include <sstream>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -105,12 +106,12 @@ int run(const std::vector<std::string>& words) {
 
   try {
     app.parse(std::vector<std::string>(words.rbegin(), words.rend()));
-  } catch (const CLI::CallForHelp& e) {
-    return app.exit(e);
-  } catch (const CLI::CallForAllHelp& e) {
-    return app.exit(e);
-  } catch (const CLI::CallForVersion& e) {
-    return app.exit(e);
+  } catch (const CLI::Success& e) {  // a request for help or for the version
+    std::ostringstream out;
+    const int status = app.exit(e, out);
+    cli::sayRaw(out.str());
+    cli::flushOutput();
+    return status;
   } catch (const CLI::ParseError& e) {
     std::string verb;
     for (const CLI::App* sub : app.get_subcommands()) verb = sub->get_name() + " ";
@@ -119,9 +120,7 @@ int run(const std::vector<std::string>& words) {
   }
   const int status = body();
   // If the output is incomplete, the run has failed.
-  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
-    throw Error("standard output", "it cannot be written", "check the disk or the pipe");
-  }
+  cli::flushOutput();
   return status;
 }
 

@@ -81,7 +81,8 @@ class WholeFile {
   [[nodiscard]] int descriptor() const;
   /// Returns the temporary path, for a library that writes to it. Throws Error for standard output.
   [[nodiscard]] std::filesystem::path place() const;
-  /// Completes the file; only flushes standard output. Throws Error if writing a file has failed.
+  /// Completes the file; only flushes standard output, whose errors flushOutput() reports at the
+  /// program's end. Throws Error if writing a file has failed.
   void commit();
 
  private:

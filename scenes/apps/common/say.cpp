@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <utility>
+
+#include "palpate/engine/error.h"
 
 namespace palpate::cli {
 namespace {
@@ -136,6 +139,11 @@ void sayRaw(std::string_view data) {
 
 void sayJson(const OrderedJson& json, int indent) {
   sayRaw(dump(json, indent) + "\n");
+}
+
+void flushOutput() {
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return;
+  throw Error("standard output", "it cannot be written", "check the disk or the pipe");
 }
 
 void complain(std::string_view line) {

@@ -62,6 +62,8 @@ class Legible {
 /// Writes data to standard output unchanged. Throws std::system_error.
 void sayRaw(std::string_view data);
 void sayJson(const OrderedJson& json, int indent = 2);
+/// Flushes standard output. Throws Error if any output could not be written.
+void flushOutput();
 /// Writes the line `palpate: ...` to standard error.
 void complain(std::string_view line);
 

@@ -84,25 +84,59 @@ struct Written {
   std::filesystem::path file;
 };
 
-/// Renames all files to their final names. If a rename fails, removes the partial files, and the
-/// renamed files that replaced no other file. Then throws Error.
+/// A file with its final name.
+struct Appeared {
+  std::filesystem::path partial;
+  std::filesystem::path target;
+  bool keeps_old = false;  ///< True if `partial` now names the older file of `target`.
+  bool replaced = false;   ///< True if the older file of `target` is lost.
+};
+
+/// Gives a file its final name. An older file of this name gets the partial file's name, unless the
+/// file system cannot exchange two names (NFS). Throws Error, and then changes no file.
+Appeared appearOne(const Written& one) {
+  cli::checkReplaceable(one.file);
+  const std::filesystem::path target = cli::behindLinks(one.file);
+  if (renameat2(AT_FDCWD, one.partial.c_str(), AT_FDCWD, target.c_str(), RENAME_EXCHANGE) == 0) {
+    return {one.partial, target, true, false};
+  }
+  std::error_code error;
+  const bool was_there = std::filesystem::exists(target, error);
+  error.clear();
+  std::filesystem::rename(one.partial, target, error);
+  if (error) {
+    throw Error(one.file.string(), fmt::format("the file cannot be written ({})", error.message()),
+                "choose another path");
+  }
+  return {one.partial, target, false, was_there};
+}
+
+/// Gives all files their final names. If one fails, removes the new files, restores the older files
+/// that they replaced, and throws Error.
 void appear(const std::vector<Written>& files) {
   std::error_code error;
-  std::vector<std::filesystem::path> fresh;
-  for (const Written& one : files) {
-    const bool was_there = std::filesystem::exists(one.file, error);
-    const std::filesystem::path target = cli::behindLinks(one.file);
-    error.clear();
-    std::filesystem::rename(one.partial, target, error);
-    if (error) {
-      const std::string why = error.message();
-      for (const std::filesystem::path& file : fresh) std::filesystem::remove(file, error);
-      for (const Written& other : files) std::filesystem::remove(other.partial, error);
-      throw Error(one.file.string(), fmt::format("the file cannot be written ({})", why),
-                  "choose another path");
+  std::vector<Appeared> done;
+  try {
+    for (const Written& one : files) done.push_back(appearOne(one));
+  } catch (const Error&) {
+    for (auto one = done.rbegin(); one != done.rend(); ++one) {
+      if (one->keeps_old) std::filesystem::rename(one->partial, one->target, error);
+      if (!one->keeps_old && !one->replaced) std::filesystem::remove(one->target, error);
     }
-    if (!was_there) fresh.push_back(target);
+    for (std::size_t i = done.size(); i < files.size(); ++i) {
+      std::filesystem::remove(files[i].partial, error);
+    }
+    throw;
   }
+  for (const Appeared& one : done) {
+    if (one.keeps_old) std::filesystem::remove(one.partial, error);
+  }
+}
+
+/// Prints the child's output. Throws Error if it cannot be written.
+void print(const std::string& text) {
+  std::fwrite(text.data(), 1, text.size(), stdout);
+  cli::flushOutput();
 }
 
 class Listener {
@@ -222,7 +256,7 @@ int runGuarded(const std::string& what, const std::string& need_less,
   const int status = ended ? WEXITSTATUS(result) : cli::kBadInput;
   if (status == cli::kDone) {
     appear(listener.files());
-    cli::sayRaw(listener.output());
+    print(listener.output());
     return cli::kDone;
   }
   std::error_code error;
