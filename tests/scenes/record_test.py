@@ -174,6 +174,9 @@ class Recorded(Case):
 
     def test_a_replay_runs_at_the_recorded_tick_rate(self):
         a = self.record("a.rec", self.scene, "--seconds", 1, "--rate", 4000)
+        # 1000 Hz is the default. If the user states it, the run must not use 4000 Hz.
+        done = run("feel", self.scene, "--device", f"replay:{a}", "--rate", 1000, status=2)
+        self.assertIn("recorded at 4000 Hz", done.stderr)
         told = json.loads(run("feel", a, "--device", f"replay:{a}", "--json").stdout)
         self.assertEqual((told["rate_asked"], told["ticks"], told["seconds"]), (4000, 4000, 1))
 

@@ -212,6 +212,11 @@ int feel(FeelOptions options) {
   return conclude(run, built, search, outputs);
 }
 
+void addRate(CLI::App& verb, FeelOptions& options) {
+  verb.add_option("--rate", options.rate, "Ticks a second (default 1000)")
+      ->each([&options](const std::string& /*rate*/) { options.rate_given = true; });
+}
+
 void addSite(CLI::App& verb, FeelOptions& options) {
   verb.add_option(
       "--site", options.site,
@@ -263,7 +268,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--seconds", options->seconds,
                    "Length of the run [s] (default: 10; with --igtl: until Ctrl-C; with only paths "
                    "or recordings as hands: to the end of each)");
-  verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  addRate(*verb, *options);
   verb->add_option(
       "--speed", options->speed,
       "Speed of recorded hands; 1 is the original speed (default: as fast as possible)");
@@ -315,7 +320,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
       "--seconds", options->seconds,
       "Length of the run [s] (default: until the window is closed, at most to the end of paths and "
       "recordings; with --picture: 10, or to the end if all hands are paths or recordings)");
-  verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  addRate(*verb, *options);
   addReengage(*verb, *options);
   addSite(*verb, *options);
   verb->add_flag("--passive", options->passive,

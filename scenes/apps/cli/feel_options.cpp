@@ -214,7 +214,7 @@ double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,
                             fileOfReplay(options.devices[h].substr(7))),
                 "replay them one by one");
   }
-  if (options.rate != FeelOptions{}.rate && options.rate != rate) {
+  if (options.rate_given && options.rate != rate) {
     throw Error("--rate", fmt::format("the hand was recorded at {} Hz", rate), "leave out --rate");
   }
   return rate;

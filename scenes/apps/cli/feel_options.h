@@ -31,7 +31,7 @@ inline constexpr double kMostFeelSeconds = 1e6;  ///< Longest duration of a run 
 void checkFeelOptions(const FeelOptions& options);
 void checkFeelOutputs(const FeelOptions& options, const SceneInput& scene);
 /// Returns the tick rate of ReplayDevices [Hz]. Throws Error if their rates differ from each other
-/// or from a --rate other than the default.
+/// or from the --rate that the user has set.
 [[nodiscard]] double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,
                                    const FeelOptions& options);
 

@@ -45,6 +45,7 @@ struct FeelOptions {
   std::vector<std::string> devices{"simulated"};
   std::optional<double> seconds;
   double rate = 1000.0;
+  bool rate_given = false;  ///< True if the user has set the rate.
   bool realtime = false;
   std::optional<double> reengage;  ///< Value of --reengage; unset: kReengage.
   bool watch = false;
