@@ -1001,6 +1001,26 @@ class OnTime(Case):
         until("the new scene is active")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
 
+    def test_after_an_edit_the_report_offers_no_command_that_gives_another_force(self):
+        scene = self.dir / "softer.json"
+        text = self.WATCHED.replace("FILE", "ball.vdb") % "skin"
+        child, until = self.watched(scene, text)
+
+        def pressed():
+            for trace in self.dir.glob(scene.name + ".csv.partial-*"):
+                rows = list(csv.reader(io.StringIO(trace.read_text())))[1:-1]
+                return any(math.hypot(*map(float, row[7:10])) > 0.5 for row in rows)
+        end = time.time() + 120
+        while not pressed():
+            self.assertLess(time.time(), end)
+            time.sleep(0.1)
+        scene.write_text(text.replace('"strength": 1', '"strength": 0.01'))
+        until("the new scene is active")
+        child.send_signal(signal.SIGINT)
+        most = json.loads(child.communicate(timeout=60)[0])["most"]
+        self.assertGreater(most["force"], 0.5)
+        self.assertIsNone(most["at"])
+
     def test_truncating_a_volume_s_file_does_not_disturb_a_run(self):
         volume = self.dir / "cut.vdb"
         whole = (self.dir / "ball.vdb").read_bytes()

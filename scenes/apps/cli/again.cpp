@@ -54,17 +54,15 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
     Again again;
     again.at = roundedTo(kOptionGrid, proxy - before * into);
     again.push = roundedTo(kOptionGrid, probe - again.at);
-    double off = 0.0;
-    if (scene.id == most.scene) {
-      constexpr double kTick = 1e-3;  // [s]: default tick of `palpate explain`
-      Reader reader;
-      ProxyState state(pathLimits());
-      static_cast<void>(restAt(scene, reader, state, again.at, kTick));
-      const Vec3 hand = again.at + again.push;
-      const StepReport r = hapticStep(scene, reader, {hand}, state, kTick);
-      // Compares only the spring's forces, because the damper's force depends on the hand's speed.
-      off = std::abs(r.stiffness * (r.proxy - hand).norm() - most.stiffness * pressed.norm());
-    }
+    constexpr double kTick = 1e-3;  // [s]: default tick of `palpate explain`
+    Reader reader;
+    ProxyState state(pathLimits());
+    static_cast<void>(restAt(scene, reader, state, again.at, kTick));
+    const Vec3 hand = again.at + again.push;
+    const StepReport r = hapticStep(scene, reader, {hand}, state, kTick);
+    // Compares only the spring's forces, because the damper's force depends on the hand's speed.
+    const double off =
+        std::abs(r.stiffness * (r.proxy - hand).norm() - most.stiffness * pressed.norm());
     if (off >= least) continue;
     least = off;
     best = again;

@@ -20,8 +20,9 @@ struct Again {
 
 /// Returns a hand's motion that reproduces `most` in one tick, with moving volumes at their pose of
 /// time 0. The hand starts on the proxy's side of a surface, so that the surface stops the proxy.
-/// If `scene` is the scene of `most`, tries several starts, and selects the start with the nearest
-/// spring force. Returns no value if this force differs by over 10 %.
+/// Tries several starts in `scene`, and selects the start with the nearest spring force. Returns no
+/// value if this force differs by over 10 %. `scene` is the scene that the command will read, which
+/// may differ from the scene of `most`.
 [[nodiscard]] std::optional<Again> againOf(const Most& most, const Scene& scene);
 
 /// Returns "palpate explain SCENE --at x,y,z --push x,y,z", with coordinates rounded to 100 nm.

@@ -206,7 +206,6 @@ std::string explained(const Recording& a, const Largest& force) {
     most.probe = vector(force.tick->hand);
     most.proxy = vector(force.tick->proxy);
     most.stiffness = force.tick->stiffness;
-    most.scene = built.scene->id;
     const std::optional<Again> again = againOf(most, *built.scene);
     return again ? explainLine(scene->file, *again) : std::string();
   } catch (const Interrupted&) {

@@ -193,6 +193,7 @@ int feel(FeelOptions options) {
   run.sites = &sites;
   run.fetched.now(built);
   run.play = built.play;
+  run.stiffest = stiffestCoupling(spec);
   if (window) run.window = &*window;
   if (igtl) {
     run.igtl = &*igtl;

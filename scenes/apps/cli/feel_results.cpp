@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <exception>
 #include <fstream>
+#include <memory>
 #include <optional>
 #include <string>
 #include <thread>
@@ -19,10 +21,26 @@
 namespace palpate::cli {
 namespace {
 
-OrderedJson mostOf(const Hand& hand, const Scene& scene) {
+/// Returns the scene that `palpate explain` would now read from the run's scene file; null if that
+/// file has no valid scene.
+std::shared_ptr<const Scene> sceneOfFile(const Run& run) {
+  if (!run.edited) return run.scene;
+  try {
+    SceneInput now = openSceneInput(run.from.file);
+    now.spec.waits = true;
+    return buildScene(now.spec, {}, &run.cache).scene;
+  } catch (const std::exception&) {
+    // The file may be removed, or edited again. Then the report has no command.
+    return nullptr;
+  }
+}
+
+/// `scene` is sceneOfFile().
+OrderedJson mostOf(const Hand& hand, const Scene* scene) {
   const Most most = hand.log.felt.most();
   if (!(most.force > 0.0)) return nullptr;
-  const std::optional<Again> again = againOf(most, scene);
+  std::optional<Again> again;
+  if (scene != nullptr) again = againOf(most, *scene);
   const double spring = most.stiffness * (most.proxy - most.probe).norm();
   return {{"force", most.force},
           {"spring", spring},
@@ -91,7 +109,8 @@ bool endRecording(const Run& run, std::size_t h) {
   return lost == 0 && hand.recorder->trouble().empty();
 }
 
-OrderedJson summaryOf(const Run& run, std::size_t h) {
+/// `scene` is sceneOfFile().
+OrderedJson summaryOf(const Run& run, std::size_t h, const Scene* scene) {
   const FeelOptions& options = run.options;
   const Hand& hand = *run.hands[h];
   OrderedJson summary;
@@ -102,8 +121,8 @@ OrderedJson summaryOf(const Run& run, std::size_t h) {
   summary["clock"] = options.realtime ? "real" : "virtual";
   const OrderedJson counted = hand.log.felt.summary();
   for (const auto& [key, value] : counted.items()) summary[key] = value;
-  summary["most"] = mostOf(hand, *run.scene);
-  summary["room"] = roomFor(hand.device->info(), options.rate, stiffestCoupling(run.spec));
+  summary["most"] = mostOf(hand, scene);
+  summary["room"] = roomFor(hand.device->info(), options.rate, run.stiffest);
   if (options.realtime) {
     summary["realtime"] = hand.granted;
   } else {
@@ -140,7 +159,10 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
 void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   const FeelOptions& options = run.options;
   std::vector<OrderedJson> felt;
-  for (std::size_t h = 0; h < run.hands.size(); ++h) felt.push_back(summaryOf(run, h));
+  const std::shared_ptr<const Scene> scene = sceneOfFile(run);
+  for (std::size_t h = 0; h < run.hands.size(); ++h) {
+    felt.push_back(summaryOf(run, h, scene.get()));
+  }
   OrderedJson summary = felt[0];
   if (!search.is_null()) summary["search"] = search;
   if (felt.size() > 1) summary["hands"] = felt;
@@ -214,7 +236,10 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
   interrupted = 0;
   report(run, search, outputs);
   try {
-    if (outputs.picture) outputs.picture->draw(run.spec, built, hands[0]->log.felt);
+    if (outputs.picture) {
+      outputs.picture->draw(run.edited ? run.edited->spec : run.spec,
+                            run.edited ? run.edited->built : built, hands[0]->log.felt);
+    }
     if (outputs.still) {
       run.window->draw(run.from.file, outputs.still->place());
       outputs.still->commit();

@@ -26,8 +26,8 @@ struct Outputs {
 [[nodiscard]] OrderedJson machineJson();
 
 /// Completes recordings, prints results and draws pictures. Returns the exit status. `run.scene`
-/// and `built` belong to the first scene of the run. `search` is the cost of finding the hand's
-/// path, or null.
+/// and `built` belong to the first scene of the run. After an edit, pictures show the latest scene.
+/// `search` is the cost of finding the hand's path, or null.
 [[nodiscard]] int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
                            Outputs& outputs);
 

@@ -279,7 +279,6 @@ Most Felt::most() const {
             most_.stiffness,
             most_.wanted,
             felt->names[most_.mode],
-            felt->id,
             nullptr,
             most_.pose};
     const int motion = most_.mode < felt->own ? felt->motion_of[most_.mode] : -1;

@@ -49,9 +49,8 @@ struct Most {
   double stiffness = 0.0;     ///< Stiffness of the coupling [N/m].
   double wanted = 0.0;        ///< Force of spring and damper, before the limiter [N].
   std::string mode;
-  std::uint64_t scene = 0;  ///< Scene::id of the tick.
-  MotionPtr motion;         ///< Motion of the mode's volume; null: at rest.
-  Pose pose;                ///< Pose by `motion` at `time`.
+  MotionPtr motion;  ///< Motion of the mode's volume; null: at rest.
+  Pose pose;         ///< Pose by `motion` at `time`.
 };
 
 /// Force of each mode of the run's first scene, then of all its parts together [N].

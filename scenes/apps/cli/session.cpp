@@ -448,6 +448,9 @@ void runOnTime(Run& run, Guardian& guardian) {
       // remain.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
       record(run, *built, *watcher);
+      run.edited = EditedScene{watcher->spec(), *built};
+      const CouplingParams coupling = stiffestCoupling(watcher->spec());
+      if (coupling.stiffness > run.stiffest.stiffness) run.stiffest = coupling;
       if (run.igtl != nullptr) run.igtl->expect(*built);
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }

@@ -195,6 +195,12 @@ class WithSites {
   bool shares_ = false;
 };
 
+/// The latest scene of a run after an edit.
+struct EditedScene {
+  SceneSpec spec;    ///< Before gains are applied.
+  BuiltScene built;  ///< With gains and images.
+};
+
 /// The checked input of a run, and objects that its hands share.
 struct Run {
   const FeelOptions& options;
@@ -211,6 +217,8 @@ struct Run {
   IgtlServer* igtl = nullptr;
   Fetched fetched{};
   PlayParams play{};
+  std::optional<EditedScene> edited{};  ///< Unset: `scene` and `spec` are the only scene.
+  CouplingParams stiffest{};            ///< Stiffest coupling of all scenes so far.
 
   /// Returns the prefix of messages about a hand, with its number if there are several.
   [[nodiscard]] std::string nameOf(std::size_t hand) const {
