@@ -546,6 +546,11 @@ class Series(Case):
         self.refused(source, self.dir / "o.vdb", "--time", "10", says="0 to 9")
         self.refused(source, self.dir / "o.vdb", "--time", "x", says="0 to 9")
 
+    def test_a_file_with_one_step_has_no_time(self):
+        source = self.dir / "one.ex2"
+        process.run([MAKE_SERIES, source, "one"], check=True)
+        report = self.imported(source, "--field", "Point Value", "--voxel", "0.5")
+        self.assertNotIn("time", report)
 
     def test_a_series_is_written_completely_or_not_at_all(self):
         """The third step of a 4-D NIfTI file is constant."""

@@ -61,7 +61,9 @@ class ExodusReader final : public Reader {
     }
   }
 
-  std::vector<double> times() const override { return times_; }
+  std::vector<double> times() const override {
+    return times_.size() > 1 ? times_ : std::vector<double>();
+  }
 
   Content read(std::size_t step) override {
     if (step < times_.size()) {

@@ -154,7 +154,7 @@ class Reader {
   Reader& operator=(const Reader&) = delete;
   virtual ~Reader() = default;
 
-  /// Returns the time of each step; may be empty for a file with one step.
+  /// Returns the time of each step; empty for a file with one step, whose time has no use.
   [[nodiscard]] virtual std::vector<double> times() const { return {}; }
   /// Returns the unit of times() [s]; no value if the file does not state it.
   [[nodiscard]] virtual std::optional<double> timeUnit() const { return std::nullopt; }
