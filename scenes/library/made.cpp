@@ -19,7 +19,7 @@ namespace made {
 namespace {
 
 /// Returns the velocity at p_F, per unit of circulation, that a straight piece of a vortex filament
-/// induces. The piece extends from a + `from` e to a + `to` e; `to` may be +infinity.
+/// induces. The piece extends from a + `from` e to a + `to` e; both may be infinite.
 Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double from, double to,
                     double core) {
   const Vec3 r_F = p_F - a_F;
@@ -27,7 +27,9 @@ Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double fr
   const Vec3 around_F = e_F.cross(r_F);
   const double h2 = around_F.squaredNorm() + core * core;
   // Antiderivative of h^2 (s^2 + h^2)^(-3/2): s / sqrt(s^2 + h^2).
-  const auto reach = [&](double s) { return std::isinf(s) ? 1.0 : s / std::sqrt(s * s + h2); };
+  const auto reach = [&](double s) {
+    return std::isinf(s) ? std::copysign(1.0, s) : s / std::sqrt(s * s + h2);
+  };
   return around_F * ((reach(to - along) - reach(from - along)) / (4.0 * M_PI * h2));
 }
 
