@@ -4,7 +4,9 @@
 #include <mutex>
 #include <utility>
 
+#include "palpate/engine/error.h"
 #include "palpate/samplers/parallel.h"
+#include "palpate/scenes/library/spec_lookup.h"
 
 namespace palpate {
 namespace {
@@ -21,7 +23,15 @@ std::string leaderOf(const SceneSpec& spec, const std::string& name) {
 }  // namespace
 
 GraphSpec PartBuilder::plan(const GraphSpec& graph) {
-  if (spec_.one_graph) return graph;
+  if (spec_.one_graph) {
+    for (const auto& [name, volume] : spec_.volumes) {
+      if (volume.instances.empty()) continue;
+      throw SceneError(pathIn(spec_, "/volumes/" + name + "/instances"),
+                       "a scene of one graph has no parts, so its volumes cannot have instances",
+                       "set one_graph to false, or give the volume one place");
+    }
+    return graph;
+  }
   std::map<std::string, PlanVolume> volumes;
   for (const auto& [name, field] : built_.fields) {
     PlanVolume& volume = volumes[name];

@@ -97,8 +97,8 @@ struct VolumeSpec {
   NonFinite non_finite = NonFinite::kRefuse;
   SmoothWidth smooth;  ///< Width of a Gaussian that smooths the grid; see LoadOptions.
   PlaceSpec place;     ///< Place and motion of the volume.
-  /// If not empty, replaces `place` by several places, none with kLike or keyframes. Volumes that
-  /// are placed like this volume (kLike) get the same instances.
+  /// If not empty, replaces `place` by several places, none with kLike, keyframes or a warp.
+  /// Volumes that are placed like this volume (kLike) get the same instances.
   std::vector<PlaceSpec> instances;
   Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
   std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.
@@ -122,7 +122,7 @@ struct SceneSpec {
   /// Volume with the units and place of a guide, by index of the mode; absent: metres in W.
   std::map<std::size_t, std::string> guide_volumes;
   std::optional<PlaySpec> play;  ///< Playback; only for scenes with a sequence.
-  /// If true, the scene is not divided into parts. Then each volume has only its first instance.
+  /// If true, the scene is not divided into parts. Then no volume may have instances.
   bool one_graph = false;
   /// If true, readers wait for missing bricks and frames. Set `waits` in virtual time.
   bool waits = false;

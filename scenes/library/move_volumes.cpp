@@ -50,6 +50,9 @@ void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& name
     const ModeSpec& mode = spec.graph.modes[i];
     check(mode.of, fmt::format("/modes/{}/of", i));
     check(mode.by, fmt::format("/modes/{}/by", i));
+    for (const std::string& name : mode.user.reads) {
+      check(name, fmt::format("/modes/{}/user/reads", i));
+    }
     for (const auto& [transfer, key] : {std::pair{&mode.strength, "strength"},
                                         {&mode.friction, "friction"},
                                         {&mode.viscosity, "viscosity"}}) {

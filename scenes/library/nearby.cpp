@@ -60,6 +60,7 @@ class Copy {
     mode.name = called(mode.name);
     rename(mode.of);
     rename(mode.by);
+    for (std::string& name : mode.user.reads) rename(name);
     for (TransferSpec* transfer : {&mode.strength, &mode.friction, &mode.viscosity}) {
       for (TransferSpec::Factor& factor : transfer->factors) rename(factor.by);
     }

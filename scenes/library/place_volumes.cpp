@@ -20,9 +20,11 @@ constexpr double kSmallestVoxel = 1e-9;  // [m]: smallest allowed edge of a voxe
 Placement Placer::placementOf(const std::string& leader, std::size_t instance) {
   const std::string path = pathIn(spec_, fmt::format("/volumes/{}/instances/{}", leader, instance));
   const PlaceSpec& place = spec_.volumes.at(leader).instances.at(instance);
-  if (place.kind == PlaceSpec::Kind::kLike || !place.keyframes.empty()) {
-    throw SceneError(path, "an instance cannot move, and cannot be placed like another volume",
-                     "give fit, unit or scale without keyframes");
+  if (place.kind == PlaceSpec::Kind::kLike || !place.keyframes.empty() || place.repeat ||
+      place.warp) {
+    throw SceneError(path,
+                     "an instance cannot move or deform, and cannot be placed like another volume",
+                     "give fit, unit or scale without keyframes, repeat and warp");
   }
   return compute(leader, place, path);
 }

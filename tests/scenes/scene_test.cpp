@@ -4,6 +4,7 @@
 #include <ctime>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <sstream>
 
@@ -138,6 +139,28 @@ TEST_CASE("a scene file with most kinds of entries is read, placed and compiled"
   CHECK(built.placements.at("flow")({1, 2, 3}) == built.placements.at("head")({1, 2, 3}));
   CHECK(built.placements.at("true").scale == 1e-3);
   CHECK((built.placements.at("turned")({1, 0, 0}) - Vec3(0, 0.01, 0.1)).norm() < 1e-6);
+}
+
+TEST_CASE("places that a scene cannot use are refused and not ignored", "[scene]") {
+  const TemporaryFolder folder;
+  writeTestVolumes(folder.path());
+  Json json = fullScene();
+  json["modes"].push_back(
+      {{"mode", "isosurface"}, {"of", "many"}, {"value", 1}, {"solid", "above"}, {"strength", 1}});
+  const SceneSpec good = parseScene(json.dump(), "s.json", folder.path());
+  CHECK(buildScene(good).scene->parts.size() == 2);
+  const auto with = [&](const std::function<void(SceneSpec & spec, PlaceSpec & instance)>& spoil) {
+    SceneSpec spec = good;
+    spoil(spec, spec.volumes.at("many").instances[1]);
+    return spec;
+  };
+  const std::string at = "s.json: /volumes/many/instances";
+  CHECK_THROWS_WITH(buildScene(with([](SceneSpec&, PlaceSpec& p) { p.warp.emplace(); })),
+                    Contains(at + "/1: an instance cannot move or deform"));
+  CHECK_THROWS_WITH(buildScene(with([](SceneSpec&, PlaceSpec& p) { p.repeat = true; })),
+                    Contains(at + "/1: an instance cannot move or deform"));
+  CHECK_THROWS_WITH(buildScene(with([](SceneSpec& s, PlaceSpec&) { s.one_graph = true; })),
+                    Contains(at + ": a scene of one graph has no parts"));
 }
 
 TEST_CASE("the schema and the reader of scenes accept and refuse the same files",

@@ -141,6 +141,21 @@ TEST_CASE("an invalid warp is rejected with its path in the scene file", "[scene
              Contains("/volumes/too/place/warp"));
 }
 
+TEST_CASE("a user-defined mode cannot read the displacement of another volume", "[scene][warp]") {
+  const TemporaryFolder folder;
+  (void)writeMade("beating-heart", 3.0, folder / "heart.vdb");
+  SceneSpec spec = parseScene(heartScene().dump(), "scene.json", folder.path());
+  ModeSpec own;
+  own.kind = ModeKind::kUser;
+  own.user.place = +[](void*, const ModeInput&, PrimitiveSet&) noexcept { return true; };
+  own.user.reads = {"heart"};
+  spec.graph.modes.push_back(own);
+  CHECK_NOTHROW((void)buildScene(spec));
+  spec.graph.modes.back().user.reads = {"heart", "u"};
+  CHECK_THROWS_WITH((void)buildScene(spec),
+                    Contains("/modes/1/user/reads: \"u\" is the displacement of another volume"));
+}
+
 TEST_CASE("the frames of a sequence are the files of a pattern, and a missing file is an error",
           "[scene][warp][sequence]") {
   const TemporaryFolder folder;
