@@ -1,5 +1,6 @@
 """Writes CGNS files with VTK's HDF5 library."""
 import ctypes
+import ctypes.util
 import struct
 
 IDENTITY = ctypes.c_int64
@@ -9,7 +10,7 @@ class Writer:
     """A file of nodes. A node is an HDF5 group with a name, a label and data."""
 
     def __init__(self, path):
-        self.lib = ctypes.CDLL("libhdf5_serial.so.103")
+        self.lib = ctypes.CDLL(ctypes.util.find_library("hdf5_serial"))
         self.lib.H5open()
         for name in ("H5Fcreate", "H5Gcreate2", "H5Screate_simple", "H5Screate", "H5Dcreate2",
                      "H5Acreate2", "H5Tcopy", "H5Pcreate"):
