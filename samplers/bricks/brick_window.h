@@ -143,8 +143,9 @@ class BrickWindow {
   /// order of a kernel's mask (cell.h).
   struct Cell {
     std::array<const float*, 16> rows;  ///< Rows in the pool, or in `room`.
-    /// Bits of active voxels in the four inner rows; other bits are 0. All bits of a brick of one
-    /// value are equal.
+    /// Bits of active voxels. In a volume of scalars, only the four inner rows have bits. In a
+    /// volume of vectors, all rows have bits except the four rows at the rim along both axes. Other
+    /// bits are 0. All bits of a brick of one value are equal.
     std::uint64_t active = 0;
     /// Memory for rows that the pool does not store as 32-bit floats.
     std::array<float, 64UL * 3> room;

@@ -7,7 +7,13 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <limits>
+#include <memory>
+#include <string>
 #include <thread>
+#include <tuple>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include <catch2/catch.hpp>
@@ -179,6 +185,176 @@ TEST_CASE("a flow in bricks is read and traced as the whole flow is, to the last
 }
 
 TEST_CASE("missing bricks are read coarsely without a step and become fine gradually", "[bricks]") {
+namespace {
+
+/// Middle of the volume of `holed`, where eight bricks meet, in index space.
+const Vec3 kMiddle(65.0, 0.0, 64.0);
+
+/// The fields of a volume and of a window with all its bricks, each with a cache.
+template <class Field>
+struct Pair {
+  std::shared_ptr<const Field> whole;
+  std::shared_ptr<const Field> bricks;
+  std::unique_ptr<FieldCache> whole_cache = std::make_unique<FieldCache>();
+  std::unique_ptr<FieldCache> bricks_cache = std::make_unique<FieldCache>();
+
+  Pair(const std::shared_ptr<const Volume>& volume, const std::shared_ptr<BrickWindow>& window,
+       const Sampling& sampling = {})
+      : whole(std::get<std::shared_ptr<const Field>>(makeVdbField(volume, placed(), sampling))),
+        bricks(std::get<std::shared_ptr<const Field>>(
+            makeBrickField(window, placed(), sampling.slope_reach))) {
+    whole->reset(*whole_cache);
+    bricks->reset(*bricks_cache);
+  }
+  /// Calls the two functions with each field and its cache.
+  template <class Of>
+  [[nodiscard]] auto both(const Of& of) const {
+    return std::make_pair(of(*whole, *whole_cache), of(*bricks, *bricks_cache));
+  }
+};
+
+/// Returns a volume about the corner of eight bricks, with active tiles and with holes: boxes,
+/// single voxels and inactive voxels that have a value.
+template <class GridT>
+std::shared_ptr<const Volume> holed(const std::string& inactive, bool level_set, Random& random) {
+  openvdb::initialize();
+  const auto grid = GridT::create();
+  const openvdb::Coord low(55, -9, 50);
+  const openvdb::Coord high(75, 12, 79);
+  const auto value = [&] {
+    if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
+      return static_cast<float>(random.uniform(-1.0, 1.0));
+    } else {
+      return openvdb::Vec3f(openvdb::Vec3d(random.inCube(1.0).data()));
+    }
+  };
+  if (level_set) {
+    grid->setGridClass(openvdb::GRID_LEVEL_SET);
+    grid->tree().root().setBackground(value(), true);
+  }
+  for (auto at = openvdb::CoordBBox(low, high).begin(); at; ++at) {
+    if (random.uniform() < 0.97) grid->tree().setValue(*at, value());
+    if (random.uniform() < 0.02) grid->tree().setValueOff(*at, value());
+  }
+  for (int n = 0; n < 6; ++n) {
+    const auto within = [&](int a) { return low[a] + random.integer(high[a] - low[a]); };
+    const openvdb::Coord at(within(0), within(1), within(2));
+    grid->fill({at, at.offsetBy(4)}, grid->background(), false);
+  }
+  grid->fill({openvdb::Coord(56, 0, 64), openvdb::Coord(63, 7, 71)}, value(), true);
+  grid->fill({openvdb::Coord(64, -8, 56), openvdb::Coord(71, -1, 63)}, value(), false);
+  if (inactive == "missing") grid->insertMeta(kMetaInactiveIsMissing, openvdb::BoolMetadata(true));
+  if (inactive == "outside") {
+    grid->insertMeta(kMetaImportedFrom, openvdb::StringMetadata("mesh"));
+  }
+  return makeVolume(*grid);
+}
+
+/// Writes a volume as bricks, and returns a window with all of them.
+template <class Field>
+Pair<Field> pairOf(const std::filesystem::path& folder, const std::shared_ptr<const Volume>& volume,
+                   const Sampling& sampling) {
+  (void)writeBricks(folder, brickInput(volume));
+  BrickFormat format;
+  format.vector = true;
+  const auto window = std::make_shared<BrickWindow>(std::make_unique<PosixBricks>(folder),
+                                                    WindowParams{40 * format.bytes(), 0.25, false});
+  window->aim(0, {kMiddle, kMiddle, Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  return {volume, window, sampling};
+}
+
+/// Reports a hand in the volume, so that the field of the window reads by its fast path.
+template <class Field>
+void attend(const Pair<Field>& pair) {
+  std::this_thread::sleep_for(std::chrono::milliseconds(15));  // all bricks have faded in
+  (void)pair.bricks->attend({kVoxel * kMiddle, kVoxel * kMiddle, 1e-3}, *pair.bricks_cache);
+}
+
+/// Returns a place in or near the data, often on voxels, or not finite.
+Vec3 somePlace(Random& random, int i) {
+  Vec3 p_I =
+      kMiddle + Vec3(0.0, 1.5, 0.5) + random.inCube(1.0).cwiseProduct(Vec3(13.0, 13.5, 17.5));
+  if (i % 5 == 0) p_I[i % 3] = std::round(p_I[i % 3]);
+  if (i % 25 == 0) p_I = p_I.array().round();
+  if (i % 500 == 0) p_I[i % 3] = std::numeric_limits<double>::quiet_NaN();
+  return kVoxel * p_I;
+}
+
+/// Compares readings at random places. Returns the number of readings that differ. Adds the number
+/// of places with data to `within`.
+int differences(const Pair<ScalarField>& pair, Random& random, int& within) {
+  int count = 0;
+  const auto same = [&](const auto& of) { count += of.first == of.second ? 0 : 1; };
+  for (int i = 1; i < 2000; ++i) {
+    const Vec3 p = somePlace(random, i);
+    const Vec3 q = p + kVoxel * random.inCube(9.0);
+    const auto read = pair.both([&](const ScalarField& field, FieldCache& cache) {
+      const ScalarSample s = field.sample(p, cache);
+      return std::make_tuple(s.value, s.gradient, s.inside, s.coarse);
+    });
+    same(read);
+    within += std::get<2>(read.first) ? 1 : 0;
+    same(pair.both([&](const ScalarField& field, FieldCache& cache) {
+      return std::make_tuple(field.value(p, cache), field.cellGradient(p, cache),
+                             field.gradientJacobian(p, cache));
+    }));
+    same(pair.both([&](const ScalarField& field, FieldCache& cache) {
+      const Crossing c = field.firstFall(p, q, 0.1, i % 2 == 0 ? 1.0 : -1.0, cache);
+      return std::make_tuple(c.found, c.share, c.cells, c.behind);
+    }));
+  }
+  return count;
+}
+int differences(const Pair<VectorField>& pair, Random& random, int& within) {
+  int count = 0;
+  const auto same = [&](const auto& of) { count += of.first == of.second ? 0 : 1; };
+  for (int i = 1; i < 2000; ++i) {
+    const Vec3 p = somePlace(random, i);
+    const auto read = pair.both([&](const VectorField& field, FieldCache& cache) {
+      const VectorSample s = field.sample(p, cache);
+      return std::make_tuple(s.value, s.jacobian, s.inside, s.coarse);
+    });
+    same(read);
+    within += std::get<2>(read.first) ? 1 : 0;
+    TraceOrder order;
+    order.length = kVoxel * random.uniform(-3.0, 3.0);
+    order.hand = kVoxel * random.inCube(3.0);
+    if (i % 8 != 1) continue;
+    same(pair.both([&](const VectorField& field, FieldCache& cache) {
+      const Trace t = field.trace(p, order, cache);
+      return std::make_tuple(t.position, t.direction, t.length, t.samples);
+    }));
+  }
+  return count;
+}
+
+}  // namespace
+
+TEST_CASE("bricks equal the volume to the last bit beside holes, tiles and the ends of the data",
+          "[bricks]") {
+  const TemporaryFolder folder;
+  const std::string inactive = GENERATE("background", "missing", "outside");
+  CAPTURE(inactive);
+  Random random(7);
+  Sampling sampling;
+  sampling.slope_reach = inactive == "missing" ? 0.5 : 0.8;
+  const auto compare = [&](const auto& pair) {
+    int within = 0;
+    CHECK(differences(pair, random, within) == 0);
+    attend(pair);
+    CHECK(differences(pair, random, within) == 0);
+    CHECK((within > 400 && within < 3900));
+    pair.bricks->leave(*pair.bricks_cache);
+  };
+  compare(pairOf<ScalarField>(folder / "fog", holed<openvdb::FloatGrid>(inactive, false, random),
+                              sampling));
+  compare(pairOf<ScalarField>(folder / "set", holed<openvdb::FloatGrid>(inactive, true, random),
+                              sampling));
+  compare(pairOf<VectorField>(folder / "flow", holed<openvdb::Vec3SGrid>(inactive, false, random),
+                              sampling));
+}
+
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
