@@ -1,6 +1,7 @@
 #include "palpate/samplers/bricks/brick_window.h"
 
 #include <chrono>
+#include <optional>
 #include <utility>
 
 #include "palpate/samplers/bricks/half.h"
@@ -32,19 +33,18 @@ std::size_t BrickWindow::newHand() const noexcept {
 
 void BrickWindow::aim(std::size_t hand, const Aim& at) const noexcept {
   if (hand >= kMostHands) return;
-  HandReport& told = pool_->hands[hand];
-  const Aim last = told.last();
-  const bool known = told.count.load(std::memory_order_relaxed) != 0;
+  detail::HandReport& told = pool_->hands[hand];
+  const std::optional<Aim> last = told.read();
   const double horizon = pool_->horizon.load(std::memory_order_relaxed);
   told.beats.fetch_add(1, std::memory_order_release);
   const auto near = [](const Vec3& a, const Vec3& b, double most) {
     return (a - b).squaredNorm() <= most * most;  // false for NaN
   };
-  if (!known || !near(at.proxy, last.proxy, kMoved) || !near(at.probe, last.probe, kMoved) ||
-      !near(horizon * at.velocity, horizon * last.velocity, kMovedAhead)) {
-    told.write(at);
-    pool_->aimed.fetch_add(1, std::memory_order_release);
+  if (last && near(at.proxy, last->proxy, kMoved) && near(at.probe, last->probe, kMoved) &&
+      near(horizon * at.velocity, horizon * last->velocity, kMovedAhead)) {
+    return;
   }
+  if (told.tryWrite(at)) pool_->aimed.fetch_add(1, std::memory_order_release);
 }
 
 BrickWindow::Entry BrickWindow::entryAt(std::int32_t level, int i, int j, int k) const noexcept {

@@ -53,7 +53,8 @@ struct WindowState {
 /// blocks the loader.
 class BrickWindow {
  public:
-  /// Number of hands that a window can follow. Further hands share the records of the first ones.
+  /// Number of hands that a window can follow. Further hands share the records of the first ones: a
+  /// record has the report of one of its hands.
   static constexpr std::size_t kMostHands = 16;
 
   /// Fetches the coarsest level and starts the loader. Throws VolumeError if the level cannot be
@@ -168,7 +169,6 @@ class BrickWindow {
   [[nodiscard]] bool settle(double seconds) const;
 
  private:
-  struct HandReport;
   struct Pool;
   struct Loader;
 

@@ -9,51 +9,11 @@
 #include <optional>
 #include <vector>
 
-#include "palpate/engine/types.h"
 #include "palpate/samplers/bricks/brick_window.h"
 #include "palpate/samplers/bricks/bricks.h"
+#include "palpate/samplers/bricks/hand_report.h"
 
 namespace palpate {
-
-/// The last report of a hand that required a new choice of requests, as a seqlock. The hand's
-/// thread writes it; threads that hold Loader::mutex read it.
-struct BrickWindow::HandReport {
-  std::atomic<std::uint32_t> count{0};
-  std::atomic<std::uint32_t> beats{0};  ///< Number of calls of aim().
-  std::array<std::atomic<double>, 9> numbers{};
-
-  void write(const Aim& at) noexcept {
-    const std::uint32_t begun = count.load(std::memory_order_relaxed) | 1U;
-    count.store(begun, std::memory_order_relaxed);
-    for (std::size_t i = 0; i < 3; ++i) {
-      const auto a = static_cast<Eigen::Index>(i);
-      numbers[i].store(at.proxy[a], std::memory_order_release);
-      numbers[3 + i].store(at.probe[a], std::memory_order_release);
-      numbers[6 + i].store(at.velocity[a], std::memory_order_release);
-    }
-    count.store(begun + 1U, std::memory_order_release);
-  }
-  /// Returns the values that were written last. Outside of the writing thread, they may belong to
-  /// two reports, which read() detects.
-  [[nodiscard]] Aim last() const noexcept {
-    Aim out;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const auto a = static_cast<Eigen::Index>(i);
-      out.proxy[a] = numbers[i].load(std::memory_order_acquire);
-      out.probe[a] = numbers[3 + i].load(std::memory_order_acquire);
-      out.velocity[a] = numbers[6 + i].load(std::memory_order_acquire);
-    }
-    return out;
-  }
-  /// Returns the last report. Returns std::nullopt before the first report and during a write.
-  [[nodiscard]] std::optional<Aim> read() const noexcept {
-    const std::uint32_t before = count.load(std::memory_order_acquire);
-    if (before == 0 || (before & 1U) != 0) return std::nullopt;
-    const Aim out = last();
-    if (count.load(std::memory_order_relaxed) != before) return std::nullopt;
-    return out;
-  }
-};
 
 /// The slots and tables of a window. Any thread may read the tables. Only the loader writes them.
 struct BrickWindow::Pool {
@@ -128,7 +88,7 @@ struct BrickWindow::Pool {
   std::atomic<double> horizon;         ///< Present look-ahead time [s].
   std::atomic<std::uint32_t> side{0};  ///< Side on which readers enter now.
   bool waits;
-  std::array<HandReport, kMostHands> hands;
+  std::array<detail::HandReport, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};  ///< Number of calls of newHand().
   /// Number of events that require a new choice of requests: reports of moved hands, and hands that
   /// begin or end their reports.

@@ -22,6 +22,7 @@
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/bricks/brick_field.h"
 #include "palpate/samplers/bricks/bricks_about.h"
+#include "palpate/samplers/bricks/hand_report.h"
 #include "palpate/samplers/bricks/write_bricks.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/retries.h"
@@ -184,7 +185,6 @@ TEST_CASE("a flow in bricks is read and traced as the whole flow is, to the last
   CHECK(samples > 10000);
 }
 
-TEST_CASE("missing bricks are read coarsely without a step and become fine gradually", "[bricks]") {
 namespace {
 
 /// Middle of the volume of `holed`, where eight bricks meet, in index space.
@@ -355,6 +355,7 @@ TEST_CASE("bricks equal the volume to the last bit beside holes, tiles and the e
                               sampling));
 }
 
+TEST_CASE("missing bricks are read coarsely without a step and become fine gradually", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -779,6 +780,23 @@ TEST_CASE("a hand that waits for its bricks longer than a second keeps its place
   for (const double x : {5.0, 75.0, 145.0}) {
     CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(x)).coarse);
   }
+}
+
+TEST_CASE("two hands that share a record do not mix their reports", "[bricks]") {
+  const auto aimOf = [](double at) {
+    return BrickWindow::Aim{Vec3::Constant(at), Vec3::Constant(at), Vec3::Constant(at)};
+  };
+  detail::HandReport report;
+  CHECK_FALSE(report.read());
+  REQUIRE(report.tryWrite(aimOf(1.0)));
+  ++report.count;  // another hand has begun to write
+  CHECK_FALSE(report.tryWrite(aimOf(2.0)));
+  CHECK_FALSE(report.read());
+  ++report.count;  // and has ended
+  REQUIRE(report.read());
+  CHECK(report.read()->proxy == Vec3::Constant(1.0));
+  REQUIRE(report.tryWrite(aimOf(2.0)));
+  CHECK(report.read()->velocity == Vec3::Constant(2.0));
 }
 
 TEST_CASE("a failed request for a brick is retried at longer and longer intervals", "[bricks]") {
