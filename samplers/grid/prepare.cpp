@@ -160,44 +160,120 @@ std::uint64_t memoryOfAll(const std::vector<Volume::Grid::Part>& parts) {
   return sum;
 }
 
-/// Returns the range of the magnitudes of a vector of three grids. Uses the active voxels in the
-/// leaves of the first grid, and the nearest voxels of the other two.
+/// Returns the voxels around c in which a grid has one value: a voxel, a tile, or the region of a
+/// tile of the root.
+template <class Tree>
+openvdb::CoordBBox evenAbout(const openvdb::tree::ValueAccessor<const Tree, false>& accessor,
+                             const Coord& c) {
+  using Root = typename Tree::RootNodeType;
+  using Upper = typename Root::ChildNodeType;
+  using Lower = typename Upper::ChildNodeType;
+  using Leaf = typename Lower::ChildNodeType;
+  constexpr std::array<openvdb::Index, 4> kSides{Upper::DIM, Lower::DIM, Leaf::DIM, 1};
+  // The depth is -1 where the root has neither a tile nor a node.
+  const auto depth = static_cast<std::size_t>(std::max(0, accessor.getValueDepth(c)));
+  const auto side = static_cast<openvdb::Int32>(kSides[depth]);
+  return openvdb::CoordBBox::createCube(c & ~(side - 1), side);
+}
+
+/// Adds the magnitudes of a vector of three grids to a range.
+template <class GridT>
+class Magnitudes {
+  using Tree = typename GridT::TreeType;
+  using Value = typename GridT::ValueType;
+
+ public:
+  explicit Magnitudes(const std::vector<Volume::Grid::Part>& parts)
+      : x_(&parts[0]), others_{Other(parts[1]), Other(parts[2])} {}
+
+  /// Adds the voxels of the first grid in a box, in which this grid has one value. Uses the nearest
+  /// voxels of the other two grids. A part of the box in which these have one value is added at
+  /// once.
+  void add(const openvdb::CoordBBox& box, double x, Range& range) const {
+    std::array<double, 2> value{};
+    bool even = true;
+    for (std::size_t n = 0; n < 2; ++n) {
+      const Other& other = others_[n];
+      const openvdb::CoordBBox there = other.nearest(*x_, box);
+      Value v{};
+      const bool active = other.accessor.probeValue(there.min(), v);
+      const bool whole = there.min() == there.max() ||
+                         evenAbout<Tree>(other.accessor, there.min()).isInside(there);
+      // The vector has data only where all three grids have data.
+      if (whole && !active) return;
+      even = even && whole;
+      value[n] = static_cast<double>(v);
+    }
+    if (even) {
+      const double size = openvdb::Vec3d(x, value[0], value[1]).length();
+      return range.add(size, true, static_cast<double>(box.volume()));
+    }
+    // Halves the longest side.
+    openvdb::CoordBBox low = box;
+    openvdb::CoordBBox high = box;
+    const auto axis = static_cast<openvdb::Int32>(box.maxExtent());
+    low.max()[axis] = (box.min()[axis] + box.max()[axis]) >> 1;
+    high.min()[axis] = low.max()[axis] + 1;
+    add(low, x, range);
+    add(high, x, range);
+  }
+
+ private:
+  struct Other {
+    const Volume::Grid::Part* part;
+    Mat3 index_from_file;
+    openvdb::tree::ValueAccessor<const Tree, false> accessor;
+
+    explicit Other(const Volume::Grid::Part& of)
+        : part(&of),
+          index_from_file(of.linear.inverse()),
+          accessor(std::get<typename GridT::ConstPtr>(of.data)->tree()) {}
+
+    /// Returns a box that contains the voxels nearest to those in a box of the grid `of`.
+    [[nodiscard]] openvdb::CoordBBox nearest(const Volume::Grid::Part& of,
+                                             const openvdb::CoordBBox& box) const {
+      openvdb::CoordBBox out;
+      const int corners = box.min() == box.max() ? 1 : 8;
+      for (int n = 0; n < corners; ++n) {
+        const auto end = [&](int a) { return ((n >> a) & 1) != 0 ? box.max()[a] : box.min()[a]; };
+        const Vec3 p = index_from_file * (of.toFile(Vec3(end(0), end(1), end(2))) - part->origin);
+        out.expand(Coord::round(openvdb::Vec3d(p.x(), p.y(), p.z())));
+      }
+      return out;
+    }
+  };
+
+  const Volume::Grid::Part* x_;
+  std::array<Other, 2> others_;
+};
+
+/// Returns the range of the magnitudes of a vector of three grids, at the active voxels and tiles
+/// of the first grid.
 template <class GridT>
 Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
   using Tree = typename GridT::TreeType;
-  const auto grid = [&](std::size_t c) -> const GridT& {
-    return *std::get<typename GridT::ConstPtr>(parts[c].data);
-  };
-  const Mat3 y_from_file = parts[1].linear.inverse();
-  const Mat3 z_from_file = parts[2].linear.inverse();
-  const auto nearest = [](const Vec3& p_I) {
-    return Coord::round(openvdb::Vec3d(p_I.x(), p_I.y(), p_I.z()));
-  };
-  const openvdb::tree::LeafManager<const Tree> leaves(grid(0).tree());
-  return tbb::parallel_deterministic_reduce(
+  const Tree& tree = std::get<typename GridT::ConstPtr>(parts[0].data)->tree();
+  const openvdb::tree::LeafManager<const Tree> leaves(tree);
+  Range range = tbb::parallel_deterministic_reduce(
       leaves.leafRange(), Range{},
-      [&](const auto& some, Range range) {
-        const openvdb::tree::ValueAccessor<const Tree, false> y(grid(1).tree());
-        const openvdb::tree::ValueAccessor<const Tree, false> z(grid(2).tree());
+      [&](const auto& some, Range sum) {
+        const Magnitudes<GridT> magnitudes(parts);
         for (auto leaf = some.begin(); leaf; ++leaf) {
           for (auto value = leaf->cbeginValueOn(); value; ++value) {
-            const Coord c = value.getCoord();
-            const Vec3 p_F = parts[0].toFile(Vec3(c.x(), c.y(), c.z()));
-            typename GridT::ValueType v{};
-            typename GridT::ValueType w{};
-            // The vector has data only where all three grids have data.
-            if (y.probeValue(nearest(y_from_file * (p_F - parts[1].origin)), v) &&
-                z.probeValue(nearest(z_from_file * (p_F - parts[2].origin)), w)) {
-              range.add(openvdb::Vec3d(*value, v, w).length(), true);
-            }
+            magnitudes.add(openvdb::CoordBBox(value.getCoord(), value.getCoord()), *value, sum);
           }
         }
-        return range;
+        return sum;
       },
       [](Range a, const Range& b) {
         a.join(b);
         return a;
       });
+  const Magnitudes<GridT> magnitudes(parts);
+  auto tile = tree.cbeginValueOn();
+  tile.setMaxDepth(tile.getLeafDepth() - 1);
+  for (; tile; ++tile) magnitudes.add(tile.getBoundingBox(), *tile, range);
+  return range;
 }
 
 }  // namespace

@@ -72,8 +72,7 @@ struct GridInfo {
   /// Lowest active value; for a vector, the smallest magnitude. NaN for a type that is not read.
   double lowest = 0.0;
   double highest = 0.0;  ///< Highest active value; for a vector, the largest magnitude.
-  /// Mean of the active values, tiles included; for a vector, of the magnitudes. For three grids,
-  /// mean, lowest and highest value do not include tiles.
+  /// Mean of the active values, tiles included; for a vector, of the magnitudes.
   double mean = 0.0;
   double background = 0.0;  ///< Value of the background; for a vector, its magnitude.
   /// Number of voxels, tiles and backgrounds with a value that is NaN, infinite or above 1e100 in

@@ -151,6 +151,38 @@ TEST_CASE("three scalar grids form one vector and each grid is sampled at its ow
   CHECK_THROWS_WITH(reload(grids, "vel"), Contains("do not overlap"));
 }
 
+TEST_CASE("active tiles count in the magnitudes of three grids", "[samplers][kinds]") {
+  // Each component is constant in boxes, of which most voxels are in tiles.
+  const auto boxes = [](int c, int n, bool tiles) {
+    openvdb::initialize();
+    auto grid = openvdb::FloatGrid::create();
+    auto transform = Transform::createLinearTransform(0.5);
+    if (c == 2) transform->postTranslate(Vec3d(0.2, 0.7, -1.2));
+    if (c == 1) transform->postRotate(0.1, openvdb::math::Z_AXIS);
+    grid->setTransform(transform);
+    grid->setName(std::string("vel.") + "xyz"[c]);
+    grid->sparseFill({Coord(0), Coord(n)}, 1.0F + static_cast<float>(c));
+    grid->sparseFill({Coord(n / 3, 5, 8 * c), Coord(n / 2, n / 2, n)}, 4.0F - 3.0F * c);
+    grid->sparseFill({Coord(9), Coord(21)}, 0.0F, false);
+    grid->tree().setValue(Coord(7, 6, 5), 9.0F);
+    if (!tiles) grid->tree().voxelizeActiveTiles();
+    return grid;
+  };
+  const auto infoOf = [&](int n, bool tiles) {
+    return reload({boxes(0, n, tiles), boxes(1, n, tiles), boxes(2, n, tiles)}, "vel")->info();
+  };
+  const GridInfo sparse = infoOf(50, true);
+  const GridInfo dense = infoOf(50, false);
+  CHECK(sparse.lowest == dense.lowest);
+  CHECK(sparse.highest == dense.highest);
+  CHECK(sparse.mean == Approx(dense.mean).epsilon(1e-12));
+  CHECK(sparse.lowest < sparse.highest);
+  // Here a tile has 128^3 voxels.
+  const GridInfo large = infoOf(127, true);
+  CHECK(large.highest >= sparse.highest);
+  CHECK(large.lowest > 0.0);
+}
+
 TEST_CASE("vectors in index space are transformed by the rule of their kind", "[samplers][kinds]") {
   const auto kind =
       GENERATE(openvdb::VEC_INVARIANT, openvdb::VEC_COVARIANT, openvdb::VEC_CONTRAVARIANT_RELATIVE);
