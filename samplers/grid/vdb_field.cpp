@@ -83,11 +83,19 @@ std::shared_ptr<const FreeMap> freeMapOf(const Volume& volume, std::size_t part,
 
 }  // namespace detail
 
-Placement fitInto(const Box& bounds_F, double size) {
+Placement fitInto(const GridInfo& volume, double size) {
+  const std::string what = "grid \"" + volume.name + "\"";
+  const Box& bounds_F = volume.bounds;
   const double longest = bounds_F.size().maxCoeff();
-  if (!(longest > 0.0) || !std::isfinite(longest)) {
-    throw VolumeError("fit", "the volume is one voxel and has no extent",
+  if (bounds_F.empty() || longest == 0.0) {
+    throw VolumeError(what,
+                      std::string(bounds_F.empty() ? "it has no voxel" : "it is a single voxel") +
+                          ", which has no extent to fit",
                       "use \"scale\" instead of \"fit\"");
+  }
+  if (!std::isfinite(longest) || !bounds_F.centre().allFinite()) {
+    throw VolumeError(what, "its bounds are not finite",
+                      "write it with a smaller voxel size or origin");
   }
   Placement placement;
   placement.scale = size / longest;

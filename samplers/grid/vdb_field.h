@@ -26,9 +26,10 @@ struct Placement {
   }  ///< Returns true if all numbers of both placements are equal.
 };
 
-/// Returns a placement that puts the centre of the bounds at W's origin and makes their longest
-/// side `size` metres long. Throws VolumeError if the bounds have no extent or are not finite.
-[[nodiscard]] Placement fitInto(const Box& bounds_F, double size);
+/// Returns a placement that puts the centre of a volume's bounds at W's origin and makes their
+/// longest side `size` metres long. Throws VolumeError, with the volume's name, if the bounds have
+/// no extent or are not finite.
+[[nodiscard]] Placement fitInto(const GridInfo& volume, double size);
 
 /// Methods to compute values between voxels.
 enum class Interpolation : std::uint8_t {

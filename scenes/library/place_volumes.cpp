@@ -109,7 +109,7 @@ Placement Placer::computeAny(const std::string& name, const PlaceSpec& place,
   switch (place.kind) {
     case PlaceSpec::Kind::kFit:
       try {
-        return centred(fitInto(volumes_.at(name)->bounds, positive(place.size, "fit")).scale);
+        return centred(fitInto(*volumes_.at(name), positive(place.size, "fit")).scale);
       } catch (const VolumeError& e) {
         throw SceneError::within(path, e);
       }

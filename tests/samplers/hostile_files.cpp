@@ -176,7 +176,7 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
   digest.add(largest);
   Placement placement;
   if (volume->info().bounds.size().maxCoeff() > 0.0) {
-    placement = fitInto(volume->info().bounds, 0.1);
+    placement = fitInto(volume->info(), 0.1);
   }
   const std::vector<Vec3> points = probes(*volume, placement);
   for (const Interpolation kind : {Interpolation::kTrilinear, Interpolation::kNearest,

@@ -30,7 +30,7 @@ struct Pressed {
 /// the same surface with a strength of `weak` [N] yields.
 Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, double strength,
               double weak) {
-  const Placement placement = fitInto(volume->info().bounds, 0.1);
+  const Placement placement = fitInto(volume->info(), 0.1);
   const FieldPtr field = makeVdbField(volume, placement);
   const Vec3 centre = placement(Vec3::Zero());
   const double radius = placement.scale * radius_F;

@@ -24,6 +24,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
 #include "palpate/samplers/leased_file.h"
 #include "palpate/samplers/parallel.h"
 #include "tests/support/random.h"
@@ -135,6 +136,19 @@ TEST_CASE("active tiles count in a grid's range of values and number of voxels",
   const GridInfo info = describeGrids(folder / "a.vdb").front();
   CHECK(info.active_voxels == 1512);
   CHECK(info.highest == 7.0);
+}
+
+TEST_CASE("a volume that cannot be fitted is refused with its name and the reason", "[volume]") {
+  GridInfo info;
+  info.name = "stone";
+  info.bounds = {Vec3::Zero(), Vec3(2.0, 4.0, 1.0)};
+  CHECK(fitInto(info, 0.1).scale == Approx(0.025));
+  info.bounds = {Vec3::Ones(), Vec3::Ones()};
+  CHECK_THROWS_WITH(fitInto(info, 0.1), Contains("\"stone\"") && Contains("a single voxel"));
+  info.bounds = Box{};
+  CHECK_THROWS_WITH(fitInto(info, 0.1), Contains("\"stone\"") && Contains("no voxel"));
+  info.bounds = {Vec3::Zero(), Vec3(1.0, std::numeric_limits<double>::infinity(), 1.0)};
+  CHECK_THROWS_WITH(fitInto(info, 0.1), Contains("\"stone\"") && Contains("not finite"));
 }
 
 TEST_CASE("a missing file, a folder or a file of another format is refused in one line",
