@@ -20,6 +20,8 @@ namespace palpate {
 
 /// Largest friction coefficient. Rubber on rubber has 1.2.
 inline constexpr double kMostFriction = 10.0;
+/// Largest factor by which the walls of a groove increase friction (Seam::walls).
+inline constexpr double kMostWalls = 3.0;
 
 /// A material property of the paper's section 2 (strength, friction, viscosity, stiffness): a
 /// transfer function of one scalar property, or a product of several.

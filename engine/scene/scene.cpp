@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <utility>
+#include <variant>
 
 #include "palpate/engine/error.h"
 
@@ -127,8 +128,13 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
                        "a part has a guide or a user-defined mode",
                        "move this mode to the scene itself");
     }
-    part.most +=
-        mode.strength.highest() * (1.0 + mode.friction.highest()) + mode.viscosity.highest();
+    double friction = mode.friction.highest();
+    const auto field = fields.find(mode.of);
+    const bool grooves =
+        mode.kind == ModeKind::kIsosurface && field != fields.end() &&
+        std::visit([](const auto& of) { return of->frame().distance; }, field->second);
+    if (grooves) friction = std::min(kMostWalls * friction, kMostFriction);
+    part.most += mode.strength.highest() * (1.0 + friction) + mode.viscosity.highest();
   }
   return part;
 }

@@ -43,8 +43,7 @@ inline constexpr int kMostSubsteps = 64;
 struct Part {
   Graph graph;        ///< Graph of the part. Its fields stand still, and its stiffness is constant.
   Box bounds;         ///< Box that contains all effects of the part [m].
-  double most = 0.0;  ///< Upper bound of the sum of the forces of the part's modes [N], without the
-                      ///< effect of grooves on friction (SurfaceSource::grooves).
+  double most = 0.0;  ///< Upper bound of the sum of the forces of the part's modes [N].
 };
 
 /// A field counts as near within this distance from its bounds [voxels].

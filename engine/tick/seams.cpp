@@ -80,10 +80,9 @@ bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, co
 /// In a groove the slopes to both sides along the normal are equal, except for errors of the
 /// lattice. In a sheet or slit of one or two voxels the slopes differ, because one side contains
 /// the other face, which bears no load. So the more the slopes differ, the more weight the steeper
-/// slope has. Between walls that face each other the ratio would be unbounded; kMost limits it. The
-/// ratio is 1 where the surface is convex, tr(dn/dx) >= 0.
+/// slope has. Between walls that face each other the ratio would be unbounded; kMostWalls limits
+/// it. The ratio is 1 where the surface is convex, tr(dn/dx) >= 0.
 double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobian) noexcept {
-  constexpr double kMost = 3.0;
   // largest difference of the slopes to both sides of a rotated groove
   constexpr double kLattice = 0.4;
   const double turn = jacobian.trace() - normal.dot(jacobian * normal);
@@ -109,7 +108,7 @@ double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobia
   const double one_sided = std::clamp((std::abs(ahead - back) - kLattice) / kLattice, 0.0, 1.0);
   g += one_sided * std::max(0.0, std::max(ahead, back) - n.dot(g)) * n;
   const double norm = g.norm();
-  return norm > 0.0 ? std::clamp(1.0 / norm, 1.0, kMost) : 1.0;
+  return norm > 0.0 ? std::clamp(1.0 / norm, 1.0, kMostWalls) : 1.0;
 }
 
 /// Replaces the samples of a surface's gradient by lower samples of the other surfaces.

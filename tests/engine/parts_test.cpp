@@ -376,6 +376,24 @@ TEST_CASE("only the strongest parts are evaluated if more parts than the limit a
   CHECK(off <= most);
 }
 
+TEST_CASE("the bound of a part's force includes the friction that grooves add", "[scale]") {
+  const auto most = [](double friction, bool distance) {
+    FieldFrame frame;
+    frame.bounds = {Vec3::Constant(-0.1), Vec3::Constant(0.1)};
+    frame.distance = distance;
+    const FieldPtr field = makeScalarField(frame, [](const Vec3& p) noexcept -> ScalarSample {
+      return {p.z(), Vec3::UnitZ(), true};
+    });
+    return makePart(specOf({Vec3::Zero(), 0.02, 2.0, friction}), {{"ball", field}}).most;
+  };
+  CHECK(most(0.0, true) == 2.0);
+  // Outside of a distance field the friction is mu. In one, the walls bear up to three times the
+  // load, but mu does not exceed 10.
+  CHECK(most(0.5, false) == Approx(2.0 * (1.0 + 0.5)));
+  CHECK(most(0.5, true) == Approx(2.0 * (1.0 + 3.0 * 0.5)));
+  CHECK(most(9.0, true) == Approx(2.0 * (1.0 + 10.0)));
+}
+
 TEST_CASE("a part with an unsupported property is refused with the reason", "[scale]") {
   const auto says = [](const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields,
                        const char* words) {
