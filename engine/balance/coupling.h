@@ -32,8 +32,8 @@ class LengthRate {
   /// Forgets all lengths.
   void forget() noexcept { count_ = 0; }
 
-  /// Largest number of stored lengths, enough for 2 ms at 63 kHz.
-  static constexpr std::size_t kMost = 128;
+  /// Largest number of stored lengths, enough for 2 ms at 100 kHz, the fastest rate of a servo.
+  static constexpr std::size_t kMost = 256;
 
  private:
   struct Reading {
