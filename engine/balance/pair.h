@@ -106,13 +106,13 @@ class Pair {
   }
 
   /// Runs Newton from `start` within [low, high], where h(low) <= 0 <= h(high). There h is convex
-  /// or concave, so Newton overshoots at most once. Returns the number of heights evaluated; kMost
-  /// if Newton's method did not converge.
+  /// or concave, so Newton overshoots at most once. Returns the number of heights evaluated, at
+  /// most kMost. If Newton's method did not converge, s is the last place; bound() then decides.
   int slide(double low, double high, double start, double enough, double& s) const noexcept {
-    constexpr int kMost = 22;
+    constexpr int kMost = 21;
     const double last_digit = kEpsilon * (std::abs(s0_) + most_ * e2_);
     s = start;
-    for (int i = 1; i < kMost; ++i) {
+    for (int i = 1; i <= kMost; ++i) {
       const double h = height(s);
       if (std::abs(h) <= enough) return i;
       (h > 0.0 ? high : low) = s;
