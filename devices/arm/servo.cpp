@@ -40,8 +40,7 @@ Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
   TickTime time;
   time.now = now_;
   time.dt = dt;
-  time.late = std::max({0.0, dt - period_, stood_});
-  time.missed = time.late >= period_;
+  time.setLate(std::max({0.0, dt - period_, stood_}), period_);
   time.real = real_;
   loop_.tick(time);
   return arm_.force;

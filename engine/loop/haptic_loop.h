@@ -75,6 +75,12 @@ struct TickTime {
   bool missed = false;       ///< True for a late tick: `late` is a period or more.
   std::int64_t wake_ns = 0;  ///< Time from the tick's own deadline to its start, for the log [ns].
   bool real = false;  ///< True for a real clock: the durations of a tick and of a write then count.
+
+  /// Sets `late` and `missed` from the delay and from the period of the loop [s].
+  void setLate(double delay, double period) noexcept {
+    late = delay;
+    missed = delay >= period;
+  }
 };
 
 /// Returns the limits of a device in a loop of this rate [Hz]. If DeviceInfo::hand is true, an

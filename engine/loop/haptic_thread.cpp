@@ -95,8 +95,7 @@ void HapticThread::run() noexcept {
     const double asked =
         std::max(static_cast<double>(due) - static_cast<double>(count - last - 1) * period,
                  static_cast<double>(last_now) + period);
-    time.late = 1e-9 * std::max(0.0, static_cast<double>(now) - asked);
-    time.missed = time.late * params_.rate > 1.0;
+    time.setLate(1e-9 * std::max(0.0, static_cast<double>(now) - asked), 1.0 / params_.rate);
     last = count;
     last_now = now;
     loop_.tick(time);

@@ -49,8 +49,7 @@ struct Rig {
   const Telemetry& tick(double late = 0.0) {
     time.dt = kDt + late;
     time.now += time.dt;
-    time.late = late;
-    time.missed = late > kDt;
+    time.setLate(late, kDt);
     if (guarded) ++guard;
     loop.tick(time);
     return loop.latest();
@@ -576,6 +575,11 @@ TEST_CASE("ticks that are late by less than the limit are counted and keep their
   for (int i = 0; i < 50; ++i) rig.tick(0.004);
   CHECK(rig.loop.latest().fault == Fault::kNone);
   CHECK(rig.loop.latest().late_ticks == 50);
+  // A tick counts as late from one period on.
+  rig.tick(0.9 * kDt);
+  CHECK(rig.loop.latest().late_ticks == 50);
+  rig.tick(kDt);
+  CHECK(rig.loop.latest().late_ticks == 51);
   CHECK(rig.device.sent.norm() == Approx(1.5).margin(0.01));
 }
 
@@ -1086,8 +1090,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
 
     time.dt = kDt + late;
     time.now += time.dt;
-    time.late = late;
-    time.missed = late > kDt;
+    time.setLate(late, kDt);
     {
       const test::CountScope scope;
       loop.tick(time);
