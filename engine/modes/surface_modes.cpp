@@ -78,8 +78,8 @@ Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const Surfac
     }
     case Side::kYielded: {
       if (free) return Side::kOutside;
-      // The plane stays, as in figure 6 d of the paper. Behind `depth` its strength fades over a
-      // voxel.
+      // The plane stays, as in figure 6 d of the paper, also without data: in a level set, the band
+      // may end before `depth`. Behind `depth` its strength fades over a voxel.
       const double past = contact.normal.dot(contact.anchor - place.stand.read);
       memory.share = std::clamp(1.0 - (past - mode.depth) / mode.skin.voxel, 0.0, 1.0);
       return memory.share <= 0.0 ? Side::kInside : Side::kYielded;

@@ -215,6 +215,8 @@ bool stay(Tick& tick, Iteration& now) noexcept {
     (void)stop(tick, now, trial, true);
     return true;
   }
+  // The slice now reads properties, which sets `last_read`. The surface that the sweep has reached
+  // stays `touched`: it is within the tolerance of the place of that reading.
   now.read = false;
   now.read_at = from;
   return false;
