@@ -13,6 +13,7 @@
 #include "palpate/samplers/grid/band_cell.h"
 #include "palpate/samplers/grid/cells_at.h"
 #include "palpate/samplers/grid/filter_lines.h"
+#include "palpate/samplers/grid/tile_blocks.h"
 
 namespace palpate {
 namespace {
@@ -107,16 +108,19 @@ template <class GridT>
 void completeSurface(const GridT& values, typename GridT::TreeType& coefficients) {
   const openvdb::tree::ValueAccessor<const typename GridT::TreeType, false> accessor(values.tree());
   const double background = values.background();
+  const auto complete = [&](const Coord& voxel) {
+    detail::eachCellAt(accessor, voxel, [&](const Coord& low, const auto& at, int active) {
+      if (active == 8 || !detail::holdsSurface(at, background)) return;
+      for (int n = 0; n < 8; ++n) coefficients.setActiveState(low + detail::cornerOf(n), true);
+    });
+  };
   for (auto leaf = values.tree().cbeginLeaf(); leaf; ++leaf) {
-    for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) {
-      detail::eachCellAt(accessor, voxel.getCoord(),
-                         [&](const Coord& low, const auto& at, int active) {
-                           if (active == 8 || !detail::holdsSurface(at, background)) return;
-                           for (int n = 0; n < 8; ++n) {
-                             coefficients.setActiveState(low + detail::cornerOf(n), true);
-                           }
-                         });
-    }
+    for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) complete(voxel.getCoord());
+  }
+  constexpr int kSize = GridT::TreeType::LeafNodeType::DIM;
+  for (const Coord& block : detail::tileBlocks(values.tree(), /*inner=*/false)) {
+    const auto box = openvdb::CoordBBox::createCube(block, kSize);
+    for (auto voxel = box.begin(); voxel; ++voxel) complete(*voxel);
   }
 }
 

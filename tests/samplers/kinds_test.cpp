@@ -9,10 +9,12 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/vdb_field.h"
 #include "palpate/samplers/grid/volume.h"
 #include "tests/support/counters.h"
+#include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -152,7 +154,7 @@ TEST_CASE("three scalar grids form one vector and each grid is sampled at its ow
 }
 
 TEST_CASE("active tiles count in the magnitudes of three grids", "[samplers][kinds]") {
-  // Each component is constant in boxes, of which most voxels are in tiles.
+  // Each component is constant in boxes. Most voxels are in tiles.
   const auto boxes = [](int c, int n, bool tiles) {
     openvdb::initialize();
     auto grid = openvdb::FloatGrid::create();
@@ -375,6 +377,41 @@ TEST_CASE("the inside flag of a sample is the same for all interpolations except
       REQUIRE(field->sample(p, cache).inside == expected);
     }
   }
+}
+
+TEST_CASE("splines have data where the trilinear value has, beside holes and tiles",
+          "[samplers][kinds]") {
+  openvdb::initialize();
+  const std::string kind = GENERATE("fog", "level set", "missing", "outside");
+  CAPTURE(kind);
+  Random random(4);
+  const auto grid = openvdb::FloatGrid::create(kind == "level set" ? 1.0F : 0.0F);
+  if (kind == "level set") grid->setGridClass(openvdb::GRID_LEVEL_SET);
+  if (kind == "missing") grid->insertMeta(kMetaInactiveIsMissing, openvdb::BoolMetadata(true));
+  if (kind == "outside") grid->insertMeta(kMetaImportedFrom, openvdb::StringMetadata("mesh"));
+  const auto value = [&] { return static_cast<float>(random.uniform(-0.5, 0.5)); };
+  for (auto at = openvdb::CoordBBox(Coord(-10), Coord(10)).begin(); at; ++at) {
+    if (kind == "level set") break;  // noise is not a distance
+    if (random.uniform() < 0.9) grid->tree().setValue(*at, value());
+    if (random.uniform() < 0.1) grid->tree().setValueOff(*at, value());
+  }
+  grid->fill({Coord(0), Coord(7)}, -0.3F);                     // a tile
+  grid->fill({Coord(8, 0, 0), Coord(15, 7, 7)}, 0.2F, false);  // an inactive tile beside it
+  grid->fill({Coord(-8, -5, -4), Coord(-3, -1, 6)}, grid->background(), false);
+  const auto volume = makeVolume(*grid);
+  std::vector<Probe> probes;
+  probes.reserve(kSmooth.size());
+  for (const Interpolation order : kSmooth) probes.emplace_back(makeVdbField(volume, {}, {order}));
+  int within = 0;
+  int differences = 0;
+  for (int i = 0; i < 5000; ++i) {
+    const Vec3 p = random.inCube(13.0);
+    const bool inside = probes[0].scalar(p).inside;
+    within += inside ? 1 : 0;
+    for (Probe& probe : probes) differences += probe.scalar(p).inside == inside ? 0 : 1;
+  }
+  CHECK(differences == 0);
+  CHECK((within > 90 && within < 4800));
 }
 
 TEST_CASE("spline coefficients are computed once for each volume", "[samplers][kinds][spline]") {
