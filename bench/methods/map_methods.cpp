@@ -29,9 +29,6 @@ std::vector<MapMethod> methodsOver(const MapContact& contact) {
   methods::EulerFixedParams fixed;
   fixed.step = 1e-2;
   fixed.max_iterations = 2000;
-  methods::EulerAdaptiveParams adaptive;
-  adaptive.grow = 1.05;
-  adaptive.shrink = 0.5;
   methods::NelderMeadParams simplex;
   simplex.tolerance = 1e-8;
   methods::SmallestResidualParams smallest;
@@ -40,7 +37,8 @@ std::vector<MapMethod> methodsOver(const MapContact& contact) {
           wrapBalance(contact, "constraint approach", placedBy(methods::constraintApproach)),
           wrapBalance(contact, "force function", placedBy(methods::forceFunction)),
           wrapBalance(contact, "Euler, fixed step", placedBy(methods::eulerFixed, fixed)),
-          wrapBalance(contact, "Euler, adaptive step", placedBy(methods::eulerAdaptive, adaptive)),
+          wrapBalance(contact, "Euler, adaptive step",
+                      placedBy(methods::eulerAdaptive, methods::EulerAdaptiveParams{})),
           wrapBalance(contact, "Nelder-Mead", placedBy(methods::nelderMead, simplex)),
           wrapBalance(contact, "smallest residual", placedBy(methods::smallestResidual, smallest))};
 }

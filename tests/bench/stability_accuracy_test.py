@@ -48,6 +48,14 @@ class StabilityAccuracy(unittest.TestCase):
         self.assertGreater(self.of("two planes", "constraint approach")["force_error"], 0.1)
         self.assertLess(self.of("a wall", "constraint approach")["force_error"], 1e-9)
 
+    def test_euler_s_adaptive_step_is_the_best_known_one(self):
+        """Its setting must not make the paper's method worse than necessary."""
+        wall = self.of("a wall", "Euler, adaptive step")
+        self.assertLess(wall["force_error"], 0.01)
+        for at in wall["stable"]:
+            self.assertGreater(at["stiffness"], 0.85 * at["formula"], at)
+        self.assertLess(self.of("two planes", "Euler, adaptive step")["force_error"], 0.04)
+
     def test_the_chart_script_draws_the_chart(self):
         words = subprocess.run([CHART, str(self.result), str(self.dir)], check=True, text=True,
                                capture_output=True, timeout=120).stdout
