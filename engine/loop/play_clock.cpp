@@ -37,6 +37,10 @@ void PlayClock::nudge(double by) noexcept {
   }
 }
 
+double PlayClock::position() const noexcept {
+  return reached_.load(std::memory_order_relaxed) + nudged_.load(std::memory_order_relaxed);
+}
+
 namespace {
 
 double within(double time, const PlayParams& ends) noexcept {
@@ -73,6 +77,7 @@ double PlayClock::next(PlayHead& head, double dt) const noexcept {
   }
   if (!std::isfinite(head.time)) head.time = std::isfinite(now.begin) ? now.begin : 0.0;
   if (!std::isfinite(head.rate)) head.rate = 0.0;
+  reached_.store(head.time - head.nudged, std::memory_order_relaxed);
   return head.time;
 }
 

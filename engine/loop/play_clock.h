@@ -34,7 +34,7 @@ struct PlayHead {
 class PlayClock {
  public:
   /// Begins at `params.begin`.
-  explicit PlayClock(const PlayParams& params = {}) { steer(params); }
+  explicit PlayClock(const PlayParams& params = {}) : reached_(params.begin) { steer(params); }
 
   // Functions for any thread.
   /// Sets the parameters from the next ticks on. Play continues from its position; before the first
@@ -53,6 +53,9 @@ class PlayClock {
   void seek(double time) noexcept;
   /// Moves play forwards or backwards by `by` [s]. Ignores a number that is not finite.
   void nudge(double by) noexcept;
+  /// Returns the play position of the last tick of any loop, moved by the nudges since then [s];
+  /// `begin` before the first tick. The position may be beyond an end of the range by these nudges.
+  [[nodiscard]] double position() const noexcept;
 
   // Function for a loop.
   /// Advances `head` to a tick, `dt` [s] after the last tick, and returns its play position [s].
@@ -69,6 +72,8 @@ class PlayClock {
   std::atomic<double> nudged_{0.0};
   std::atomic<double> sought_{0.0};  ///< Position of the last seek [s]; written before `seeks_`.
   std::atomic<std::uint32_t> seeks_{0};
+  /// Position of the last tick minus the nudges that it has followed [s].
+  mutable std::atomic<double> reached_{0.0};
 };
 
 }  // namespace palpate

@@ -168,6 +168,28 @@ void checkTimes(const FrameTimes& when, std::size_t count, const std::string& na
 
 }  // namespace
 
+double FrameTimes::stepFrom(double play, bool forward) const noexcept {
+  if (times.size() < 2 || !std::isfinite(play)) return 0.0;
+  const double first = times.front();
+  const double length = times.back() - first;
+  double at = play;
+  if (repeat) at -= length * std::floor((play - first) / length);
+  if (at < first) return forward ? first - at : 0.0;
+  if (at > times.back()) return forward ? 0.0 : times.back() - at;
+  const auto after = std::upper_bound(times.begin() + 1, times.end() - 1, at);
+  const auto last = static_cast<std::ptrdiff_t>(times.size()) - 2;  // index of the last interval
+  const auto begin_of = [&](std::ptrdiff_t i) { return times[static_cast<std::size_t>(i)]; };
+  const auto length_of = [&](std::ptrdiff_t i) { return begin_of(i + 1) - begin_of(i); };
+  const std::ptrdiff_t here = after - times.begin() - 1;
+  const double share = (at - begin_of(here)) / length_of(here);
+  const std::ptrdiff_t next = here + (forward ? 1 : -1);
+  if (next > last) {
+    return times.back() - at + (repeat ? share * length_of(0) : 0.0);
+  }
+  if (next < 0) return first - at - (repeat ? (1.0 - share) * length_of(last) : 0.0);
+  return begin_of(next) + share * length_of(next) - at;
+}
+
 FrameTimes evenTimes(std::size_t count, double rate, bool repeat) {
   FrameTimes out;
   out.repeat = repeat;

@@ -24,6 +24,10 @@ struct FrameTimes {
   std::vector<double> times;
   bool repeat = false;  ///< True if the sequence repeats; else the last frame stays.
 
+  /// Returns the signed distance in time from `play` [s] to the same share of the next interval
+  /// between two frames, or of the previous one if `forward` is false. Without such an interval,
+  /// returns the distance to the sequence's end in that direction; 0 if `play` is there or beyond.
+  [[nodiscard]] double stepFrom(double play, bool forward) const noexcept;
   /// Returns true if all times are equal.
   [[nodiscard]] bool operator==(const FrameTimes&) const = default;
 };

@@ -54,6 +54,23 @@ TEST_CASE("play time advances with the ticks and follows pause, speed, seek and 
   CHECK(after(clock, head, 1000) == Approx(4.5));
 }
 
+TEST_CASE("the play clock reports the last tick's position and the nudges since then",
+          "[sequence]") {
+  PlayClock clock({1.0, false, 2.0, 5.0, false, 2.5});
+  PlayHead head;
+  CHECK(clock.position() == 2.5);
+  CHECK(after(clock, head, 501) == Approx(3.0));
+  CHECK(clock.position() == head.time);
+  clock.pause(true);
+  clock.nudge(0.25);
+  CHECK(clock.position() == Approx(3.25));
+  CHECK(after(clock, head, 1) == Approx(3.25));
+  CHECK(clock.position() == Approx(3.25));
+  clock.seek(4.0);
+  CHECK(after(clock, head, 1) == 4.0);
+  CHECK(clock.position() == Approx(4.0));
+}
+
 TEST_CASE("play stops at the new end if the end moves before the play time", "[sequence]") {
   PlayClock clock({1.0, false, 0.0, 3.0, false});
   PlayHead head;

@@ -165,6 +165,32 @@ TEST_CASE("frames of a sequence may have uneven times", "[sequence]") {
   is(0.5, 2, 0, 0.5);
 }
 
+TEST_CASE("a step by a frame keeps the share of the interval when intervals are uneven",
+          "[sequence]") {
+  FrameTimes once{{1.0, 1.1, 2.1, 2.3}};
+  CHECK(once.stepFrom(1.0, true) == Approx(0.1));
+  CHECK(once.stepFrom(1.1, true) == Approx(1.0));
+  CHECK(once.stepFrom(2.1, true) == Approx(0.2));
+  CHECK(once.stepFrom(2.3, true) == 0.0);
+  CHECK(once.stepFrom(2.3, false) == Approx(-0.2));
+  CHECK(once.stepFrom(2.1, false) == Approx(-1.0));
+  CHECK(once.stepFrom(1.1, false) == Approx(-0.1));
+  CHECK(once.stepFrom(1.0, false) == 0.0);
+  CHECK(once.stepFrom(1.6, true) == Approx(0.6));     // from half of the second interval to 2.2
+  CHECK(once.stepFrom(1.6, false) == Approx(-0.55));  // to 1.05
+  CHECK(once.stepFrom(1.05, false) == Approx(-0.05));
+  CHECK(once.stepFrom(0.0, true) == 1.0);
+  CHECK(once.stepFrom(0.0, false) == 0.0);
+  CHECK(once.stepFrom(3.0, true) == 0.0);
+  CHECK(once.stepFrom(3.0, false) == Approx(-0.7));
+  const FrameTimes cycle{once.times, true};
+  CHECK(cycle.stepFrom(2.2, true) == Approx(0.15));     // from half of the last interval to 2.35
+  CHECK(cycle.stepFrom(1.05, false) == Approx(-0.15));  // to half of the last interval
+  CHECK(cycle.stepFrom(1.1 + 13.0, true) == Approx(1.0));
+  CHECK(cycle.stepFrom(1.1 - 13.0, false) == Approx(-0.1));
+  CHECK(FrameTimes{{0.5}}.stepFrom(0.5, true) == 0.0);
+}
+
 TEST_CASE("a sequence of vector grids interpolates between two frames", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 2, [](int i) {

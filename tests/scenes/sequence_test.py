@@ -147,12 +147,15 @@ class Play(Case):
     def test_keys_step_and_start_and_accelerate_and_rewind_the_playback(self):
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"paused": True}
+        # The second interval is three times as long as the others.
+        times = [0.1 * i if i < 2 else 0.1 * i + 0.2 for i in range(FRAMES)]
+        scene["volumes"]["ball"]["frames"] = {"times": times}
         record = self.dir / "keys.rec"
         terminal = Terminal([PALPATE, "feel", self.write("keys.json", scene), "--realtime",
                              "--device", "simulated", "--seconds", "3", "--record", record], self.dir)
         terminal.until("space: pause")
         time.sleep(0.5)
-        for key in (b".", b".", b" ", b"+"):
+        for key in (b".", b".", b",", b" ", b"+"):
             os.write(terminal.own, key)
             time.sleep(0.2)
         os.write(terminal.own, b"0")
@@ -161,10 +164,10 @@ class Play(Case):
         terminal.child.wait()
         rows = rows_of(record)
         play, rate = rows["play"], rows["play_rate"]
-        # The keys step twice from 0, start play, double its speed, and jump back to the start.
+        # The keys step twice forward from 0 and once back, start play, double its speed, and jump back to the start.
         steps = play[np.flatnonzero(np.diff(play)) + 1]
         self.assertEqual(play[0], 0)
-        np.testing.assert_allclose(steps[:2], [0.1, 0.2])
+        np.testing.assert_allclose(steps[:3], times[1:3] + times[1:2])
         self.assertTrue(np.any(np.isclose(rate, 1)))
         self.assertTrue(np.any(np.isclose(rate, 2)))
         self.assertTrue(np.any((np.diff(play) < -0.1) & (play[1:] < 0.01)))

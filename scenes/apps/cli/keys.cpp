@@ -1,8 +1,10 @@
 #include "palpate/scenes/apps/cli/keys.h"
 
 #include <chrono>
+#include <cmath>
 #include <poll.h>
 #include <unistd.h>
+#include <utility>
 
 #include "palpate/scenes/apps/common/say.h"
 
@@ -17,14 +19,15 @@ bool ours() {
 
 }  // namespace
 
-Keys::Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double frame)
+Keys::Keys(const std::vector<HapticThread*>& hands, PlayClock& clock,
+           std::vector<FrameTimes> played)
     : hands_(hands),
       clock_(clock),
-      frame_(frame),
+      played_(std::move(played)),
       shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
   if (!shown_) return;
   sayAside("Esc: force off; Enter: force on; Ctrl-C: end\n");
-  if (frame_ > 0.0) {
+  if (!played_.empty()) {
     sayAside(
         "space: pause or resume; , and .: previous or next frame; 0: first frame; - and +: half or "
         "double speed; r: repeat or play once\n");
@@ -36,6 +39,11 @@ Keys::~Keys() {
   quit_ = true;
   if (thread_.joinable()) thread_.join();
   if (raw_ && ours()) tcsetattr(0, TCSANOW, &usual_);
+}
+
+void Keys::play(std::vector<FrameTimes> played) {
+  const std::lock_guard lock(mutex_);
+  played_ = std::move(played);
 }
 
 void Keys::run() {
@@ -69,20 +77,33 @@ void Keys::look() {
       if (key == kEscape) hand->cut();
       if (key == '\n' || key == '\r') hand->clear();
     }
-    if (frame_ > 0.0) steer(key);
+    steer(key);
   }
 }
 
+/// Moves play by the shortest step of a sequence at the present position.
+void Keys::stepFrame(bool forward) {
+  double shortest = 0.0;
+  for (const FrameTimes& times : played_) {
+    const double step = times.stepFrom(clock_.position(), forward);
+    if (step == 0.0) continue;
+    if (shortest == 0.0 || std::abs(step) < std::abs(shortest)) shortest = step;
+  }
+  clock_.nudge(shortest);
+}
+
 void Keys::steer(char key) {
+  const std::lock_guard lock(mutex_);
+  if (played_.empty()) return;
   const PlayParams now = clock_.params();
   constexpr double kFaster = 2.0;
   switch (key) {
     case ' ':
       return clock_.pause(!now.paused);
     case ',':
-      return clock_.nudge(-frame_);
+      return stepFrame(false);
     case '.':
-      return clock_.nudge(frame_);
+      return stepFrame(true);
     case '0':
       return clock_.seek(now.begin);
     case '-':

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <atomic>
+#include <mutex>
 #include <termios.h>
 #include <thread>
 #include <vector>
 
 #include "palpate/engine/loop/haptic_thread.h"
 #include "palpate/engine/loop/play_clock.h"
+#include "palpate/samplers/time/frame_sequence.h"
 
 namespace palpate::cli {
 
@@ -16,11 +18,11 @@ namespace palpate::cli {
 /// terminal.
 class Keys {
  public:
-  /// @param frame  Step of the playback [s]. If 0, the keys do not control `clock`.
-  Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double frame);
+  /// @param played  Times of the scene's sequences. If empty, the keys do not control `clock`.
+  Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, std::vector<FrameTimes> played);
   ~Keys();
-  /// Sets the playback step of a new scene [s].
-  void step(double frame) { frame_ = frame; }
+  /// Sets the times of a new scene's sequences.
+  void play(std::vector<FrameTimes> played);
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;
 
@@ -28,10 +30,12 @@ class Keys {
   void run();
   void look();
   void steer(char key);
+  void stepFrame(bool forward);
 
   std::vector<HapticThread*> hands_;
   PlayClock& clock_;
-  std::atomic<double> frame_;
+  std::mutex mutex_;  ///< Guards `played_`.
+  std::vector<FrameTimes> played_;
   termios usual_{};
   bool shown_;
   bool raw_ = false;  ///< True while the terminal delivers each key at once instead of whole lines.

@@ -147,17 +147,13 @@ class Pacer {
   std::optional<Begin> begun_;
 };
 
-/// Returns the step of the keys , and . [s]: the shortest of the sequences' first frame intervals;
-/// 0 without sequences.
-double stepOf(const Fetched& of) {
-  double shortest = 0.0;
+/// Returns the times of the sequences that have at least two frames.
+std::vector<FrameTimes> playedTimes(const Fetched& of) {
+  std::vector<FrameTimes> played;
   for (const auto& [name, sequence] : of.sequences()) {
-    const std::vector<double>& times = sequence->times().times;
-    if (times.size() < 2) continue;
-    const double step = times[1] - times[0];
-    shortest = shortest > 0.0 ? std::min(shortest, step) : step;
+    if (sequence->times().times.size() > 1) played.push_back(sequence->times());
   }
-  return shortest;
+  return played;
 }
 
 /// Announces the next scene to all recordings. Call record() before the hands use the scene.
@@ -418,7 +414,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     hands.push_back(std::make_unique<OnTime>(run, h, guardian, clock));
     threads.push_back(&hands.back()->thread());
   }
-  Keys keys(threads, clock, stepOf(run.fetched));
+  Keys keys(threads, clock, playedTimes(run.fetched));
   const Obeyed obeyed(run.igtl, threads);  // before the first force
   for (HapticThread* thread : threads) thread->publish(run.scene);
   constexpr auto kLook = std::chrono::milliseconds(10);
@@ -443,7 +439,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     if (shared) run.sites->hear(*watcher);
     if (const auto built = watcher->look()) {
       run.fetched.now(*built);
-      keys.step(stepOf(run.fetched));
+      keys.play(playedTimes(run.fetched));
       // If an edit does not change the scene's playback, the user's own changes of the playback
       // remain.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
