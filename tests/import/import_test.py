@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Tests palpate import through its command line: import_test.py BIN_DIR MAKE_SERIES_PROGRAM."""
 import csv
+import gzip
 import io
 import json
 import math
@@ -554,7 +555,7 @@ class Series(Case):
 
     def test_a_series_is_written_completely_or_not_at_all(self):
         """The third step of a 4-D NIfTI file is constant."""
-        def nifti(steps, cut=0):
+        def nifti(steps):
             header = bytearray(352)
             struct.pack_into("<i", header, 0, 348)
             struct.pack_into("<8h", header, 40, 4, 4, 4, 4, len(steps), 1, 1, 1)
@@ -571,6 +572,10 @@ class Series(Case):
         self.assertEqual(made, [f"out_{n:04d}.vdb" for n in range(4)])
         for name in made:
             (self.dir / name).unlink()
+        # If the last step is cut off, no file is written.
+        whole = source.read_bytes()
+        cut = self.write("cut.nii.gz", gzip.compress(whole[:-100]))
+        self.refused(cut, self.dir / "out.vdb", "--time", "all", says="cut.nii.gz")
         # If the last file cannot be written, no file is written.
         (self.dir / "out_0003.vdb").mkdir()
         (self.dir / "out_0003.vdb" / "x").mkdir()
