@@ -81,9 +81,11 @@ Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
 
 constexpr double kFloor = 0.05;  // least magnitude of an eigenvalue in solveFree()
 
-/// Returns x = S^-1 b if all eigenvalues of S (for N = 3, of its symmetric part) are above kFloor.
-/// Otherwise the balance is a ridge (newton.h), and the step leads down from it, by the magnitudes
-/// of the eigenvalues, each at least kFloor.
+/// Returns x = S^-1 b if the real parts of S's eigenvalues are above kFloor; for N = 3, if those of
+/// its symmetric part are, which suffices. S is not symmetric where n and c differ, and a balance
+/// is stable if dx/dt = -S x decays, which these real parts decide. Otherwise the balance is a
+/// ridge (newton.h), and the step leads down from it, by the magnitudes of the eigenvalues of the
+/// symmetric part, each at least kFloor.
 template <int N>
 Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
                                       const Eigen::Matrix<double, N, 1>& b) noexcept {
@@ -94,7 +96,8 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
     if constexpr (N == 2) {
       const double det = S(0, 0) * S(1, 1) - S(0, 1) * S(1, 0);
       const double trace = S(0, 0) + S(1, 1);
-      // The condition means that both eigenvalues are above the floor.
+      // The trace and the determinant of S - kFloor I are positive: for any real S, this means that
+      // both real parts are above the floor.
       if (trace > 2.0 * kFloor && det > kFloor * (trace - kFloor)) {
         return Vector(S(1, 1) * b[0] - S(0, 1) * b[1], S(0, 0) * b[1] - S(1, 0) * b[0]) / det;
       }
