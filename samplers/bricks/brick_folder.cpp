@@ -9,31 +9,15 @@
 #include <sys/stat.h>
 #include <system_error>
 #include <unistd.h>
-#include <utility>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/descriptor.h"
 
 namespace palpate {
 namespace {
 
 /// Folder of the files that are being written. Complete files are moved to their final places.
 constexpr const char* kPartial = ".partial";
-
-class Opened {
- public:
-  explicit Opened(int number) noexcept : number_(number) {}
-  Opened(const Opened&) = delete;
-  Opened& operator=(const Opened&) = delete;
-  ~Opened() {
-    if (number_ >= 0) ::close(number_);
-  }
-  [[nodiscard]] int get() const noexcept { return number_; }
-  /// Returns false on an error. The system may report a failed write only at this time.
-  [[nodiscard]] bool close() noexcept { return ::close(std::exchange(number_, -1)) == 0; }
-
- private:
-  int number_;
-};
 
 }  // namespace
 
@@ -77,7 +61,7 @@ int BrickFolder::read(const std::string& name, std::span<std::byte> to,
                       std::size_t& got) const noexcept {
   got = 0;
   // Without O_NONBLOCK, opening a named pipe would wait until another process opens the pipe.
-  const Opened file(::openat(folder_, name.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  const Descriptor file(::openat(folder_, name.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.get() < 0) return errno;
   struct stat status {};
   if (::fstat(file.get(), &status) != 0) return errno;
@@ -123,9 +107,9 @@ void BrickFolder::write(const std::string& name, std::span<const std::byte> byte
   {
     // Removes the file of a terminated run or the link of another user.
     ::unlinkat(folder_, partial.c_str(), 0);
-    Opened file(::openat(folder_, partial.c_str(),
-                         O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,
-                         S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP | S_IROTH | S_IWOTH));
+    Descriptor file(::openat(folder_, partial.c_str(),
+                             O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,
+                             S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP | S_IROTH | S_IWOTH));
     if (file.get() < 0) fail(name, errno);
     for (std::size_t done = 0; done < bytes.size() && error == 0;) {
       const ssize_t some = ::write(file.get(), bytes.data() + done, bytes.size() - done);

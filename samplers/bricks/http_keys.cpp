@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/descriptor.h"
 
 namespace palpate {
 namespace {
@@ -29,16 +30,14 @@ constexpr std::size_t kLongest = 1U << 16U;
 /// Returns the content of a file. Throws VolumeError if the file is longer than kLongest, or if
 /// this user is not its owner or other users have permissions for it.
 std::string readSecret(const std::string& file) {
-  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (descriptor < 0) {
+  const Descriptor descriptor(open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (descriptor.get() < 0) {
     refuse(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
            std::string("correct the path in ") + kVariable +
                ", or become the file's owner (chown) and run chmod 600 on it");
   }
-  const auto shut = [](const int* of) { close(*of); };
-  const std::unique_ptr<const int, decltype(shut)> closed(&descriptor, shut);
   struct stat about {};
-  if (fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode)) {
+  if (fstat(descriptor.get(), &about) != 0 || !S_ISREG(about.st_mode)) {
     refuse(file, "it is not a file", std::string("correct the path in ") + kVariable);
   }
   constexpr unsigned kOthers = S_IRWXG | S_IRWXO;
@@ -49,7 +48,7 @@ std::string readSecret(const std::string& file) {
   std::string text(kLongest + 1, '\0');
   std::size_t size = 0;
   while (size < text.size()) {
-    const ssize_t got = read(descriptor, text.data() + size, text.size() - size);
+    const ssize_t got = read(descriptor.get(), text.data() + size, text.size() - size);
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) {
       refuse(file, std::string("it cannot be read (") + std::strerror(errno) + ")",

@@ -37,11 +37,9 @@ int loopsCore() noexcept {
 
 LiveShare::LiveShare()
     : descriptor_(memfd_create("palpate-live", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {
-  if (descriptor_ < 0 || ftruncate(descriptor_, sizeof(LiveBlock)) != 0 ||
-      fcntl(descriptor_, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) != 0) {
-    const std::string why = std::strerror(errno);
-    if (descriptor_ >= 0) close(descriptor_);
-    throw Error(kSubject, "shared memory cannot be created: " + why,
+  if (descriptor_.get() < 0 || ftruncate(descriptor_.get(), sizeof(LiveBlock)) != 0 ||
+      fcntl(descriptor_.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) != 0) {
+    throw Error(kSubject, std::string("shared memory cannot be created: ") + std::strerror(errno),
                 "run palpate feel without a window");
   }
   map();
@@ -69,16 +67,14 @@ LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {
 
 LiveShare::~LiveShare() {
   munmap(block_, sizeof(LiveBlock));
-  close(descriptor_);
 }
 
 void LiveShare::map() {
   void* memory =
-      mmap(nullptr, sizeof(LiveBlock), PROT_READ | PROT_WRITE, MAP_SHARED, descriptor_, 0);
+      mmap(nullptr, sizeof(LiveBlock), PROT_READ | PROT_WRITE, MAP_SHARED, descriptor_.get(), 0);
   if (memory == MAP_FAILED) {
-    const std::string why = std::strerror(errno);
-    close(descriptor_);
-    throw Error(kSubject, "the shared memory cannot be mapped: " + why,
+    throw Error(kSubject,
+                std::string("the shared memory cannot be mapped: ") + std::strerror(errno),
                 "run palpate feel without a window");
   }
   block_ = static_cast<LiveBlock*>(memory);

@@ -18,6 +18,7 @@
 #include "palpate/engine/loop/telemetry.h"
 #include "palpate/engine/scene/scene.h"
 #include "palpate/engine/tick/step.h"
+#include "palpate/samplers/descriptor.h"
 
 namespace palpate {
 
@@ -190,8 +191,9 @@ class LiveShare {
  public:
   /// Creates the memory of a loop, whose size no process can change. Throws Error.
   LiveShare();
-  /// Maps a loop's memory and takes over its inherited descriptor. Throws Error if the memory is
-  /// not a loop's, has another layout or cannot be mapped.
+  /// Maps a loop's memory by an inherited descriptor, and takes the descriptor over. Throws Error,
+  /// and closes the descriptor, if the memory is not a loop's, has another layout or cannot be
+  /// mapped.
   explicit LiveShare(int descriptor);
   ~LiveShare();
   LiveShare(const LiveShare&) = delete;
@@ -203,12 +205,12 @@ class LiveShare {
   [[nodiscard]] const LiveBlock& block() const noexcept { return *block_; }
   /// Returns the descriptor. A child process inherits the descriptor only if the caller passes it
   /// to the child.
-  [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
+  [[nodiscard]] int descriptor() const noexcept { return descriptor_.get(); }
 
  private:
   void map();
 
-  int descriptor_ = -1;
+  Descriptor descriptor_;
   LiveBlock* block_ = nullptr;
 };
 

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <atomic>
+#include <fcntl.h>
 #include <string>
 #include <sys/mman.h>
 #include <thread>
@@ -145,6 +146,7 @@ TEST_CASE("shared memory of another layout is rejected, and the loop's own canno
     try {
       const LiveShare taken(descriptor);
     } catch (const Error& error) {
+      CHECK(fcntl(descriptor, F_GETFD) == -1);  // it is closed
       return error.reason();
     }
     return std::string("none");

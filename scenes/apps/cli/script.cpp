@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/descriptor.h"
 
 namespace palpate::cli {
 namespace {
@@ -20,25 +21,27 @@ namespace {
 int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
+  Descriptor from(pipe_ends[0]);
+  Descriptor to(pipe_ends[1]);
   const pid_t child = fork();
   if (child < 0) return -1;
   if (child == 0) {
     // Ctrl-C reaches parent and child. The child ignores SIGINT, because the parent ends the child.
     signal(SIGINT, SIG_IGN);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    dup2(pipe_ends[0], STDIN_FILENO);
+    dup2(from.get(), STDIN_FILENO);
     dup2(output, STDOUT_FILENO);
-    close(pipe_ends[0]);
-    close(pipe_ends[1]);
+    from.close();
+    to.close();
     const std::vector<char*> argv = argumentsOf(command);
     execvp(argv[0], argv.data());
     _exit(127);
   }
-  close(pipe_ends[0]);
-  fcntl(pipe_ends[1], F_SETFL, O_NONBLOCK);
+  from.close();
+  fcntl(to.get(), F_SETFL, O_NONBLOCK);
   constexpr int kLook = 10;  // [ms]: time between two checks for an interrupt
   std::string_view rest = input;
-  pollfd ear{pipe_ends[1], POLLOUT, 0};
+  pollfd ear{to.get(), POLLOUT, 0};
   int status = 0;
   pid_t ended = 0;
   while (ended == 0) {
@@ -47,14 +50,13 @@ int run(std::vector<std::string> command, const std::string& input, int output) 
       const ssize_t n = write(ear.fd, rest.data(), rest.size());
       if (n > 0) rest.remove_prefix(static_cast<std::size_t>(n));
       if (rest.empty() || (n < 0 && errno != EAGAIN && errno != EINTR)) {
-        close(ear.fd);
+        to.close();
         ear.fd = -1;
       }
     }
     (void)poll(&ear, 1, kLook);
     ended = waitpid(child, &status, WNOHANG);
   }
-  if (ear.fd >= 0) close(ear.fd);
   if (ended < 0) return -1;
   if (interrupted != 0) throw Interrupted{};
   return WIFEXITED(status) ? WEXITSTATUS(status) : -1;

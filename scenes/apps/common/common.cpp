@@ -19,6 +19,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/descriptor.h"
 #include "palpate/scenes/library/new_file.h"
 
 namespace palpate::cli {
@@ -200,13 +201,14 @@ WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
   checkReplaceable(path_);
   partial_ = partialOf(path_);
   addPartial(partial_);
-  const int descriptor = createNewFile(partial_);
-  if (descriptor >= 0) file_ = fdopen(descriptor, "wb");
+  Descriptor descriptor(createNewFile(partial_));
+  if (descriptor.get() >= 0) file_ = fdopen(descriptor.get(), "wb");
   if (file_ == nullptr) {
     forgetPartial(partial_);
     throw Error(path_.string(), std::string("it cannot be written (") + std::strerror(errno) + ")",
                 "check the folder and its permissions, or choose another folder");
   }
+  (void)descriptor.release();
 }
 
 WholeFile::~WholeFile() {

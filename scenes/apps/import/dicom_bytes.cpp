@@ -185,27 +185,23 @@ PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
             head.begin() + static_cast<std::ptrdiff_t>(syntax.at));
   in.clear();
   in.seekg(static_cast<std::streamoff>(syntax.data_set));
-  memory_ = ::memfd_create("palpate-dicom", MFD_CLOEXEC);
-  std::string defect = memory_ >= 0 ? kNoMemory
-                                    : fmt::format("the inflated data set gets no memory file ({})",
-                                                  std::strerror(errno));
-  if (memory_ >= 0 && writeAll(memory_, head.data(), head.size())) {
-    defect = inflateInto(memory_, in);
+  memory_ = Descriptor(::memfd_create("palpate-dicom", MFD_CLOEXEC));
+  const int memory = memory_.get();
+  std::string defect = memory >= 0 ? kNoMemory
+                                   : fmt::format("the inflated data set gets no memory file ({})",
+                                                 std::strerror(errno));
+  if (memory >= 0 && writeAll(memory, head.data(), head.size())) {
+    defect = inflateInto(memory, in);
   }
   if (!defect.empty()) {
-    if (memory_ >= 0) ::close(memory_);
     throw VolumeError(file.string(), defect,
                       defect == kNoMemory ? "inflate it on the disk with dcmconv +te, or end other "
                                             "programs"
                       : defect == kTooLarge ? "export a smaller part"
-                      : memory_ < 0         ? "end other programs"
+                      : memory < 0          ? "end other programs"
                                             : "copy or export the file again");
   }
-  path_ = fmt::format("/proc/self/fd/{}", memory_);
-}
-
-PlainDicom::~PlainDicom() {
-  if (memory_ >= 0) ::close(memory_);
+  path_ = fmt::format("/proc/self/fd/{}", memory);
 }
 
 bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out) {

@@ -6,6 +6,8 @@
 #include <string>
 #include <string_view>
 
+#include "palpate/samplers/descriptor.h"
+
 namespace palpate::importer {
 
 /// Returns true if a file that begins with these bytes is a DICOM file. A file without the preamble
@@ -21,16 +23,13 @@ class PlainDicom {
   /// Throws VolumeError, which names `file`, if the data set is truncated or damaged, exceeds 4 GiB
   /// or does not fit into memory. Also throws if the file is big-endian without a transfer syntax.
   explicit PlainDicom(const std::filesystem::path& file);
-  PlainDicom(const PlainDicom&) = delete;
-  PlainDicom& operator=(const PlainDicom&) = delete;
-  ~PlainDicom();
 
   /// Returns the path of the file, or of the inflated copy, which this object owns.
   [[nodiscard]] const std::string& path() const { return path_; }
 
  private:
   std::string path_;
-  int memory_ = -1;  ///< File descriptor of the copy; -1: no copy.
+  Descriptor memory_;  ///< The copy; -1: no copy.
 };
 
 /// Decodes a frame that has one bit per pixel and RLE compression (DICOM PS3.5, annex G) to values

@@ -16,6 +16,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/descriptor.h"
 #include "palpate/scenes/apps/common/common.h"
 
 namespace palpate::importer {
@@ -222,6 +223,8 @@ int runGuarded(const std::string& what, const std::string& need_less,
     throw Error("import", fmt::format("a pipe cannot be opened ({})", std::strerror(errno)),
                 "end other programs, or raise the limit of open files (ulimit -n)");
   }
+  Descriptor from(ends[0]);
+  Descriptor to(ends[1]);
   struct sigaction action {};
   action.sa_handler = passOn;
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
@@ -231,17 +234,17 @@ int runGuarded(const std::string& what, const std::string& need_less,
                 "end other programs, or raise the limit of processes (ulimit -u)");
   }
   if (child == 0) {
-    close(ends[0]);
-    runChild(what, need_less, ends[1], work);
+    from.close();
+    runChild(what, need_less, to.get(), work);
   }
   child_of_signals = child;
   if (was_interrupted != 0) kill(child, SIGKILL);
-  close(ends[1]);
+  to.close();
 
   Listener listener;
   std::vector<char> buffer(1U << 16U);
   for (;;) {
-    const ssize_t count = read(ends[0], buffer.data(), buffer.size());
+    const ssize_t count = read(from.get(), buffer.data(), buffer.size());
     if (count < 0 && errno == EINTR) continue;
     if (count <= 0) break;
     listener.hear(buffer.data(), static_cast<std::size_t>(count));

@@ -10,13 +10,13 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <unistd.h>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/descriptor.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/apps/import/guard.h"
@@ -98,11 +98,10 @@ void writeScene(const Options& options, const std::string& scene, Teller& teller
   const fs::path partial = partialOf(options.scene);
   teller.file(partial, options.scene);
   // Tries no second name, because the parent process renames only this partial file.
-  const int descriptor = createNewFile(partial);
-  if (descriptor >= 0) {
-    std::ofstream file(nameOfOpen(descriptor, partial), std::ios::binary);
+  const Descriptor descriptor(createNewFile(partial));
+  if (descriptor.get() >= 0) {
+    std::ofstream file(nameOfOpen(descriptor.get(), partial), std::ios::binary);
     file << scene << std::flush;
-    close(descriptor);
     if (file) return;
   }
   throw Error(options.scene.string(),

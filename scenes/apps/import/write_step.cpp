@@ -8,7 +8,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <unistd.h>
 #include <utility>
 #include <vector>
 
@@ -17,6 +16,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/brick_grid.h"
 #include "palpate/samplers/bricks/write_bricks.h"
+#include "palpate/samplers/descriptor.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
@@ -38,14 +38,13 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
       }
       grids.push_back(imported.made.grid);
     }
-    const int descriptor = createNewFile(file);
-    if (descriptor < 0) {
+    const Descriptor descriptor(createNewFile(file));
+    if (descriptor.get() < 0) {
       throw Error(file.string(),
                   fmt::format("the file cannot be written ({})", std::strerror(errno)),
                   "choose another path, or free space on the disk");
     }
-    writeGrids(nameOfOpen(descriptor, file), grids);
-    close(descriptor);
+    writeGrids(nameOfOpen(descriptor.get(), file), grids);
   }
   const bool is_empty = std::any_of(
       step.grids.begin(), step.grids.end(),

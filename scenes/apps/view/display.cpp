@@ -21,6 +21,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/descriptor.h"
 #include "palpate/scenes/apps/common/say.h"
 
 namespace palpate::view {
@@ -55,11 +56,13 @@ void endServer() {
 }
 
 /// Creates an authority file, so that Xvfb accepts only this program as a client. The file has no
-/// name, and disappears with its last descriptor. Returns the descriptor, or -1 on failure.
-int authority() {
+/// name, and disappears with its last descriptor. Returns no descriptor on failure.
+Descriptor authority() {
   std::string name = "MIT-MAGIC-COOKIE-1";
   std::array<char, 16> cookie{};
-  if (getrandom(cookie.data(), cookie.size(), 0) != static_cast<ssize_t>(cookie.size())) return -1;
+  if (getrandom(cookie.data(), cookie.size(), 0) != static_cast<ssize_t>(cookie.size())) {
+    return Descriptor();
+  }
   // Format of Xau: family (here: any), then address, display, name and cookie with their lengths.
   std::string record = "\xff\xff";
   for (const std::string& part :
@@ -68,18 +71,20 @@ int authority() {
     record += static_cast<char>(part.size());
     record += part;
   }
-  const int file = memfd_create("palpate-authority", 0);
-  if (file < 0) return -1;
-  (void)!write(file, record.data(), record.size());
+  Descriptor file(memfd_create("palpate-authority", 0));
+  if (file.get() < 0) return file;
+  (void)!write(file.get(), record.data(), record.size());
   XSetAuthorization(name.data(), static_cast<int>(name.size()), cookie.data(),
                     static_cast<int>(cookie.size()));
   return file;
 }
 
 std::string startServer() {
+  Descriptor known = authority();
   int ends[2];
-  const int known = authority();
-  if (known < 0 || pipe(ends) != 0) return "";
+  if (known.get() < 0 || pipe(ends) != 0) return "";
+  const Descriptor from(ends[0]);
+  Descriptor to(ends[1]);
   const pid_t parent = getpid();
   server = fork();
   if (server == 0) {
@@ -88,28 +93,27 @@ std::string startServer() {
     if (getppid() != parent) _exit(1);
     // Ctrl-C must not end Xvfb: the loop's process handles it and ends this program.
     setpgid(0, 0);
-    dup2(ends[1], 3);
+    dup2(to.get(), 3);
     // Discards Xvfb's messages about display numbers in use.
     const int nowhere = open("/dev/null", O_WRONLY);
     dup2(nowhere, STDERR_FILENO);
-    const std::string place = "/proc/self/fd/" + std::to_string(known);
+    const std::string place = "/proc/self/fd/" + std::to_string(known.get());
     execlp("Xvfb", "Xvfb", "-displayfd", "3", "-screen", "0", "64x64x24", "-nolisten", "tcp",
            "-auth", place.c_str(), nullptr);
     _exit(127);
   }
-  close(ends[1]);
-  close(known);
+  to.close();
+  known.close();
   std::string number;
   constexpr int kPatience = 10000;  // [ms]: longest wait until Xvfb has started
-  pollfd wait{ends[0], POLLIN, 0};
+  pollfd wait{from.get(), POLLIN, 0};
   while (poll(&wait, 1, kPatience) > 0) {
     std::array<char, 16> text{};
-    const ssize_t size = read(ends[0], text.data(), text.size());
+    const ssize_t size = read(from.get(), text.data(), text.size());
     if (size <= 0) break;
     number.append(text.data(), static_cast<std::size_t>(size));
     if (number.back() == '\n') break;
   }
-  close(ends[0]);
   if (number.empty() || number.back() != '\n') return "";
   number.pop_back();
   return number;
