@@ -6,11 +6,13 @@
 #include <string>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/tick/step.h"
+#include "palpate/scenes/library/length_units.h"
 #include "palpate/scenes/library/smooth_text.h"
 #include "palpate/scenes/library/spec_lookup.h"
 
@@ -96,7 +98,9 @@ JsonType<TransferSpec> curveType(JsonSchema& definitions) {
 // Places of volumes.
 
 JsonType<double> unitType() {
-  return jsonWord<double>({{"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}});
+  std::vector<std::pair<const char*, double>> words;
+  for (const SceneUnit& unit : kSceneUnits) words.emplace_back(unit.name, unit.metres);
+  return jsonWord<double>(std::move(words));
 }
 
 JsonType<std::array<double, 4>> rotationType() {

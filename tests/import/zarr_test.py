@@ -179,10 +179,11 @@ class Zarr(images.Case):
         folder = write_group(self.folder(), attributes)
         write_array(folder / "0")
         self.assertEqual(self.length_unit(self.convert(folder)), b"um")
-        attributes["multiscales"][0]["axes"][0]["unit"] = "nanometer"
-        out = self.convert(write_group(folder, attributes))
-        self.assertEqual(self.length_unit(out), b"um")
-        self.holds(out, "density", ((0.2, 0, 0), (0, 0.3, 0), (0, 0, 0.4)), ZERO, xyz)
+        for unit in ("nanometer", "nm"):
+            attributes["multiscales"][0]["axes"][0]["unit"] = unit
+            out = self.convert(write_group(folder, attributes))
+            self.assertEqual(self.length_unit(out), b"um")
+            self.holds(out, "density", ((0.2, 0, 0), (0, 0.3, 0), (0, 0, 0.4)), ZERO, xyz)
         attributes["multiscales"][0]["axes"][0]["unit"] = "furlong"
         self.assertIn("different units (micrometer, micrometer, furlong)",
                       self.notes(write_group(folder, attributes)))

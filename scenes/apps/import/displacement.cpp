@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <map>
 #include <mutex>
 #include <utility>
 
@@ -14,6 +13,7 @@
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/parallel.h"
 #include "palpate/samplers/time/warp_grid.h"
+#include "palpate/scenes/apps/import/length_units.h"
 #include "palpate/scenes/apps/import/shared_progress.h"
 
 namespace palpate::importer {
@@ -27,9 +27,8 @@ constexpr double kOnFace = 1e-4;
 
 /// Returns a unit of length in metres; a millimetre for other units and "".
 double metresOf(const std::string& unit) {
-  static const std::map<std::string, double> metres{{"m", 1.0}, {"cm", 1e-2}, {"um", 1e-6}};
-  const auto at = metres.find(unit);
-  return at == metres.end() ? 1e-3 : at->second;
+  const LengthUnit* known = lengthUnitOf(unit);
+  return known == nullptr ? 1e-3 : known->metres;
 }
 
 /// Residuals of an inverse at some places [m].

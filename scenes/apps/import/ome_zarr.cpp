@@ -8,6 +8,7 @@
 #include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/length_units.h"
 
 namespace palpate::importer {
 namespace {
@@ -15,22 +16,6 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr const char* kCorrectOme = "correct the metadata, or export the image as OME-Zarr 0.4";
-
-struct OmeUnit {
-  const char* name;   ///< Name in the metadata.
-  const char* brief;  ///< Name in palpate's output.
-  double metres;
-};
-constexpr std::array kOmeUnits{
-    OmeUnit{"meter", "m", 1.0},        OmeUnit{"centimeter", "cm", 1e-2},
-    OmeUnit{"millimeter", "mm", 1e-3}, OmeUnit{"micrometer", "um", 1e-6},
-    OmeUnit{"nanometer", "nm", 1e-9},  OmeUnit{"angstrom", "angstrom", 1e-10}};
-
-const OmeUnit* unitNamed(const std::string& name) {
-  const auto* found = std::find_if(kOmeUnits.begin(), kOmeUnits.end(),
-                                   [&](const OmeUnit& unit) { return name == unit.name; });
-  return found == kOmeUnits.end() ? nullptr : found;
-}
 
 std::string textAt(const Json& json, const char* key) {
   const auto found = json.is_object() ? json.find(key) : json.end();
@@ -201,11 +186,11 @@ class OmeParser {
   void unifyUnits() {
     if (out_.time >= 0) out_.time_unit = units_[static_cast<std::size_t>(out_.time)];
     const std::string& unit = units_[out_.space[0]];
-    const OmeUnit* known = unitNamed(unit);
-    out_.unit = known == nullptr ? unit : known->brief;
+    const LengthUnit* known = lengthUnitOf(unit);
+    out_.unit = known == nullptr ? unit : known->unit;
     for (const std::size_t a : out_.space) {
       if (units_[a] == unit) continue;
-      const OmeUnit* other = unitNamed(units_[a]);
+      const LengthUnit* other = lengthUnitOf(units_[a]);
       if (known == nullptr || other == nullptr) {
         notes_.push_back(
             fmt::format("the axes have different units ({}), so the unit of length is unknown",
@@ -216,7 +201,7 @@ class OmeParser {
     }
     for (const std::size_t a : out_.space) {
       if (units_[a] == unit) continue;
-      const double factor = unitNamed(units_[a])->metres / known->metres;
+      const double factor = lengthUnitOf(units_[a])->metres / known->metres;
       for (OmeLevel& level : out_.levels) {
         level.scale[a] *= factor;
         level.translation[a] *= factor;

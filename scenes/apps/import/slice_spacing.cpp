@@ -1,43 +1,34 @@
 #include "palpate/scenes/apps/import/slice_spacing.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <string_view>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/length_units.h"
 
 namespace palpate::importer {
 namespace {
 
-/// A unit as files write it, and its length in a unit that scenes know.
-struct LengthUnit {
-  std::string_view written;
-  const char* unit;
-  double length;
-};
-constexpr std::array kUnits{
-    LengthUnit{"m", "m", 1.0},          LengthUnit{"cm", "cm", 1.0},
-    LengthUnit{"mm", "mm", 1.0},        LengthUnit{"um", "um", 1.0},
-    LengthUnit{"nm", "um", 1e-3},       LengthUnit{"inch", "mm", 25.4},
-    LengthUnit{"micron", "um", 1.0},    LengthUnit{"microns", "um", 1.0},
-    LengthUnit{"\xb5m", "um", 1.0},      // Latin-1
-    LengthUnit{"\xc2\xb5m", "um", 1.0},  // UTF-8, the sign micro
-    LengthUnit{"\xce\xbcm", "um", 1.0},  // UTF-8, the letter mu
-    LengthUnit{"\\u00B5m", "um", 1.0},   // ImageJ's escape
-    LengthUnit{"&#181;m", "um", 1.0},    // XML
-    LengthUnit{"&#xB5;m", "um", 1.0},   LengthUnit{"&#xb5;m", "um", 1.0},
+/// A unit that scenes know, and the length of another unit in it.
+struct StatedUnit {
+  const char* unit = "";
+  double length = 1.0;
 };
 
-const LengthUnit* unitOf(std::string_view written) {
-  for (const LengthUnit& unit : kUnits) {
-    if (unit.written == written) return &unit;
-  }
-  return nullptr;
+/// Returns the unit of a word. Small units become um, and inches mm. Returns no value for other
+/// words.
+std::optional<StatedUnit> unitOf(std::string_view word) {
+  const LengthUnit* stated = lengthUnitOf(word);
+  if (stated == nullptr) return std::nullopt;
+  if (isSceneUnit(*stated)) return StatedUnit{stated->unit};
+  const LengthUnit& known = *lengthUnitOf(stated->metres < 1e-6 ? "um" : "mm");
+  return StatedUnit{known.unit, stated->metres / known.metres};
 }
 
 /// Returns a positive number; 0 if the text is not one.
@@ -86,12 +77,12 @@ void readImageJ(const TiffTags& tags, StatedStack& out) {
   out.channels = positive(valueOf(tags.description, "channels"));
   out.times = positive(valueOf(tags.description, "frames"));
   const std::string_view written = valueOf(tags.description, "unit");
-  const LengthUnit* unit = unitOf(written);
+  std::optional<StatedUnit> unit = unitOf(written);
   for (const char* key : {"yunit", "zunit"}) {
     const std::string_view other = valueOf(tags.description, key);
-    if (!other.empty() && other != written) unit = nullptr;
+    if (!other.empty() && other != written) unit.reset();
   }
-  if (unit == nullptr) return;
+  if (!unit) return;
   const std::string_view distance = valueOf(tags.description, "spacing");
   double z = positive(distance);
   if (distance.empty() && out.pictures > 1.0) z = 1.0;
@@ -114,9 +105,9 @@ void readOme(std::string_view text, StatedStack& out) {
     const double size = positive(attributeOf(tag, name));
     if (size == 0.0) continue;
     const std::string_view written = attributeOf(tag, name + "Unit");
-    const LengthUnit* unit = unitOf(written.empty() ? "um" : written);  // the default of OME
-    const bool fits =
-        unit != nullptr && (out.spacing.unit.empty() || out.spacing.unit == unit->unit);
+    const std::optional<StatedUnit> unit =
+        unitOf(written.empty() ? "um" : written);  // the default of OME
+    const bool fits = unit && (out.spacing.unit.empty() || out.spacing.unit == unit->unit);
     if (!fits) {
       out.spacing = {};
       return;
@@ -142,10 +133,10 @@ Spacing spacingOf(const std::string& text) {
   const std::size_t letter = text.find_first_not_of("0123456789.,eE+-");
   const std::string_view lengths = std::string_view(text).substr(0, letter);
   const std::string_view suffix = std::string_view(text).substr(std::min(letter, text.size()));
-  const LengthUnit* unit = suffix.empty() ? &kUnits[0] : unitOf(suffix);
+  const std::optional<StatedUnit> unit = suffix.empty() ? StatedUnit{} : unitOf(suffix);
   Spacing out;
   std::size_t at = 0;
-  bool is_valid = unit != nullptr;
+  bool is_valid = unit.has_value();
   for (int axis = 0; axis < 3; ++axis) {
     const std::size_t end = axis < 2 ? lengths.find(',', at) : lengths.size();
     if (end == std::string_view::npos || at > end) {
@@ -162,7 +153,7 @@ Spacing spacingOf(const std::string& text) {
                 "10,10,20um");
   }
   out.edges *= unit->length;
-  if (!suffix.empty()) out.unit = unit->unit;
+  out.unit = unit->unit;
   return out;
 }
 

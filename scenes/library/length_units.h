@@ -1,0 +1,16 @@
+/// Private to scenes: the units of length that scene files know.
+#pragma once
+
+#include <array>
+
+namespace palpate {
+
+/// A unit of length of scene files.
+struct SceneUnit {
+  const char* name;
+  double metres;  ///< Metres per unit.
+};
+inline constexpr std::array<SceneUnit, 4> kSceneUnits{
+    {{"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}}};
+
+}  // namespace palpate
