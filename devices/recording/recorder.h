@@ -47,6 +47,8 @@ class Recorder {
   void wait() const;
   /// Returns the number of ticks that were lost because the ring was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
+  /// Returns the path of the recording.
+  [[nodiscard]] const std::filesystem::path& file() const noexcept { return file_; }
   /// Returns why writing has stopped, such as a full disk; empty while writing continues. The file
   /// keeps the chunks that were written completely.
   [[nodiscard]] std::string trouble() const;

@@ -1,6 +1,7 @@
 /// Creates output files, safe from other users of the folder.
 #pragma once
 
+#include <cstddef>
 #include <fcntl.h>
 #include <filesystem>
 #include <random>
@@ -9,13 +10,26 @@
 
 namespace palpate {
 
+/// Begins the ending of a partial file's name.
+inline constexpr const char* kPartialMark = ".partial-";
+
 /// Returns an unpredictable path in the folder of `file`. The caller writes the output there, and
 /// then renames it to `file`.
 [[nodiscard]] inline std::filesystem::path partialOf(const std::filesystem::path& file) {
   std::random_device random;
   std::filesystem::path partial = file;
-  partial += ".partial-" + std::to_string(getpid()) + "-" + std::to_string(random());
+  partial += kPartialMark + std::to_string(getpid()) + "-" + std::to_string(random());
   return partial;
+}
+
+/// Returns the path for which partialOf() has made `partial`, for messages; other paths unchanged.
+[[nodiscard]] inline std::filesystem::path wholeOf(const std::filesystem::path& partial) {
+  const std::string text = partial.string();
+  const std::size_t at = text.rfind(kPartialMark);
+  if (at == std::string::npos) return partial;
+  const std::size_t end = at + std::string(kPartialMark).size();
+  if (text.find_first_not_of("0123456789-", end) != std::string::npos) return partial;
+  return text.substr(0, at);
 }
 
 /// Creates and opens a file. Returns the descriptor, or -1 and sets errno. Never opens an existing

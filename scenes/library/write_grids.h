@@ -11,6 +11,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/scenes/library/new_file.h"
 
 namespace palpate {
 
@@ -34,10 +35,11 @@ inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPt
   } catch (const std::exception&) {
     // the error is reported below
   }
-  // If the path is in /proc (new_file.h), the error names the file that the path leads to.
+  // The path may be in /proc and lead to a partial file (new_file.h). The error names the file that
+  // the caller wants.
   std::error_code no_link;
   const std::filesystem::path real = std::filesystem::read_symlink(file, no_link);
-  throw Error((no_link ? file : real).string(), "it cannot be written" + why,
+  throw Error(wholeOf(no_link ? file : real).string(), "it cannot be written" + why,
               "choose a writable folder, or free disk space");
 }
 

@@ -644,7 +644,7 @@ class MetaImage(Case):
         done = process.run(["prlimit", f"--fsize={2 ** 16}", *words], capture_output=True,
                               text=True, timeout=120)
         self.assertEqual(done.returncode, 2)
-        self.assertIn("cannot be written (File too large)", done.stderr)
+        self.assertIn(f"{self.dir / 'out.vdb'}: it cannot be written (File too large)", done.stderr)
         self.assertEqual(os.listdir(self.dir), ["a.mha"])
 
     def test_an_import_does_not_replace_an_output_that_is_a_pipe(self):

@@ -145,7 +145,7 @@ class Make(Case):
         done = process.run(["prlimit", "--fsize=20000", PALPATE, "make", "two-bodies", out],
                               capture_output=True, text=True, timeout=300)
         self.assertEqual(done.returncode, 2)
-        self.assertIn("cannot be written (File too large)", done.stderr)
+        self.assertIn(f"{out}: it cannot be written (File too large)", done.stderr)
         self.assertFalse(out.exists())
 
     def test_the_command_make_refuses_a_pipe_as_output(self):

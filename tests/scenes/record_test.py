@@ -363,7 +363,7 @@ class Recorded(Case):
         full = f"ulimit -f 300; exec {PALPATE} feel {self.scene} --seconds 3 --record {self.dir}/a.rec"
         done = subprocess.run(["bash", "-c", full], capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 1, done.stderr)
-        self.assertIn("--record: writing stopped (File too large)", done.stderr)
+        self.assertIn(f"--record {self.dir}/a.rec: writing stopped (File too large)", done.stderr)
         self.assertIn("3000 ticks", done.stdout)
         self.assertLess(len(rows_of(self.dir / "a.rec")[1]), 3000)
         self.assertEqual(self.compare("a.rec", "a.rec", status=None)["torn"], [0, 0])

@@ -100,10 +100,10 @@ bool endRecording(const Run& run, std::size_t h) {
   hand.recorder->end();
   const std::int64_t lost = hand.recorder->lost();
   if (lost > 0) {
-    complain(
-        fmt::format("{}: --record: {} ticks were lost, because writing was too slow: use a lower "
-                    "rate or a faster disk",
-                    run.nameOf(h), lost));
+    complain(fmt::format(
+        "{}: --record {}: {} ticks were lost, because writing was too slow: use a lower "
+        "rate or a faster disk",
+        run.nameOf(h), hand.recorder->file().string(), lost));
   }
   hand.tellUnwritten(run.nameOf(h));
   return lost == 0 && hand.recorder->trouble().empty();

@@ -139,7 +139,7 @@ struct Hand {
     const std::string why = recorder->trouble();
     if (why.empty()) return;
     told_unwritten = true;
-    complain(name + ": --record: " + why +
+    complain(name + ": --record " + recorder->file().string() + ": " + why +
              ": the run continues; the ticks written so far are complete");
   }
   void drain() {
