@@ -13,18 +13,18 @@
 #include "palpate/scenes/guess/metadata.h"
 
 namespace palpate::guess {
-namespace {
 
-/// Replaces characters that are invalid in names of a scene.
-std::string plainName(const std::string& name) {
+std::string volumeNameOf(const std::string& grid) {
   std::string plain;
-  for (const char c : name) {
+  for (const char c : grid) {
     const bool usable = std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '-';
     if (usable || (!plain.empty() && plain.back() != '_')) plain += usable ? c : '_';
   }
   while (!plain.empty() && plain.back() == '_') plain.pop_back();
   return plain.empty() ? "volume" : plain;
 }
+
+namespace {
 
 std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& draft) {
   std::map<std::string, int> count;
@@ -39,7 +39,7 @@ std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& 
     if (count[candidate.grid] > 1) {
       candidate.grid += fmt::format("[{}]", next[candidate.grid]++);
     }
-    candidate.name = draft.uniqueName(plainName(input.name()));
+    candidate.name = draft.uniqueName(volumeNameOf(input.name()));
     candidates.push_back(std::move(candidate));
   }
   return candidates;

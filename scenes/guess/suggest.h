@@ -83,6 +83,10 @@ inline constexpr const char* kMetaAxial = "axial";
 [[nodiscard]] Guess suggest(const GuessNames& names, const std::vector<SuggestInput>& grids,
                             GuessFor what = GuessFor::kAnything);
 
+/// Returns the name of a grid's volume in a guessed scene: characters that are invalid there become
+/// "_". If an earlier grid has this name, the scene adds "_2" and so on.
+[[nodiscard]] std::string volumeNameOf(const std::string& grid);
+
 /// Returns the JSON of the guessed scene, with the path `vdb_file`.
 [[nodiscard]] std::string suggestScene(const std::string& vdb_file,
                                        const std::vector<SuggestInput>& grids);

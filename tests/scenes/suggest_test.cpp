@@ -1289,6 +1289,19 @@ TEST_CASE("the guessed modes of a CT act on the patient and not on the table", "
   CHECK_THAT(guess.left[0], Contains("largest body") && Contains("to keep all, remove every"));
   CHECK_NOTHROW(parseScene(guess.scene, "suggested.json", "/data"));
 
+  // The scene names the region after its grid, without the characters that names cannot have.
+  const auto renamed = ct.grid->deepCopyGrid();
+  renamed->setName("CT (HU)");
+  SuggestInput spaced = ct;
+  spaced.grid = renamed;
+  SuggestInput its_region;
+  its_region.grid = findLargestBody(spaced)->region;
+  CHECK(its_region.name() == "CT (HU)_body");
+  CHECK(volumeNameOf(its_region.name()) == "CT_HU_body");
+  const Json other = Json::parse(suggest({"data.vdb", "", ""}, {spaced, its_region}).scene);
+  CAPTURE(other.dump());
+  CHECK(other["volumes"].contains("CT_HU_body"));
+
   // A head without a table is used as a whole.
   SuggestInput alone = scalar([&](const Vec3d& p) { return p.y() < -10.0 ? -1000.0F : value(p); });
   alone.value_unit = "HU";

@@ -525,12 +525,13 @@ void addBodies(Step& step, EarlierSteps& earlier) {
     region.made.grid->insertMeta(kMetaImportedFrom, openvdb::StringMetadata("image"));
     if (is_first) {
       earlier.bodies.insert(name);
-      step.notes.push_back(fmt::format(
-          "{0}: this grid marks the region of the largest body: the image has {1} "
-          "other {2}, such as the table below a patient, and the scene's modes act "
-          "only in this region; to feel all bodies, remove \"by\": \"{0}\" from the "
-          "modes, and the factors of a \"product\" that have it",
-          region.made.grid->getName(), body->left, body->left == 1 ? "body" : "bodies"));
+      step.notes.push_back(
+          fmt::format("{0}: this grid marks the region of the largest body: the image has {1} "
+                      "other {2}, such as the table below a patient, and the scene's modes act "
+                      "only in this region; to feel all bodies, remove \"by\": \"{3}\" from the "
+                      "modes, and the factors of a \"product\" that have it",
+                      region.made.grid->getName(), body->left, body->left == 1 ? "body" : "bodies",
+                      guess::volumeNameOf(region.made.grid->getName())));
     }
     step.grids.push_back(std::move(region));
   }
