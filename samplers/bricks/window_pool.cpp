@@ -37,17 +37,17 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
   const std::uint64_t least = std::min(stored, levels.back().bricks() + kLeastSlots);
   if (slots < least || params.budget < besides) {
     throw VolumeError(manifest.info().name,
-                      "a window of " + std::to_string(params.budget >> 20U) + " MB holds " +
+                      "a window of " + std::to_string(params.budget >> 20U) + " MiB holds " +
                           std::to_string(slots) + " of its bricks",
                       "increase the budget (\"budget_mb\" of \"window\") to " +
-                          std::to_string(((least * brick + besides) >> 20U) + 1) + " MB or more");
+                          std::to_string(((least * brick + besides) >> 20U) + 1) + " MiB or more");
   }
   const double machine =
       static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
   if (static_cast<double>(slots * brick) > kMostOfMemory * machine) {
     throw VolumeError(manifest.info().name,
                       "a window of " + std::to_string(slots * brick >> 20U) +
-                          " MB is more than 75 % of the machine's memory",
+                          " MiB is more than 75 % of the machine's memory",
                       "reduce the budget (\"budget_mb\" of \"window\")");
   }
   constants.push_back({manifest.background(), false});
@@ -72,7 +72,7 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
   if (mapped == MAP_FAILED) {
     throw VolumeError(
         manifest.info().name,
-        "the system has too little memory for a window of " + std::to_string(bytes >> 20U) + " MB",
+        "the system has too little memory for a window of " + std::to_string(bytes >> 20U) + " MiB",
         "reduce the budget (\"budget_mb\" of \"window\")");
   }
   memory = static_cast<std::byte*>(mapped);

@@ -122,16 +122,16 @@ std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t bu
   const std::uint64_t least = std::min<std::uint64_t>(frames, kLeastFrames);
   if (slots < least) {
     constexpr double kHundredth = 1024.0 * 1024.0 / 100.0;
-    const auto megabytes = [](double of) {
+    const auto mebibytes = [](double of) {
       const std::string text = std::to_string(of / (1024.0 * 1024.0));
-      return text.substr(0, text.find('.') + 3) + " MB";
+      return text.substr(0, text.find('.') + 3) + " MiB";
     };
     throw VolumeError(
         name,
-        "a budget of " + megabytes(static_cast<double>(budget)) + " holds " +
+        "a budget of " + mebibytes(static_cast<double>(budget)) + " holds " +
             std::to_string(slots) + " of its frames",
         "increase the budget (\"budget_mb\" of \"frames\") to " +
-            megabytes(std::ceil(static_cast<double>(least * bytes) / kHundredth) * kHundredth) +
+            mebibytes(std::ceil(static_cast<double>(least * bytes) / kHundredth) * kHundredth) +
             " or more");
   }
   return static_cast<std::size_t>(slots);

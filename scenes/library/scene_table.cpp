@@ -224,7 +224,7 @@ JsonType<FramesSpec> framesType() {
                &FramesSpec::repeat)
           .may("budget_mb",
                jsonPositive().says(
-                   "Memory for frames, which are loaded ahead of play [MB]. The default is 1024."),
+                   "Memory for frames, which are loaded ahead of play [MiB]. The default is 1024."),
                [](FramesSpec& to, double budget) { to.budget_mb = budget; });
   return JsonObject<FramesSpec>()
       .chooseByKey(
@@ -346,7 +346,7 @@ JsonType<ReadVolume> volumeType() {
       .may("window",
            JsonObject<double>()
                .need("budget_mb",
-                     jsonPositive().says("Memory for the bricks near the hands [MB]. Without the "
+                     jsonPositive().says("Memory for the bricks near the hands [MiB]. Without the "
                                          "key \"window\": 256."),
                      [](double& to, double budget) { to = budget; })
                .type()

@@ -139,7 +139,7 @@ TEST_CASE("a scene setting that bricks do not support is rejected with its path"
   CHECK_THAT(with("grid", "other"), Contains("the bricks hold the grid \"density\""));
   CHECK(with("grid", "density") == "taken");
   CHECK_THAT(with("window", {{"budget_mb", 20}}),
-             Contains("holds") && Contains("to 47 MB or more"));
+             Contains("holds") && Contains("to 47 MiB or more"));
   CHECK(with("window", {{"budget_mb", 64}}) == "taken");
   CHECK_THAT(with("window", {{"budget_mb", 64}}, "ball.vdb"),
              Contains(at + "window") && Contains("palpate brick"));
