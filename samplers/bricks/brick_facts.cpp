@@ -7,8 +7,12 @@
 #include <cstdio>
 #include <cstring>
 #include <new>
+#include <stdexcept>
+#include <string>
 #include <string_view>
 #include <type_traits>
+#include <utility>
+#include <vector>
 #include <zstd.h>
 
 #include <Eigen/LU>
@@ -102,65 +106,103 @@ std::string hexOf(std::uint64_t number) {
   return text.data();
 }
 
-/// Reads and checks values in the JSON of a manifest. Throws std::exception.
+/// Reads and checks values in an object of a manifest's JSON. Throws std::range_error, whose text
+/// names the key.
 class FactsReader {
- public:
-  explicit FactsReader(const Json& json) : json_(json) {}
+  template <class Convert>
+  auto read(const char* key, Convert convert) const {
+    const Json& json = at(key);
+    try {
+      return convert(json);
+    } catch (const std::range_error& e) {
+      throw std::range_error("\"" + path_ + key + "\": " + e.what());
+    }
+  }
 
-  [[nodiscard]] std::string text(const char* key) const { return json_.at(key).get<std::string>(); }
-  [[nodiscard]] const Json& at(const char* key) const { return json_.at(key); }
-
-  static double number(const Json& json) {
+  static std::string toText(const Json& json) {
+    if (!json.is_string()) throw std::range_error("the value " + shown(json) + " is not a text");
+    return json.get<std::string>();
+  }
+  static double toNumber(const Json& json) {
     const double v = json.is_number() ? json.get<double>() : std::nan("");
     if (!std::isfinite(v))
       throw std::range_error("the value " + shown(json) + " is not a finite number");
     return v;
   }
-  static std::int32_t whole(const Json& json) {
-    const double v = number(json);
+  static std::int32_t toWhole(const Json& json) {
+    const double v = toNumber(json);
     if (!(std::abs(v) <= kFarthestVoxel) || v != std::floor(v)) {
       throw std::range_error("the value " + shown(json) + " is not an integer from -2^30 to 2^30");
     }
     return static_cast<std::int32_t>(v);
   }
-  static VoxelAt voxel(const Json& json) {
-    const Json& three = list(json, 3);
-    return {whole(three[0]), whole(three[1]), whole(three[2])};
-  }
-  static Vec3 vec(const Json& json) {
-    const Json& three = list(json, 3);
-    return {number(three[0]), number(three[1]), number(three[2])};
-  }
-  static Mat3 matrix(const Json& json) {
-    const Json& rows = list(json, 3);
-    Mat3 m;
-    for (std::size_t r = 0; r < 3; ++r) m.row(static_cast<Eigen::Index>(r)) = vec(rows[r]);
-    return m;
-  }
-  static std::uint64_t hexadecimal(const std::string& text) {
-    if (text.size() != 16 || text.find_first_not_of("0123456789abcdef") != std::string::npos) {
-      throw std::range_error("its identity " + shown(text) + " is not 16 hexadecimal digits");
-    }
-    return std::stoull(text, nullptr, 16);
-  }
-
- private:
-  static const Json& list(const Json& json, std::size_t size) {
+  static const Json& toList(const Json& json, std::size_t size) {
     if (!json.is_array() || json.size() != size) {
       throw std::range_error("the value " + shown(json) + " is not a list of " +
-                             std::to_string(size) + " values");
+                             std::to_string(size) + (size == 1 ? " value" : " values"));
     }
     return json;
   }
+  static VoxelAt toVoxel(const Json& json) {
+    const Json& three = toList(json, 3);
+    return {toWhole(three[0]), toWhole(three[1]), toWhole(three[2])};
+  }
+  static Vec3 toVec(const Json& json) {
+    const Json& three = toList(json, 3);
+    return {toNumber(three[0]), toNumber(three[1]), toNumber(three[2])};
+  }
 
+ public:
+  /// @param path  Path of the object, such as "statistics/".
+  explicit FactsReader(const Json& json, std::string path = "")
+      : json_(json), path_(std::move(path)) {}
+
+  [[nodiscard]] std::string text(const char* key) const { return read(key, toText); }
+  [[nodiscard]] double number(const char* key) const { return read(key, toNumber); }
+  [[nodiscard]] std::int32_t whole(const char* key) const { return read(key, toWhole); }
+  [[nodiscard]] VoxelAt voxel(const char* key) const { return read(key, toVoxel); }
+  [[nodiscard]] Vec3 vec(const char* key) const { return read(key, toVec); }
+  [[nodiscard]] Mat3 matrix(const char* key) const {
+    return read(key, [](const Json& json) {
+      const Json& rows = toList(json, 3);
+      Mat3 m;
+      for (std::size_t r = 0; r < 3; ++r) m.row(static_cast<Eigen::Index>(r)) = toVec(rows[r]);
+      return m;
+    });
+  }
+  /// Returns a list of `size` numbers.
+  [[nodiscard]] std::vector<double> numbers(const char* key, std::size_t size) const {
+    return read(key, [&](const Json& json) {
+      std::vector<double> all;
+      for (const Json& one : toList(json, size)) all.push_back(toNumber(one));
+      return all;
+    });
+  }
+  [[nodiscard]] std::uint64_t hexadecimal(const char* key) const {
+    return read(key, [](const Json& json) {
+      const std::string text = toText(json);
+      if (text.size() != 16 || text.find_first_not_of("0123456789abcdef") != std::string::npos) {
+        throw std::range_error("the value " + shown(json) + " is not 16 hexadecimal digits");
+      }
+      return std::stoull(text, nullptr, 16);
+    });
+  }
+  [[nodiscard]] const Json& at(const char* key) const {
+    const auto found = json_.is_object() ? json_.find(key) : json_.end();
+    if (found == json_.end()) throw std::range_error("it has no \"" + path_ + key + "\"");
+    return *found;
+  }
+
+ private:
   const Json& json_;
+  std::string path_;
 };
 
 GridClass classNamed(const std::string& word) {
   for (const GridClass one : {GridClass::kUnknown, GridClass::kLevelSet, GridClass::kFog}) {
     if (word == wordFor(one)) return one;
   }
-  throw std::range_error("its class " + shown(word) + " is unknown");
+  throw std::range_error("\"class\": the value " + shown(word) + " is unknown");
 }
 
 bool isMap(const Mat3& linear, const Vec3& origin) {
@@ -401,20 +443,19 @@ class ManifestReader {
 BrickFormat readFormat(const FactsReader& facts) {
   const std::string type = facts.text("type");
   if (type != "half" && type != "float")
-    throw std::range_error("its type " + shown(type) + " is not half or float");
-  const std::int32_t components = FactsReader::whole(facts.at("components"));
+    throw std::range_error("\"type\": the value " + shown(type) + " is not half or float");
+  const std::int32_t components = facts.whole("components");
   if (components != 1 && components != 3)
-    throw std::range_error("it has " + std::to_string(components) + " components, not 1 or 3");
+    throw std::range_error("\"components\": the value " + std::to_string(components) +
+                           " is not 1 or 3");
   return {components == 3, type == "half"};
 }
 
-std::array<float, 3> readBackground(const Json& json, std::size_t components) {
-  if (json.size() != components)
-    throw std::range_error("its background does not have one number for each component");
+std::array<float, 3> readBackground(const FactsReader& facts, std::size_t components) {
+  const std::vector<double> numbers = facts.numbers("background", components);
   std::array<float, 3> background{};
-  for (std::size_t c = 0; c < components; ++c) {
-    background[c] = static_cast<float>(FactsReader::number(json.at(c)));
-  }
+  std::transform(numbers.begin(), numbers.end(), background.begin(),
+                 [](double number) { return static_cast<float>(number); });
   return background;
 }
 
@@ -431,22 +472,21 @@ Box boundsOfVoxels(const BrickLevel& level, const VoxelAt& lower, const VoxelAt&
   return bounds;
 }
 
-void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& info,
+void readStatistics(const FactsReader& statistics, const BrickLevel& finest, GridInfo& info,
                     std::array<VoxelAt, 2>& active_box) {
-  const double active = FactsReader::number(statistics.at("active_voxels"));
+  const double active = statistics.number("active_voxels");
   if (!(active >= 0.0 && active <= 1e19))
-    throw std::range_error("its active_voxels is not a number from 0 to 1e19");
+    throw std::range_error("\"statistics/active_voxels\": it is not a number from 0 to 1e19");
   info.active_voxels = static_cast<std::uint64_t>(active);
   if (info.active_voxels == 0) {
     info.refusal = "it has no active voxel: write it with its values active";
     return;
   }
-  active_box = {FactsReader::voxel(statistics.at("active_lower")),
-                FactsReader::voxel(statistics.at("active_upper"))};
+  active_box = {statistics.voxel("active_lower"), statistics.voxel("active_upper")};
   info.bounds = boundsOfVoxels(finest, active_box[0], active_box[1]);
-  info.lowest = FactsReader::number(statistics.at("lowest"));
-  info.highest = FactsReader::number(statistics.at("highest"));
-  info.mean = FactsReader::number(statistics.at("mean"));
+  info.lowest = statistics.number("lowest");
+  info.highest = statistics.number("highest");
+  info.mean = statistics.number("mean");
 }
 
 /// Returns false if the brick is outside of the pyramid, its kind is unknown, a value is not
@@ -488,7 +528,8 @@ std::size_t BrickFacts::headOf(std::span<const std::byte> manifest) noexcept {
 
 std::uint64_t BrickFacts::identityIn(const std::string& attributes) noexcept {
   try {
-    return FactsReader::hexadecimal(parseText(attributes).at("palpate").at("identity"));
+    const Json facts = parseText(attributes);
+    return FactsReader(facts.at("palpate")).hexadecimal("identity");
   } catch (const std::exception&) {
     return 0;
   }
@@ -496,30 +537,32 @@ std::uint64_t BrickFacts::identityIn(const std::string& attributes) noexcept {
 
 void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   const FactsReader facts(json);
-  if (FactsReader::whole(facts.at("bricks")) != kVersion) {
-    throw std::range_error("the version in its JSON differs from that in its first 8 bytes");
+  if (facts.whole("bricks") != kVersion) {
+    throw std::range_error("\"bricks\": the version differs from that in the first 8 bytes");
   }
   GridInfo& info = manifest.info_;
   info.name = facts.text("name");
   info.grid_class = classNamed(facts.text("class"));
   info.source = facts.text("source");
   manifest.format_ = readFormat(facts);
-  manifest.background_ = readBackground(facts.at("background"), manifest.format_.components());
-  manifest.extent_ = {FactsReader::voxel(facts.at("lower")), FactsReader::voxel(facts.at("upper"))};
-  const Mat3 linear = FactsReader::matrix(facts.at("linear"));
-  const Vec3 origin = FactsReader::vec(facts.at("origin"));
-  if (!isMap(linear, origin)) throw std::range_error("its transform is singular or not finite");
+  manifest.background_ = readBackground(facts, manifest.format_.components());
+  manifest.extent_ = {facts.voxel("lower"), facts.voxel("upper")};
+  const Mat3 linear = facts.matrix("linear");
+  const Vec3 origin = facts.vec("origin");
+  if (!isMap(linear, origin)) throw std::range_error("\"linear\": the transform is singular");
   if (!isExtent(manifest.extent_[0], manifest.extent_[1])) {
-    throw std::range_error("its extent is empty, beyond 2^30 voxels, or above 2^32 bricks");
+    throw std::range_error(
+        "\"lower\", \"upper\": the extent is empty, beyond 2^30 voxels, or above 2^32 bricks");
   }
   const Json& metadata = facts.at("metadata");
+  if (!metadata.is_object()) throw std::range_error("\"metadata\": it is not an object");
   manifest.metadata_ = metadata.dump();
   const Json missing = {{"bool", true}};
   const Json mesh = {{"string", "mesh"}};
   manifest.inactive_ =
       inactiveVoxels(metadata.value(kMetaImportedFrom, Json()) == mesh ? "mesh" : "",
                      metadata.value(kMetaInactiveIsMissing, Json()) == missing);
-  manifest.identity_ = FactsReader::hexadecimal(facts.text("identity"));
+  manifest.identity_ = facts.hexadecimal("identity");
   const bool level_set = info.grid_class == GridClass::kLevelSet && !manifest.format_.vector;
   manifest.levels_ = levelsOf(linear, origin, manifest.extent_, level_set);
 
@@ -529,7 +572,8 @@ void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   info.voxel = linear.colwise().norm().transpose();
   const Vec3 background(manifest.background_[0], manifest.background_[1], manifest.background_[2]);
   info.background = info.vector ? background.norm() : background.x();
-  readStatistics(facts.at("statistics"), manifest.levels_.front(), info, manifest.active_box_);
+  readStatistics(FactsReader(facts.at("statistics"), "statistics/"), manifest.levels_.front(), info,
+                 manifest.active_box_);
 }
 
 BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::string& called) {

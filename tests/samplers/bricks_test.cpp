@@ -1009,9 +1009,9 @@ TEST_CASE("a missing or damaged manifest is refused with a one-line message", "[
     const std::string name = key;
     const Json& other = value;
     CHECK_THAT(refusal(forged(whole, [&](Json& json) { json[name] = other; })),
-               Contains("m: it is damaged"));
+               Contains("m: it is damaged (\""));
     CHECK_THAT(refusal(forged(whole, [&](Json& json) { json.erase(name); })),
-               Contains("m: it is damaged"));
+               Contains("m: it is damaged (it has no \"" + std::string(name) + "\")"));
   }
   // The table is refused if it has a wrong number of rows, or impossible rows.
   const auto table = [&](std::size_t at, auto number) {
