@@ -310,7 +310,7 @@ void FarBricks::State::endStalled() {
 /// Processes the answer to a check: the volume exists if the manifest's head is unchanged.
 void FarBricks::State::answer() {
   // If there was too little memory for the check, the check has no result.
-  if (asker->why != kNoMemory) {
+  if (!asker->lacksMemory()) {
     there = asker->status == BrickStatus::kArrived && asker->body == head;
   }
   asked = 0;

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <cstring>
 #include <memory>
 #include <optional>
 #include <span>
@@ -66,6 +67,10 @@ struct ObjectRequest {
     body.clear();
     fail(nullptr);
     last = std::chrono::steady_clock::now();
+  }
+  /// Returns true if memory was short. A store in a module may have its own copy of the text.
+  [[nodiscard]] bool lacksMemory() const noexcept {
+    return why != nullptr && std::strcmp(why, kNoMemory) == 0;
   }
   /// Sets the result to kUnreadable, with a reason and the server's status code.
   void fail(const char* reason, long number = 0) noexcept {
