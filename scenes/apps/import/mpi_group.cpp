@@ -1,8 +1,10 @@
 #include "palpate/scenes/apps/import/mpi_group.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdint>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -26,7 +28,7 @@ class MpiGroup final : public ProcessGroup {
  public:
   MpiGroup() {
     int given = 0;
-    if (MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &given) != MPI_SUCCESS) lost();
+    check(MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &given));
     MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);
     check(MPI_Comm_rank(MPI_COMM_WORLD, &rank_));
     check(MPI_Comm_size(MPI_COMM_WORLD, &size_));
@@ -111,13 +113,18 @@ class MpiGroup final : public ProcessGroup {
     }
   }
 
+  /// Throws Error with MPI's text. MPI has no portable code for a lost connection.
   void check(int status) {
-    if (status != MPI_SUCCESS) lost();
-  }
-  [[noreturn]] void lost() {
+    if (status == MPI_SUCCESS) return;
     lost_ = true;
-    throw Error("mpirun", "a process lost its connection to the others",
-                "check the network, and run the same command again");
+    std::array<char, MPI_MAX_ERROR_STRING> text{};
+    int size = 0;
+    (void)MPI_Error_string(status, text.data(), &size);
+    throw Error(
+        "mpirun",
+        "MPI reports an error (" + std::string(text.data(), static_cast<std::size_t>(size)) + ")",
+        "if another process has ended, read its message, and check the network; then run "
+        "the same command again");
   }
 
   int rank_ = 0;
