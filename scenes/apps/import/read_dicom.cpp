@@ -37,19 +37,18 @@ std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>
   std::vector<fs::path> files;
   std::error_code error;
   fs::directory_iterator entry(folder, error);
-  if (error) {
-    throw VolumeError(folder.string(),
-                      fmt::format("the folder cannot be read ({})", error.message()),
-                      "check the folder and its permissions");
-  }
-  for (; entry != fs::directory_iterator(); entry.increment(error)) {
+  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
     std::error_code ignored;
     if (entry->is_directory(ignored)) {
       if (folders != nullptr) folders->push_back(entry->path());
     } else if (entry->is_regular_file(ignored) && isDicom(entry->path())) {
       files.push_back(entry->path());
     }
-    if (error) break;
+  }
+  if (error) {
+    throw VolumeError(folder.string(),
+                      fmt::format("the folder cannot be read ({})", error.message()),
+                      "check the folder and its permissions");
   }
   std::sort(files.begin(), files.end());
   return files;
