@@ -118,12 +118,16 @@ void run(vtkAlgorithm* algorithm, const std::string& what, const Progress& progr
   algorithm->Update();
   if (progress) algorithm->RemoveObserver(tag);
   if (listening.heard().empty() && algorithm->GetErrorCode() == 0) return;
+  const std::string failure = algorithm->GetNumberOfInputPorts() == 0
+                                  ? "VTK cannot read the file"
+                                  : fmt::format("VTK has read the file, but {} cannot process it",
+                                                algorithm->GetClassName());
   const std::string said = shortened(listening.heard());
   throw VolumeError(what,
                     said.empty()
-                        ? fmt::format("VTK cannot read the file (error code {})",
+                        ? fmt::format("{} (error code {})", failure,
                                       static_cast<unsigned long>(algorithm->GetErrorCode()))
-                        : fmt::format("VTK cannot read the file ({})", said),
+                        : fmt::format("{} ({})", failure, said),
                     remedy);
 }
 
