@@ -65,7 +65,7 @@ double Transfer::operator()(const Properties& properties, double own) const noex
   return product;
 }
 
-Vec3 Transfer::slope(const Properties& properties) const noexcept {
+Vec3 Transfer::slope(const Properties& properties, double own) const noexcept {
   Vec3 sum = Vec3::Zero();
   for (const Factor& factor : factors) {
     if (factor.scalar < 0 || factor.curve.isConstant()) continue;
@@ -75,7 +75,7 @@ Vec3 Transfer::slope(const Properties& properties) const noexcept {
     for (const Factor& other : factors) {
       if (&other == &factor) continue;
       if (other.scalar < 0) {
-        rate *= other.curve(0.0);
+        rate *= other.curve(own);
         continue;
       }
       const Properties::Scalar& beside = properties.scalars[static_cast<std::size_t>(other.scalar)];

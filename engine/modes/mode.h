@@ -39,9 +39,10 @@ struct Transfer {
   /// property of a factor has no data. RT: no allocation.
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
   /// Returns the gradient of the product at the place of the reading [its unit / m]; zero if the
-  /// property of a factor has no data. At a knot, this is the slope just above the knot. The value
-  /// that the mode itself measures counts as the constant 0. RT: no allocation.
-  [[nodiscard]] Vec3 slope(const Properties& properties) const noexcept PALPATE_NONBLOCKING;
+  /// property of a factor has no data. At a knot, this is the slope just above the knot. `own` is
+  /// the input of factors with scalar -1, and does not depend on the place. RT: no allocation.
+  [[nodiscard]] Vec3 slope(const Properties& properties,
+                           double own = 0.0) const noexcept PALPATE_NONBLOCKING;
   /// Returns the product, with `value` as the input of factors with scalar `index` or -1; 0 if the
   /// property of another factor has no data. RT: no allocation.
   [[nodiscard]] double at(const Properties& properties, int index, double value) const noexcept;

@@ -89,6 +89,33 @@ TEST_CASE(
   CHECK(TransferFunction(2.0).slope(1.0) == 0.0);
 }
 
+TEST_CASE("the slope of a product is that of its values, also with a value of the mode's own",
+          "[transfer]") {
+  Properties properties;
+  const Vec3 rise(2.0, -1.0, 0.5);
+  const auto at = [&](const Vec3& p) {
+    properties.scalars[0] = {0.4 + rise.dot(p), true, rise};
+    properties.scalars[1] = {0.7 - rise.dot(p), true, -rise};
+  };
+  const auto ramp = [](double low, double high) {
+    return TransferFunction::piecewise({{0.0, low}, {1.0, high}});
+  };
+  const Transfer product{{{ramp(1.0, 3.0), 0}, {ramp(0.5, 2.0), 1}, {ramp(4.0, 1.0), -1}}};
+  constexpr double kSmall = 1e-6;
+  for (const double own : {0.0, 0.3, 0.9}) {
+    Vec3 expected;
+    for (int a = 0; a < 3; ++a) {
+      at(kSmall * Vec3::Unit(a));
+      const double above = product(properties, own);
+      at(-kSmall * Vec3::Unit(a));
+      expected[a] = (above - product(properties, own)) / (2.0 * kSmall);
+    }
+    at(Vec3::Zero());
+    CAPTURE(own);
+    CHECK((product.slope(properties, own) - expected).norm() < 1e-8);
+  }
+}
+
 TEST_CASE("a directed force that rises steeply changes smoothly with less than 1.1 readings a tick",
           "[modes][eq8]") {
   // The force rises by 2 N over `width`: two to eight times as steeply as the spring's force.
