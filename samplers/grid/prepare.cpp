@@ -12,6 +12,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/grid/component_grid.h"
+#include "palpate/samplers/grid/labels.h"
 #include "palpate/samplers/grid/prepare_values.h"
 
 namespace palpate {
@@ -333,6 +334,7 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
   if (const auto source = base->getMetadata<openvdb::StringMetadata>("source")) {
     info.source = source->value();
   }
+  info.labels = labelsIn(*base);
   info.refusal = refusalOf(*base, info, affine, parts);
   out.grid = std::make_unique<Volume::Grid>();
   out.grid->parts = std::move(parts);

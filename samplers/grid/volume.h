@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -52,6 +53,13 @@ struct Smoothing {
   double half_height_voxels = 0.0;
 };
 
+/// A label of a segmentation: a value of the grid that marks one structure, and its name.
+struct Label {
+  double value = 0.0;          ///< Value of the structure's voxels, a whole number.
+  std::string name;            ///< Name of the structure; may be empty.
+  std::optional<Vec3> colour;  ///< Red, green and blue, each 0 to 1; unset: not stated.
+};
+
 /// Description of a grid, as `palpate info` prints it. [file]: the file's own world space.
 struct GridInfo {
   std::string name;  ///< Name, unique in the file. Grids of equal names are density[0], density[1].
@@ -83,8 +91,11 @@ struct GridInfo {
   Smoothing smoothing;  ///< Effect of LoadOptions::smooth.
   /// True if the file stores the vectors in index space. The load converts them.
   bool was_local = false;
-  std::string source;   ///< File from which the grid was imported, as its metadata state.
-  std::string refusal;  ///< "reason: remedy" if the grid cannot be used, else empty.
+  /// Labels that the metadata of the grid state (labels.h), in the order of the file.
+  std::vector<Label> labels;
+  std::optional<Vec3> colour;  ///< Colour of a mask's surface (makeLabelMask), as in Label.
+  std::string source;          ///< File from which the grid was imported, as its metadata state.
+  std::string refusal;         ///< "reason: remedy" if the grid cannot be used, else empty.
 };
 
 /// One grid in memory. It is const after loading, and all its placements and all threads share it.

@@ -1,0 +1,172 @@
+#include "palpate/samplers/grid/label_mask.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <set>
+#include <type_traits>
+#include <utility>
+
+#include <openvdb/tree/LeafManager.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/prepare.h"
+#include "palpate/samplers/parallel.h"
+
+namespace palpate {
+namespace {
+
+/// Number of labels that an error lists.
+constexpr std::size_t kMostListedLabels = 40;
+
+std::string labelNumber(double value) {
+  return std::to_string(static_cast<long long>(value));
+}
+
+/// Returns the labels to choose from: those of the metadata, or else the grid's values.
+template <class GridT>
+std::string remedyFor(const GridInfo& info, const GridT& grid) {
+  constexpr std::size_t kMostDistinct = 10'000;
+  std::set<double> values;
+  std::vector<std::string> words;
+  for (const Label& label : info.labels) {
+    words.push_back(labelNumber(label.value) + (label.name.empty() ? "" : " " + label.name));
+  }
+  if (words.empty()) {
+    for (auto value = grid.cbeginValueOn(); value && values.size() < kMostDistinct; ++value) {
+      values.insert(static_cast<double>(*value));
+    }
+    const bool whole = std::all_of(values.begin(), values.end(), [](double v) {
+      return std::floor(v) == v && std::abs(v) <= kMostLabel;
+    });
+    if (!whole || values.size() == kMostDistinct) {
+      return "name a grid of labels: the values of this grid are not a few whole numbers";
+    }
+    for (const double value : values) words.push_back(labelNumber(value));
+  }
+  std::string text = "choose from ";
+  for (std::size_t i = 0; i < std::min(words.size(), kMostListedLabels); ++i) {
+    text += (i > 0 ? ", " : "") + words[i];
+  }
+  if (words.size() > kMostListedLabels) {
+    text += " and " + std::to_string(words.size() - kMostListedLabels) + " others (palpate info)";
+  }
+  return text;
+}
+
+/// A label that was found in the metadata, or a value.
+struct WantedLabel {
+  double value = 0.0;
+  std::optional<Vec3> colour;
+};
+
+/// Returns the value and the colour of a label; no value for an unknown name.
+std::optional<WantedLabel> findLabel(const LabelKey& key, const std::vector<Label>& labels) {
+  const auto* value = std::get_if<double>(&key);
+  const auto* name = std::get_if<std::string>(&key);
+  for (const Label& label : labels) {
+    if (value != nullptr ? label.value == *value : label.name == *name) {
+      return WantedLabel{label.value, label.colour};
+    }
+  }
+  return value != nullptr ? std::optional<WantedLabel>({*value, std::nullopt}) : std::nullopt;
+}
+
+/// Makes the mask's voxels. Sets seen[i] if a voxel has the value wanted[i].
+template <class GridT>
+openvdb::FloatGrid::Ptr maskOf(const GridT& grid, const std::vector<WantedLabel>& wanted,
+                               std::vector<std::atomic<bool>>& seen) {
+  using Leaf = openvdb::FloatTree::LeafNodeType;
+  using Tree = typename GridT::TreeType;
+  const auto isWanted = [&](double value) {
+    bool found = false;
+    for (std::size_t i = 0; i < wanted.size(); ++i) {
+      if (wanted[i].value != value) continue;
+      found = true;
+      if (!seen[i].load(std::memory_order_relaxed)) seen[i] = true;
+    }
+    return found;
+  };
+  const bool around = isWanted(static_cast<double>(grid.background()));
+  const float other = around ? 0.0F : 1.0F;
+  auto mask = openvdb::FloatGrid::create(around ? 1.0F : 0.0F);
+  mask->setTransform(grid.transform().copy());
+  const openvdb::tree::LeafManager<const Tree> leaves(grid.tree());
+  std::vector<std::unique_ptr<Leaf>> made(leaves.leafCount());
+  inParallel(made.size(), [&](std::size_t n) {
+    const auto& leaf = leaves.leaf(n);
+    auto out = std::make_unique<Leaf>(leaf.origin(), mask->background());
+    for (openvdb::Index i = 0; i < Leaf::SIZE; ++i) {
+      if (isWanted(static_cast<double>(leaf.getValue(i))) != around) out->setValueOn(i, other);
+    }
+    if (!out->isEmpty()) made[n] = std::move(out);
+  });
+  for (auto& leaf : made) {
+    if (leaf) mask->tree().addLeaf(leaf.release());
+  }
+  auto tile = grid.cbeginValueAll();
+  tile.setMaxDepth(GridT::ValueAllCIter::LEAF_DEPTH - 1);
+  for (; tile; ++tile) {
+    if (isWanted(static_cast<double>(*tile)) == around) continue;
+    mask->tree().sparseFill(tile.getBoundingBox(), other, true);
+  }
+  return mask;
+}
+
+}  // namespace
+
+std::string textOf(const LabelKey& label) {
+  const auto* name = std::get_if<std::string>(&label);
+  return name != nullptr ? *name : labelNumber(std::get<double>(label));
+}
+
+std::shared_ptr<const Volume> makeLabelMask(const std::shared_ptr<const Volume>& volume,
+                                            const std::vector<LabelKey>& labels, double sigma) {
+  const GridInfo& from = volume->info();
+  const std::string where = "grid \"" + from.name + "\"";
+  if (from.vector || from.grid_class == GridClass::kLevelSet) {
+    throw VolumeError(where,
+                      from.vector ? "it is a vector, not a grid of labels"
+                                  : "it is a level set, not a grid of labels",
+                      "name a scalar grid of whole numbers");
+  }
+  const auto make = [&](const auto& data) -> std::shared_ptr<const Volume> {
+    using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
+    if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
+      const auto refuse = [&](const LabelKey& label) {
+        throw VolumeError(where, "it has no voxel with the label " + textOf(label),
+                          remedyFor(from, *data));
+      };
+      std::vector<WantedLabel> wanted;
+      std::string name = from.name + ":";
+      for (const LabelKey& label : labels) {
+        const std::optional<WantedLabel> found = findLabel(label, from.labels);
+        if (!found) refuse(label);
+        wanted.push_back(*found);
+        name += (wanted.size() > 1 ? "+" : "") + textOf(label);
+      }
+      std::vector<std::atomic<bool>> seen(wanted.size());
+      const openvdb::FloatGrid::Ptr mask = maskOf(*data, wanted, seen);
+      for (std::size_t i = 0; i < labels.size(); ++i) {
+        if (!seen[i]) refuse(labels[i]);
+      }
+      LoadOptions options;
+      options.smooth.sigma = sigma;
+      Prepared out = prepare(name, mask, options);
+      if (!out.info.refusal.empty()) {
+        throw VolumeError(where, "all its voxels have these labels, so they have no surface",
+                          "omit one of the labels");
+      }
+      out.info.colour = wanted.front().colour;
+      out.info.source = from.source;
+      return std::make_shared<Volume>(std::move(out.info), std::move(out.grid));
+    } else {
+      return nullptr;
+    }
+  };
+  return std::visit(make, volume->grid().parts.front().data);
+}
+
+}  // namespace palpate
