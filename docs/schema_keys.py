@@ -109,8 +109,9 @@ def rows(node, schema, path=""):
             text += f" Needs {', '.join(f'`{other}`' for other in needs[key])}." if key in needs else ""
         text = text.strip()
         # The row of an object says to which forms its keys belong.
+        told = ", ".join(dict.fromkeys(names))  # two forms may have one name
         if len(names) < len(objects) and names != [key] and (at == path + key or names != has[key]):
-            text = f"With {', '.join(names)}: {text}" if text else f"With {', '.join(names)}."
+            text = f"With {told}: {text}" if text else f"With {told}."
         result.append((at, of, each, default, text))
     return result
 

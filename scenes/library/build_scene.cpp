@@ -15,6 +15,7 @@
 #include "palpate/scenes/library/build_parts.h"
 #include "palpate/scenes/library/compute_fields.h"
 #include "palpate/scenes/library/frames.h"
+#include "palpate/scenes/library/label_modes.h"
 #include "palpate/scenes/library/move_volumes.h"
 #include "palpate/scenes/library/place_volumes.h"
 #include "palpate/scenes/library/play_sequences.h"
@@ -189,6 +190,8 @@ class VolumeLoader {
       openBricks(spec_, name, built_, cache_);
     } else if (volume.volume != nullptr) {
       put(name, volume.volume);
+    } else if (isMask(volume)) {
+      return;  // computeMasks() makes it from another volume
     } else if (displaces) {
       for (VolumeRequest& frame : framesOf(volume)) request(name, std::move(frame));
     } else {
@@ -271,7 +274,7 @@ void noteRemarks(const SceneSpec& spec, const std::string& which, const Volume& 
 void makeFields(const SceneSpec& spec, BuiltScene& built, Placer& placer, SceneCache& cache) {
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
-    noteRemarks(spec, name, *volume, built);
+    if (!spec.volumes.at(name).mask) noteRemarks(spec, name, *volume, built);
     built.samplings[name] = samplingOf(spec, name);
     try {
       const auto window = built.windows.find(name);
@@ -310,6 +313,15 @@ void noteEmptySurfaces(const SceneSpec& spec, BuiltScene& built) {
     const double low = std::min(info.lowest, info.background);
     const double high = std::max(info.highest, info.background);
     if (mode.value >= low && mode.value <= high) continue;
+    const auto of = spec.volumes.find(mode.of);
+    if (of != spec.volumes.end() && of->second.mask) {
+      built.notes.push_back(pathIn(
+          spec, fmt::format(
+                    "/modes/{}/smooth: a Gaussian of {:g} voxels removes the whole label, which is "
+                    "thin: give a smaller \"smooth\"",
+                    i, of->second.mask->smooth)));
+      continue;
+    }
     built.notes.push_back(pathIn(
         spec,
         fmt::format(
@@ -327,6 +339,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   SceneCache::Building building(things);
   BuiltScene built;
   const Displacements displacements = VolumeLoader(spec, built, things).load(progress);
+  computeMasks(spec, built, things);
   const std::map<std::string, const GridInfo*> grids = gridsOf(built, displacements);
   Placer placer(spec, grids);
   for (const auto& [name, frames] : displacements) {

@@ -16,6 +16,7 @@
 #include "palpate/engine/safety/device.h"
 #include "palpate/engine/scene/scene.h"
 #include "palpate/samplers/bricks/brick_window.h"
+#include "palpate/samplers/grid/label_mask.h"
 #include "palpate/samplers/grid/vdb_field.h"
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/samplers/time/frame_sequence.h"
@@ -87,6 +88,13 @@ struct PlaySpec {
   std::optional<double> to;
 };
 
+/// A mask of labels (key "label" of a mode); see makeLabelMask.
+struct MaskSpec {
+  std::string of;                ///< Volume of labels; the mask has the place of this volume.
+  std::vector<LabelKey> labels;  ///< At least one.
+  double smooth = kMaskSigma;    ///< Standard deviation of the Gaussian [voxels].
+};
+
 /// A volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the caller.
 struct VolumeSpec {
   /// A .vdb file, the folder or address of bricks, or a pattern for numbered files. Ignored if
@@ -101,8 +109,10 @@ struct VolumeSpec {
   /// Volumes that are placed like this volume (kLike) get the same instances.
   std::vector<PlaceSpec> instances;
   Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
-  std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.
-  std::optional<double> budget_mb;       ///< For bricks: memory [MiB]; unset: 256.
+  std::optional<FramesSpec> frames;  ///< If set, the volume is a sequence.
+  std::optional<double> budget_mb;   ///< For bricks: memory [MiB]; unset: 256.
+  /// If set, the volume is a mask of another volume, and has no file. Ignored if `volume` is set.
+  std::optional<MaskSpec> mask;
   std::shared_ptr<const Volume> volume;  ///< Volume in memory; if set, no file is read.
   /// Field of the caller; if set, only the keyframes and the warp apply.
   FieldPtr field;
@@ -130,10 +140,10 @@ struct SceneSpec {
       notes;  ///< Notes for the user about skipped or ignored items, one line each.
 };
 
-/// A derived field that is computed at load, because a mode or a field needs its derivatives.
+/// A mask, or a derived field that a mode or a field differentiates. Both are computed at load.
 struct ComputedField {
   std::string as;    ///< Description as in the scene, such as "magnitude of spin".
-  std::string from;  ///< Volume from which the field is derived, directly or through other fields.
+  std::string from;  ///< Volume from which the field is computed, directly or through other fields.
   std::string why;   ///< Reason, such as: mode "wall" needs its gradient.
 };
 

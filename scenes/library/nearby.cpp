@@ -51,6 +51,7 @@ class Copy {
       VolumeSpec copy = volume->second;
       if (name == group_.leader) copy.place = spec_.volumes.at(name).instances.at(instance_);
       rename(copy.place.like);
+      if (copy.mask) rename(copy.mask->of);
       out.volumes[called(name)] = std::move(copy);
     }
   }

@@ -53,6 +53,13 @@ std::shared_ptr<const Volume> SceneCache::derive(const std::shared_ptr<const Vol
   return derived_.keep(key, deriveVolume(volume, what));
 }
 
+std::shared_ptr<const Volume> SceneCache::mask(const std::shared_ptr<const Volume>& volume,
+                                               const std::vector<LabelKey>& labels, double sigma) {
+  const Masked key{volume, labels, sigma};
+  if (const auto* known = masks_.find(key)) return *known;
+  return masks_.keep(key, makeLabelMask(volume, labels, sigma));
+}
+
 FieldPtr SceneCache::field(const std::shared_ptr<const Volume>& volume, const Placement& placement,
                            const Sampling& sampling) {
   const Placed key{volume, placement, sampling};
@@ -128,6 +135,10 @@ std::size_t SceneCache::hashOf(const Derived& key) {
   return std::hash<const void*>()(key.volume.get()) + static_cast<std::size_t>(key.what);
 }
 
+std::size_t SceneCache::hashOf(const Masked& key) {
+  return std::hash<const void*>()(key.volume.get()) + std::hash<LabelKey>()(key.labels.front());
+}
+
 std::size_t SceneCache::hashOf(const Opened& key) {
   return std::hash<std::string>()(key.place.native());
 }
@@ -164,6 +175,7 @@ std::size_t SceneCache::hashOf(const Displaced& key) {
 void SceneCache::forget(bool Mark::*unless) {
   volumes_.forget(unless);
   derived_.forget(unless);
+  masks_.forget(unless);
   fields_.forget(unless);
   warps_.forget(unless);
   bricks_.forget(unless);

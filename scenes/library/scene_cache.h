@@ -14,6 +14,7 @@
 
 #include "palpate/samplers/bricks/brick_window.h"
 #include "palpate/samplers/grid/derive.h"
+#include "palpate/samplers/grid/label_mask.h"
 #include "palpate/samplers/grid/vdb_field.h"
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/samplers/time/frame_sequence.h"
@@ -32,6 +33,10 @@ class SceneCache {
   /// Calls deriveVolume.
   [[nodiscard]] std::shared_ptr<const Volume> derive(const std::shared_ptr<const Volume>& volume,
                                                      Derivation what);
+  /// Calls makeLabelMask.
+  [[nodiscard]] std::shared_ptr<const Volume> mask(const std::shared_ptr<const Volume>& volume,
+                                                   const std::vector<LabelKey>& labels,
+                                                   double sigma);
   /// Calls makeVdbField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const Volume>& volume,
                                const Placement& placement, const Sampling& sampling);
@@ -99,8 +104,8 @@ class SceneCache {
   };
   /// Returns the total number of entries.
   [[nodiscard]] std::size_t size() const noexcept {
-    return volumes_.size() + derived_.size() + fields_.size() + warps_.size() + bricks_.size() +
-           windowed_.size() + sequences_.size() + sequenced_.size();
+    return volumes_.size() + derived_.size() + masks_.size() + fields_.size() + warps_.size() +
+           bricks_.size() + windowed_.size() + sequences_.size() + sequenced_.size();
   }
 
  private:
@@ -153,6 +158,13 @@ class SceneCache {
 
     [[nodiscard]] bool operator==(const Derived&) const = default;
   };
+  struct Masked {
+    std::shared_ptr<const Volume> volume;
+    std::vector<LabelKey> labels;
+    double sigma = 0.0;
+
+    [[nodiscard]] bool operator==(const Masked&) const = default;
+  };
   struct Displaced {
     std::vector<std::shared_ptr<const Volume>> frames;
     Placement placement;
@@ -192,11 +204,13 @@ class SceneCache {
   static std::size_t hashOf(const Sequenced& key);
   static std::size_t hashOf(const Loaded& key);
   static std::size_t hashOf(const Derived& key);
+  static std::size_t hashOf(const Masked& key);
   static std::size_t hashOf(const Placed& key);
   static std::size_t hashOf(const Displaced& key);
 
   Shelf<Loaded, std::shared_ptr<const Volume>> volumes_;
   Shelf<Derived, std::shared_ptr<const Volume>> derived_;
+  Shelf<Masked, std::shared_ptr<const Volume>> masks_;
   Shelf<Placed, FieldPtr> fields_;
   Shelf<Displaced, WarpPtr> warps_;
   Shelf<Opened, Bricks> bricks_;

@@ -82,7 +82,7 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
   spec.source = source;
   sceneTable().read({json, source, "", raiseAs<SceneError>}, spec);
   for (auto& [name, volume] : spec.volumes) {
-    if (!isRemote(volume.file)) volume.file = folder / volume.file;
+    if (!volume.mask && !isRemote(volume.file)) volume.file = folder / volume.file;
   }
   return spec;
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 #include <variant>
@@ -12,6 +13,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/tick/step.h"
+#include "palpate/scenes/library/label_modes.h"
 #include "palpate/scenes/library/length_units.h"
 #include "palpate/scenes/library/smooth_text.h"
 #include "palpate/scenes/library/spec_lookup.h"
@@ -429,10 +431,11 @@ JsonType<DerivedSpec> fieldType() {
 
 // Modes.
 
-/// A mode, and the volume that defines the units of a guide.
+/// A mode, the volume that defines the units of a guide, and the mask of a mode of a label.
 struct NamedMode {
   ModeSpec mode;
   std::string in;
+  std::optional<MaskSpec> mask;
 };
 
 using ModeRows = JsonObject<NamedMode>;
@@ -473,6 +476,26 @@ ModeRows guideRows() {
                 {wordFor(PrimitiveKind::kPlane), directed(PrimitiveKind::kPlane)}});
 }
 
+/// Returns the rows of an isosurface at a value, and those of the surface of a label.
+std::vector<ModeRows> surfaceRows() {
+  return {
+      ModeRows().need("value", jsonNumber(), to(&ModeSpec::value)),
+      ModeRows()
+          .always([](NamedMode& named) { named.mask.emplace(); })
+          .need("label",
+                labelType().says("Instead of \"value\": the label whose surface the mode has, or "
+                                 "several labels. A label is the value of its voxels, or its name "
+                                 "in the file."),
+                [](NamedMode& named, std::vector<LabelKey> labels) {
+                  named.mask->labels = std::move(labels);
+                })
+          .may("smooth",
+               jsonNotNegativeUpTo(kMostSmooth, "voxels")
+                   .says("Standard deviation of the Gaussian that smooths the label's surface "
+                         "[voxels]. The default is 1."),
+               [](NamedMode& named, double sigma) { named.mask->smooth = sigma; })};
+}
+
 /// Returns the type of a mode: a row for each kind, and the common keys name, strength and by.
 JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
   const auto of = [] { return ModeRows().need("of", jsonName(), to(&ModeSpec::of)); };
@@ -498,12 +521,12 @@ JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
       {ModeKind::kSurface, solid()},
       {ModeKind::kIsosurface,
        solid()
-           .need("value", jsonNumber(), to(&ModeSpec::value))
            .may("depth",
                 jsonPositive().says(
                     "After the isosurface has yielded, its plane pulls the proxy back until the "
                     "proxy is this far past the surface [voxels]. The default is 3."),
-                to(&ModeSpec::depth_voxels))},
+                to(&ModeSpec::depth_voxels))
+           .chooseByKey(surfaceRows())},
       {ModeKind::kFollow, of()},
       {ModeKind::kTransverseDamping, of()},
       {ModeKind::kFrontShape,
@@ -623,6 +646,9 @@ const Table& table() {
                 for (NamedMode& named : modes) {
                   if (!named.in.empty()) spec.guide_volumes[spec.graph.modes.size()] = named.in;
                   spec.graph.modes.push_back(std::move(named.mode));
+                  if (!named.mask) continue;
+                  named.mask->of = spec.graph.modes.back().of;
+                  addMask(spec, spec.graph.modes.size() - 1, std::move(*named.mask));
                 }
               });
     return t;

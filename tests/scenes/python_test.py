@@ -103,6 +103,26 @@ def test_integers_that_a_double_cannot_hold_exactly_give_a_warning():
             palpate.volume(np.where(np.eye(4)[:, :, None] > 0, np.array(value, dtype), np.array(7, dtype)))
 
 
+def test_a_mode_of_a_label_of_an_array_holds_the_hand_at_the_voxels_faces():
+    labels = np.zeros((30, 30, 30))
+    labels[5:25, 5:25, 5:25] = 7
+    labels[5:15, 5:25, 5:25] = 3
+    volumes = {"organs": palpate.volume(labels, background=0, name="organs")}
+    scene = {"palpate": 1, "coupling": {"stiffness": 500}, "volumes": {"organs": {"place": {"scale": 0.001}}},
+             "modes": [{"mode": "isosurface", "of": "organs", "label": 7, "strength": 3}]}
+    hand = np.full((500, 3), 0.015)
+    hand[:, 0] = np.linspace(0.03, 0.0235, 500)
+    parsed = palpate.Scene.parse(scene, volumes)
+    force = parsed.run(hand)["force_x"][-1]
+    assert force == pytest.approx(0.5, abs=0.01)
+    assert parsed.notes == []
+    assert parsed.explain((0.026, 0.015, 0.015), (-0.002, 0, 0))["modes"]
+    assert volumes["organs"].info["labels"] == {}
+    scene["modes"][0]["label"] = [7, 9]
+    with pytest.raises(palpate.Error, match="no voxel with the label 9: choose from 3, 7"):
+        palpate.Scene.parse(scene, volumes)
+
+
 def test_a_mask_that_becomes_the_background_gives_a_warning():
     mask = np.zeros((20, 20, 20), "u1")
     mask[:, :, :15] = 1

@@ -105,14 +105,11 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
 
 /// Returns the numbers of cells in which an isosurface meets missing data; null if the volume was
 /// not examined.
-OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene& built) {
+OrderedJson edgeOf(const ModeSpec& mode, const BuiltScene& built) {
   const auto volume = built.volumes.find(mode.of);
   if (volume == built.volumes.end() || built.windows.count(mode.of) != 0) return nullptr;
-  // A computed volume has the sampling of its source.
-  const auto computed = built.computed.find(mode.of);
-  const std::string& source = computed == built.computed.end() ? mode.of : computed->second.from;
   const auto found =
-      findOpenCells(*volume->second, spec.volumes.at(source).sampling, mode.value, mode.solid);
+      findOpenCells(*volume->second, built.samplings.at(mode.of), mode.value, mode.solid);
   if (!found) return nullptr;
   OrderedJson json = {
       {"open_cells", found->count}, {"surface_cells", found->surface}, {"open_at", nullptr}};
@@ -155,7 +152,7 @@ void addGraph(const Graph& graph, std::size_t places, const SceneSpec& spec,
     OrderedJson entry = {
         {"name", graph.mode_names[i]},
         {"does", describe(mode, in == spec.guide_volumes.end() ? "" : in->second)}};
-    if (mode.kind == ModeKind::kIsosurface) entry["edge"] = edgeOf(mode, spec, built);
+    if (mode.kind == ModeKind::kIsosurface) entry["edge"] = edgeOf(mode, built);
     add("modes", entry);
   }
   for (const std::string& name : graph.silent) json["silent"].push_back(name);

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <cstdint>
 
 #include <fmt/format.h>
 
@@ -11,10 +12,24 @@
 namespace palpate::cli {
 namespace {
 
+/// Returns the key of a mode for this label.
+std::string labelled(const Label& label) {
+  return label.name.empty() ? fmt::format("\"label\": {}", label.value)
+                            : fmt::format("\"label\": \"{}\"", label.name);
+}
+
+OrderedJson describe(const Label& label) {
+  OrderedJson json{{"label", static_cast<std::int64_t>(label.value)}, {"name", label.name}};
+  if (label.colour) json["colour"] = toJson(*label.colour);
+  return json;
+}
+
 std::string feelOf(const GridInfo& grid) {
   if (!grid.refusal.empty()) return "not possible: " + grid.refusal;
   if (grid.vector) return "follow its lines; force along its vectors; viscosity by its magnitude";
   if (grid.grid_class == GridClass::kLevelSet) return "isosurface at 0, solid below";
+  if (!grid.labels.empty())
+    return "isosurface of a label, such as " + labelled(grid.labels.front());
   return "surface and viscosity by its value; isosurface at a value you choose";
 }
 
@@ -34,6 +49,7 @@ OrderedJson describe(const GridInfo& grid) {
   json["mean"] = grid.mean;
   json["background"] = grid.background;
   json["non_finite"] = grid.non_finite;
+  for (const Label& label : grid.labels) json["labels"].push_back(describe(label));
   if (!grid.source.empty()) json["source"] = grid.source;
   json["can_be_felt"] = grid.refusal.empty();
   json["feel"] = feelOf(grid);
@@ -60,6 +76,7 @@ void print(const GridInfo& grid) {
     say("  {} {} .. {}, mean {}, background {}\n", grid.vector ? "magnitude" : "values   ",
         rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean), rounded(grid.background));
   }
+  for (const Label& label : grid.labels) say("  label     {} {}\n", label.value, label.name);
   if (grid.grid_class == GridClass::kStaggered) {
     say("  note      staggered: each component is read on its face of the voxel\n");
   }

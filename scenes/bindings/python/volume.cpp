@@ -184,6 +184,11 @@ py::dict infoOf(const Volume& volume) {
   dict["mean"] = info.mean;
   dict["background"] = info.background;
   dict["filled"] = info.filled;
+  py::dict labels;
+  for (const Label& label : info.labels) {
+    labels[py::int_(static_cast<long>(label.value))] = label.name;
+  }
+  dict["labels"] = labels;
   return dict;
 }
 
