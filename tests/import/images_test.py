@@ -387,6 +387,56 @@ class Nrrd(Case):
             "kinds: space space space time", sizes="4 5 6 2"), "\n", more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
+    def labels(self, volume):
+        """Returns the labels of each grid, as `palpate info` prints them."""
+        done = process.run([str(BIN / "palpate"), "info", str(volume), "--json"], capture_output=True, text=True,
+                           timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return {grid["name"]: grid.get("labels", []) for grid in json.loads(done.stdout)["grids"]}
+
+    @suite.smoke
+    def test_segments_of_a_segmentation_keep_their_names_and_colours(self):
+        # The label 2 fills the image up to its faces, where it is the most frequent value.
+        def label(i, j, k):
+            return 7 if (i, j, k) == (2, 3, 4) else 2 if i > 0 else 0
+        segments = ("Segment0_ID:=a", "Segment0_Name:=liver", "Segment0_LabelValue:=7",
+                    "Segment0_Color:=0.5 0.25 1", "Segment0_Layer:=0", "Segment1_Name:=body: all",
+                    "Segment1_LabelValue:=2", "Segment1_Tags:=T2022:=x|", "Segment2_Name:=lost",
+                    "Segment2_LabelValue:=two", "Segment3_Name:=far", "Segment3_Layer:=4", "Other:=1")
+        header = nrrd("space: RAS", DIRECTIONS, ORIGIN, *segments, kind="uchar")
+        path = self.write("a.seg.nrrd", header, "\n", bytes(label(*p) for p in INDICES))
+        out = self.convert(path)
+        self.holds(out, "labels", COLUMNS, AT, label, [(0, 0, 0), *INNER])
+        self.assertEqual(self.labels(out), {"labels": [
+            {"label": 7, "name": "liver", "colour": [0.5, 0.25, 1]}, {"label": 2, "name": "body: all"}]})
+        outside = self.sample(out, "labels", [place(COLUMNS, AT, (40, 0, 0))])
+        self.assertEqual(float(outside[0]["value"]), 0.0)
+        notes = self.notes(path)
+        self.assertIn('segment 2 "lost" keeps no name: its label value "two"', notes)
+        self.assertIn('segment 3 "far" keeps no name: its layer "4" is not one of the 1', notes)
+        for option, value in (("--smooth", "1"), ("--voxel", "0.5"), ("--tolerance", "1")):
+            self.refused(path, "must not be blended", option, value)
+
+    def test_each_layer_of_a_segmentation_becomes_a_grid_of_labels(self):
+        values = [[(i + j + k) % 3, int(i > 1), 0] for i, j, k in INDICES]
+        segments = ("Segment0_Name:=a", "Segment0_LabelValue:=1", "Segment0_Layer:=0", "Segment1_Name:=b",
+                    "Segment1_LabelValue:=2", "Segment1_Layer:=0", "Segment2_Name:=c", "Segment2_Layer:=1")
+        fields = ("space: RAS", "kinds: list domain domain domain", "space directions: none (1,0,0) (0,1,0) (0,0,1)")
+        path = self.write("a.seg.nrrd", nrrd(*fields, *segments, kind="uchar", sizes="3 4 5 6"), "\n",
+                          bytes(v for voxel in values for v in voxel))
+        out = self.convert(path)
+        self.holds(out, "labels_0", IDENTITY, (0, 0, 0), lambda i, j, k: (i + j + k) % 3)
+        self.holds(out, "labels_1", IDENTITY, (0, 0, 0), lambda i, j, k: int(i > 1))
+        self.assertEqual(self.labels(out), {
+            "labels_0": [{"label": 1, "name": "a"}, {"label": 2, "name": "b"}], "labels_1": [{"label": 1, "name": "c"}]})
+        self.assertIn("labels_2: skipped", self.notes(path))
+        # Older versions of Slicer write a layer for each segment, and no label values.
+        old = ("Segment0_Name:=a", "Segment1_Name:=b")
+        pairs = bytes(v for i, j, k in INDICES for v in (int(j > 2), int(k > 2)))
+        out = self.convert(self.write("a.seg.nrrd", nrrd(*fields, *old, kind="uchar", sizes="2 4 5 6"), "\n", pairs))
+        self.assertEqual(self.labels(out), {"labels_0": [{"label": 1, "name": "a"}],
+                                            "labels_1": [{"label": 1, "name": "b"}]})
+
     def test_ignores_the_spacings_of_an_nrrd_file_that_states_directions(self):
         path = self.write("a.nrrd", nrrd("space: RAS", DIRECTIONS, ORIGIN, "spacings: 7 7 7",
                                          'units: "mm" "mm" "mm"'), "\n", SHORTS)

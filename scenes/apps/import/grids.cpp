@@ -410,9 +410,11 @@ Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, 
   background.tolerance = tolerance;
   background.is_active = hasHoles(image, values, array.values.tuples(), shared);
   if constexpr (C == 1) {
-    const Surroundings surroundings = surroundingsOf(image, values, shared);
-    background.value = surroundings.middle;
-    background.spread = surroundings.spread;
+    if (!array.labels) {  // the background of labels is 0
+      const Surroundings surroundings = surroundingsOf(image, values, shared);
+      background.value = surroundings.middle;
+      background.spread = surroundings.spread;
+    }
   } else {
     background.value = openvdb::Vec3f(0.0F);
   }

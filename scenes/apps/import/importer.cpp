@@ -13,6 +13,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
 #include "palpate/samplers/bricks/brick_grid.h"
+#include "palpate/samplers/grid/labels.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
@@ -40,6 +41,7 @@ std::string emptyBecause(const Imported& imported) {
 /// the loss that remains.
 void prepareValues(Array& array, EarlierSteps& earlier, std::vector<std::string>& notes,
                    const Shared& shared) {
+  if (array.labels) return;
   hideFillValues(array, notes, shared);
   subtractOffset(array, earlier.value_offsets[array.name], shared);
   // Floats hold all numbers of 1 and 2 bytes.
@@ -137,12 +139,27 @@ Values constantLike(const Values& values, double constant) {
   return out;
 }
 
+/// Throws Error if an option would blend the labels of a segmentation.
+void checkNotBlended(const Options& options, const Array& array) {
+  if (!array.labels) return;
+  const auto refuse = [&](bool wrong, const char* option, const char* remedy) {
+    if (!wrong) return;
+    throw Error(option, array.name + " has labels, which must not be blended", remedy);
+  };
+  refuse(options.smooth.sigma > 0.0, "--smooth",
+         "omit this option: the mode of a label has its own \"smooth\"");
+  refuse(options.voxel > 0.0 && !options.iso, "--voxel", "omit this option");
+  refuse(options.tolerance.value_or(0.0) > 0.0, "--tolerance", "omit this option");
+}
+
 Imported fromImage(const Options& options, const Piece& whole, Array array,
                    const std::string& length_unit, const std::string& in, const Telling& telling,
                    std::vector<std::string>& notes, const Shared& shared, EarlierSteps& earlier) {
   telling.stage(array.name);
+  checkNotBlended(options, array);
   prepareValues(array, earlier, notes, shared);
   Imported imported;
+  imported.labels = array.labels.value_or(std::vector<Label>());
   Piece piece = withoutArrays(whole);
   if (!piece.depths.empty()) imported.resampling = evenSlices(piece, array);
   if (!shared.isAlone()) {
@@ -315,6 +332,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
   if (step.modality == Modality::kCt) text(guess::kMetaModality, "CT");
   if (step.modality == Modality::kMr) text(guess::kMetaModality, "MR");
+  if (!imported.level_set) insertLabels(grid, imported.labels);
   if (imported.axial) grid.insertMeta(guess::kMetaAxial, openvdb::BoolMetadata(true));
   if (grid.isType<openvdb::Vec3SGrid>()) {
     grid.setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);

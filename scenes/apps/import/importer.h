@@ -45,8 +45,9 @@ struct Imported {
   /// Whole number that was subtracted from the values (Array::value_offset).
   double value_offset = 0.0;
   std::optional<ResamplingError> resampling;
-  double voxel = 0.0;      ///< Edge of the cubes after resampling; 0: not resampled to cubes.
-  double smoothing = 0.0;  ///< RMS of the changes by smoothing, in `unit`.
+  double voxel = 0.0;         ///< Edge of the cubes after resampling; 0: not resampled to cubes.
+  double smoothing = 0.0;     ///< RMS of the changes by smoothing, in `unit`.
+  std::vector<Label> labels;  ///< For a segmentation: its labels.
   std::optional<LevelSet> level_set;
   /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled
   /// to cubes. No value for a mesh.

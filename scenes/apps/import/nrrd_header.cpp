@@ -92,9 +92,14 @@ std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, cons
   return parts;
 }
 
-/// Stores a line of the header for teem, except comments and fields that locate the data.
+/// Stores a line of the header: a field for teem, or a key/value pair. Leaves out comments and
+/// fields that locate the data.
 void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
-  if (line[0] == '#' || line.find(":=") < line.find(": ")) return;
+  if (line[0] == '#') return;
+  if (const auto pair = line.find(":="); pair < line.find(": ")) {
+    header.pairs[line.substr(0, pair)] = line.substr(pair + 2);
+    return;
+  }
   std::string key = lowered(line.substr(0, line.find(':')));
   std::erase(key, ' ');
   if (key != "lineskip" && key != "byteskip") {

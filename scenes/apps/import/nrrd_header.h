@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,6 +23,7 @@ struct NrrdPart {
 
 struct NrrdHeader {
   std::vector<std::string> lines;
+  std::map<std::string, std::string> pairs;  ///< Key/value pairs ("key:=value").
   std::vector<NrrdPart> parts;
   unsigned line_skip = 0;
   long byte_skip = 0;

@@ -18,6 +18,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/nrrd_data.h"
 #include "palpate/scenes/apps/import/nrrd_header.h"
+#include "palpate/scenes/apps/import/nrrd_segments.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/values.h"
 
@@ -69,12 +70,14 @@ class NrrdReader final : public Reader {
     state_->lineSkip = header.line_skip;
     state_->byteSkip = header.byte_skip;
     classify();
+    segments_ = segmentsIn(header.pairs, series_ < 0 ? 1 : axisAt(series_).size, notes_);
     data_.emplace(request_, std::move(header.parts), nrrd_.get(), state_.get());
   }
 
   [[nodiscard]] std::vector<double> times() const override {
     std::vector<double> times;
-    if (series_ < 0) return times;
+    // The layers of a segmentation are not steps.
+    if (series_ < 0 || segments_) return times;
     const NrrdAxisInfo& axis = axisAt(series_);
     double step = axis.spacing;
     if (!AIR_EXISTS(step) && nrrd_->spaceDim == 4) step = axis.spaceDirection[3];
@@ -103,6 +106,11 @@ class NrrdReader final : public Reader {
     }
     const bool is_packed = state_->encoding != nrrdEncodingRaw;
     const Slab slices = isInOrder() ? slicesToRead(request_, image, is_packed) : image.slices();
+    if (segments_) {
+      addLayers(slices, image);
+      content.pieces.push_back(std::move(image));
+      return content;
+    }
     Values values = readValues(step, slices);
     if (meaning_ == Meaning::kMaskedTensor) image.hidden = hiddenOf(values);
     values = inSpace(values, content);
@@ -348,6 +356,17 @@ class NrrdReader final : public Reader {
     return values;
   }
 
+  /// Adds an array of labels for each layer of a segmentation.
+  void addLayers(const Slab& slices, Piece& image) {
+    for (std::size_t layer = 0; layer < segments_->size(); ++layer) {
+      Array array;
+      array.name = segments_->size() == 1 ? "labels" : fmt::format("labels_{}", layer);
+      array.values = readValues(layer, slices);
+      array.labels = (*segments_)[layer];
+      image.arrays.push_back(std::move(array));
+    }
+  }
+
   /// Returns an array that is not 0 where a tensor's mask excludes the tensor.
   static Values hiddenOf(const Values& masked) {
     Values hidden(Type::kUint8, 1, masked.tuples());
@@ -494,6 +513,8 @@ class NrrdReader final : public Reader {
   int guessed_ = nrrdKindUnknown;
   bool directed_ = false;
   Meaning meaning_ = Meaning::kScalar;
+  /// Labels of each layer, along the axis series_; no value unless the file is a segmentation.
+  std::optional<std::vector<std::vector<Label>>> segments_;
   std::vector<char> whole_;
   std::vector<std::string> notes_;
 };

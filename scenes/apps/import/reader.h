@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "palpate/engine/types.h"
+#include "palpate/samplers/grid/volume.h"
 #include "palpate/scenes/apps/import/values.h"
 #include "palpate/scenes/guess/modality.h"
 
@@ -42,6 +43,8 @@ struct Array {
   bool whole = false;
   /// Whole number that was subtracted from a scalar: value in the file = value + value_offset.
   double value_offset = 0.0;
+  /// For a segmentation: its labels. Its values must not be blended, and 0 is its background.
+  std::optional<std::vector<Label>> labels;
 };
 
 /// Receives the progress of a task, 0 to 1.
