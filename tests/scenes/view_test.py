@@ -209,6 +209,24 @@ wait
         self.assertEqual(struct.unpack(">IIB", png[at + 4:at + 13]), (11811, 11811, 1))
         self.assertEqual(struct.unpack(">I", png[at + 13:at + 17])[0], zlib.crc32(png[at:at + 13]))
 
+    def test_the_surface_of_a_label_has_the_colour_of_its_segment(self):
+        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.03,0.06,0\n0.1,0.03,0.06,0\n", encoding="utf-8")
+        values = [7 * (math.dist((x, y, z), (8, 8, 8)) < 6) for z in range(17) for y in range(17) for x in range(17)]
+        (self.dir / "ball.seg.nrrd").write_text(
+            "NRRD0004\ntype: uchar\ndimension: 3\nspacings: 1 1 1\nsizes: 17 17 17\nencoding: ascii\n"
+            "Segment0_Name:=ball\nSegment0_LabelValue:=7\nSegment0_Color:=0.1 0.2 0.9\n\n"
+            + "\n".join(map(str, values)) + "\n", encoding="utf-8")
+        subprocess.run([PALPATE, "import", "ball.seg.nrrd", "own.vdb"], cwd=self.dir, check=True, capture_output=True)
+        blue = []
+        for key in ({"label": "ball"}, {"value": 3.5}):
+            self.scene.write_text(json.dumps({
+                "palpate": 1, "volumes": {"ball": {"file": "own.vdb", "place": {"fit": 0.1}}},
+                "modes": [{"mode": "isosurface", "of": "ball", **key, "strength": 1}]}), encoding="utf-8")
+            self.still("--device", "path:path.csv", "--picture", "still.png")
+            blue.append(near(imread(self.dir / "still.png"), self.told()["pixels"]["centre"], (0.1, 0.2, 0.9), 10))
+        self.assertGreater(blue[0], 400)
+        self.assertEqual(blue[1], 0)
+
     def test_a_volume_without_a_scene_is_drawn(self):
         self.scene = self.volumes / "ball.vdb"
         self.still("--seconds", "0.1", "--picture", "still.png")

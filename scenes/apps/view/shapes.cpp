@@ -155,6 +155,11 @@ Colour onScale(double share) {
 
 Shapes::Shapes(const BuiltScene& built, bool fine)
     : bounds_(built.bounds), front_(cli::frontOf(built)), fine_(fine) {
+  for (const auto& [name, volume] : built.volumes) {
+    if (const auto& own = volume->info().colour) {
+      own_colours_[name] = {own->x(), own->y(), own->z()};
+    }
+  }
   addGraph(built.scene->graph, fine);
   seeThrough();
   const auto& parts = built.scene->parts;
@@ -302,7 +307,9 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
   const std::string key = fmt::format("surface {} {}{}", of.id(), level, textOf(masks));
   if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
   known_.push_back(key);
-  const Colour colour = kBodies[surfaces_ % kBodies.size()];
+  const auto own = own_colours_.find(graph.scalar_names[field]);
+  const bool has_own = own != own_colours_.end();
+  const Colour colour = has_own ? own->second : kBodies[surfaces_ % kBodies.size()];
   const MotionPtr motion = motionOf(graph, graph.scalar_motions[field]);
   bool exists = false;
   const auto mesh = [&](int points, When when) {
@@ -352,7 +359,8 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
   }
   ++surfaces_;
   legend_.push_back({name, colour});
-  levels_.push_back({name, of.id(), level, kLines[levels_.size() % kLines.size()]});
+  levels_.push_back(
+      {name, of.id(), level, has_own ? colour : kLines[levels_.size() % kLines.size()]});
 }
 
 void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std::size_t field,

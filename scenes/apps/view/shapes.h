@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -121,6 +122,7 @@ class Shapes {
   std::vector<std::string> notes_;
   /// Keys of the shapes that were drawn, so that no shape is drawn twice.
   std::vector<std::string> known_;
+  std::map<std::string, Colour> own_colours_;  ///< Colours that the volumes of surfaces state.
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;
