@@ -139,10 +139,12 @@ Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec
   return held + Z * solveFree<N>(S, b);
 }
 
-/// Returns D, the derivative at the balance of the pulls of sliding lines and points, divided by k.
-Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primitive> primitives,
-                  std::span<const Vec3> forces) noexcept {
-  Mat3 D = Mat3::Zero();
+/// Adds D to `slack`: the derivative at the balance of the pulls of sliding lines and points,
+/// divided by k. Returns false if none slides.
+bool addSlidingTurns(const Vec3& balance, double stiffness, std::span<const Primitive> primitives,
+                     std::span<const Vec3> forces, Mat3& slack) noexcept {
+  Mat3 D;
+  bool slides = false;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
     const Primitive& p = primitives[i];
     const bool line = p.kind == PrimitiveKind::kLine;
@@ -153,9 +155,12 @@ Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primiti
     const Vec3 d = free * (balance - p.position);
     const double length = d.norm();
     if (!(length > 0.0)) continue;
+    if (!slides) D.setZero();
+    slides = true;
     D += p.strength / (stiffness * length) * (free - d * d.transpose() / (length * length));
   }
-  return D;
+  if (slides) slack += D;
+  return slides;
 }
 
 }  // namespace
@@ -167,6 +172,7 @@ Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double 
   Mat3 surfaces = Mat3::Zero();
   Mat3 others = Mat3::Zero();
   bool varies = false;
+  bool follows = false;  // true if `others` is not zero
   for (const Varying& one : varying) {
     const Primitive& primitive = primitives[one.index];
     const Vec3& force = forces[one.index];
@@ -178,17 +184,24 @@ Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double 
                            (!one.slope.isZero(0.0) && loadOf(primitive, force) == Load::kYielding);
     if (gives_all) M += force / (load * stiffness) * one.slope.transpose();
     varies = true;
+    follows = follows || !one.surface;
   }
   if (!varies) return residual;
   const Held held = heldBy(residual, primitives, forces, varying);
   const Vec3 along = held.places.step();
-  const Mat3 slack = Mat3::Identity() + slidingTurns(balance, stiffness, primitives, forces);
-  const Mat3 A = slack - surfaces - others;
-  const Vec3 pulls = slack * residual + others * (from - read);
-  Basis free{Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()};
-  Basis places = free;
+  Mat3 A = Mat3::Identity();  // I + D - M
+  Vec3 pulls = residual;      // (I + D) residual, and the turn of the others since their reading
+  if (addSlidingTurns(balance, stiffness, primitives, forces, A)) pulls = A * residual;
+  A -= surfaces;
+  if (follows) {
+    A -= others;
+    pulls += others * (from - read);
+  }
+  Basis free;
+  Basis places;
   Vec3 step = along;
   if (held.forces.count == 0) {
+    free = places = {Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()};
     step = freeStep<3>(free, places, A, pulls, along);
   } else if (held.forces.count == 1) {
     // The free directions of the step are the free directions of the forces, rotated from n to c.

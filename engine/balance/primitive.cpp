@@ -19,14 +19,6 @@ const char* wordFor(PrimitiveKind kind) noexcept {
   return "";
 }
 
-bool isValid(const Primitive& primitive) noexcept {
-  if (primitive.kind > PrimitiveKind::kPlane) return false;
-  if (!(primitive.strength >= 0.0) || !std::isfinite(primitive.strength)) return false;
-  if (primitive.kind != PrimitiveKind::kForce && !primitive.position.allFinite()) return false;
-  if (primitive.kind == PrimitiveKind::kPoint) return true;
-  return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN too
-}
-
 double distanceTo(const Primitive& primitive, const Vec3& x) noexcept {
   const Vec3 d = x - primitive.position;
   const double along = primitive.direction.dot(d);

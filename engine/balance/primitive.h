@@ -1,6 +1,7 @@
 /// The haptic primitives of Lundin et al., section 4.1: eqs (8), (9), (11), (13).
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -33,7 +34,13 @@ struct Primitive {
 /// Returns true if a balance accepts the primitive: its kind exists, its strength is finite and >=
 /// 0, its position is finite and its direction has unit length. Does not check members that its
 /// kind ignores. RT: no allocation.
-[[nodiscard]] bool isValid(const Primitive& primitive) noexcept PALPATE_NONBLOCKING;
+[[nodiscard]] inline bool isValid(const Primitive& primitive) noexcept {
+  if (primitive.kind > PrimitiveKind::kPlane) return false;
+  if (!(primitive.strength >= 0.0) || !std::isfinite(primitive.strength)) return false;
+  if (primitive.kind != PrimitiveKind::kForce && !primitive.position.allFinite()) return false;
+  if (primitive.kind == PrimitiveKind::kPoint) return true;
+  return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN too
+}
 
 /// Returns the distance [m] of x from the point or line, or its depth behind the plane. Returns 0
 /// for a directed force. RT: no allocation.

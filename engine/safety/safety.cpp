@@ -122,14 +122,18 @@ bool NewReadings::look(const HandState& hand) noexcept {
 Vec3 DataFade::pass(const Vec3& wanted, double step, const Vec3& eased, double dt) noexcept {
   if (known_ && (wanted - wanted_).squaredNorm() > step * step) left_ = kEnd;
   left_ = dt > 0.0 ? left_ - dt : 0.0;
-  const Vec3 held = out_ - wanted;
-  const double most = held.norm();
-  const double share = left_ > 0.0 ? std::exp(-dt * kEnd / (kBegin * left_)) : 0.0;
-  const double follows = most > 0.0 ? std::max(0.0, eased.dot(held)) / most : 0.0;
-  const double keeps = std::min(share * most, most - follows);
-  out_ = keeps > 0.0 ? Vec3(wanted + (keeps / most) * held) : wanted;
   wanted_ = wanted;
   known_ = true;
+  if (left_ > 0.0) {
+    const Vec3 held = out_ - wanted;
+    const double most = held.norm();
+    const double share = std::exp(-dt * kEnd / (kBegin * left_));
+    const double follows = most > 0.0 ? std::max(0.0, eased.dot(held)) / most : 0.0;
+    const double keeps = std::min(share * most, most - follows);
+    out_ = keeps > 0.0 ? Vec3(wanted + (keeps / most) * held) : wanted;
+  } else {
+    out_ = wanted;
+  }
   return out_;
 }
 

@@ -107,6 +107,18 @@ bool isSilentInFront(const Mode& mode, const Graph& graph) {
   return std::any_of(drag->strength.factors.begin(), drag->strength.factors.end(), is_zero);
 }
 
+/// Finds once what each tick would look for again.
+void planTick(Graph& graph) {
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    ModeMemory memory = memoryFor(graph.modes[i]);
+    if (touchOf(graph.modes[i], memory).skin != nullptr) graph.surfaces.push_back(i);
+    if (curveOf(graph.modes[i], memory).on != nullptr) graph.curves.push_back(i);
+  }
+  for (const auto* frames : {&graph.scalar_frames, &graph.vector_frames}) {
+    for (const FieldFrame& frame : *frames) graph.finest = std::min(graph.finest, frame.voxel);
+  }
+}
+
 /// Returns Graph::contact_only.
 std::uint64_t contactOnly(const Graph& graph) {
   std::uint64_t others = graph.stiffness_reads.scalars;
@@ -161,6 +173,7 @@ Graph compileGraph(const GraphSpec& spec, const std::map<std::string, FieldPtr>&
       graph.attentive.push_back(graph.scalar_fields.size() + i);
   }
   graph.contact_only = contactOnly(graph);
+  planTick(graph);
   for (const auto& [name, field] : fields) {
     if (!reads.isRead(name)) reads.graph.unused.push_back(name);
   }

@@ -241,13 +241,17 @@ struct Graph {
   std::vector<MagnitudeStep> magnitudes;       ///< Run after all `units`.
   std::vector<Mode> modes;  ///< The modes in the spec's order, without those in `silent`.
   std::vector<ModeFields> mode_fields;  ///< The fields of each mode.
-  std::vector<double> mode_voxels;  ///< Finest voxel of each mode [m]; infinite without a field.
-  std::vector<char> mode_follows;   ///< followsValue() of each mode.
-  std::vector<int> mode_motions;    ///< Index of the motion that carries each mode, or -1.
+  std::vector<double> mode_voxels;    ///< Finest voxel of each mode [m]; infinite without a field.
+  std::vector<char> mode_follows;     ///< followsValue() of each mode.
+  std::vector<int> mode_motions;      ///< Index of the motion that carries each mode, or -1.
+  std::vector<std::size_t> surfaces;  ///< Indices of the modes that have a contact.
+  std::vector<std::size_t> curves;    ///< Indices of the modes that hold the proxy to a streamline.
   std::vector<std::size_t> mode_sources;  ///< Number of each mode, by GraphSpec::mode_numbers.
   std::vector<std::string>
-      mode_names;      ///< Names of modes in messages; without a name the path, such as /modes/5.
-  Transfer stiffness;  ///< Coupling stiffness [N/m]. Without factors it is constant.
+      mode_names;  ///< Names of modes in messages; without a name the path, such as /modes/5.
+  /// Finest voxel of all fields [m]; infinite without a field.
+  double finest = std::numeric_limits<double>::infinity();
+  Transfer stiffness;        ///< Coupling stiffness [N/m]. Without factors it is constant.
   FieldSet stiffness_reads;  ///< Fields that the stiffness reads, even without data
                              ///< (Transfer::anywhere).
   /// Fields that matter only in contact (bit i: scalar_fields[i]). These fields need no attend(),

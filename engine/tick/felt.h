@@ -2,6 +2,7 @@
 /// proxy.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <span>
 
@@ -26,12 +27,37 @@ struct Felt {
 template <class Do>
 bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   for (const Felt& felt : all) {
-    const auto& modes = felt.graph().modes;
-    for (std::size_t i = 0; i < modes.size(); ++i) {
-      if (look(modes[i], felt.memories[i], felt, i)) return true;
+    std::size_t i = 0;
+    for (const Mode& mode : felt.graph().modes) {
+      if (look(mode, felt.memories[i], felt, i)) return true;
+      ++i;
     }
   }
   return false;
+}
+/// Calls `look` as anyMode does, only with the modes in Graph::surfaces.
+template <class Do>
+bool anySurface(std::span<const Felt> all, Do&& look) noexcept {
+  for (const Felt& felt : all) {
+    const Graph& graph = felt.graph();
+    for (const std::size_t i : graph.surfaces) {
+      if (look(graph.modes[i], felt.memories[i], felt, i)) return true;
+    }
+  }
+  return false;
+}
+/// Calls `look` with every mode in Graph::surfaces, and ignores its result.
+template <class Do>
+void eachSurface(std::span<const Felt> all, Do&& look) noexcept {
+  (void)anySurface(all, [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+    look(mode, memory, felt, i);
+    return false;
+  });
+}
+/// Returns true if a graph has a mode in Graph::curves.
+[[nodiscard]] inline bool hasCurve(std::span<const Felt> all) noexcept {
+  return std::any_of(all.begin(), all.end(),
+                     [](const Felt& felt) { return !felt.graph().curves.empty(); });
 }
 /// Calls `look` with every mode, as anyMode does, and ignores its result.
 template <class Do>

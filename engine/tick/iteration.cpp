@@ -21,6 +21,12 @@ constexpr double kRest = 0.5;
 /// Share of the tolerance by which the final place may be off a surface without a reading there.
 constexpr double kSure = 0.25;
 
+/// Adds the line of a stream whose curve was traced.
+void placeLine(Tick& tick, const RailLine& on, ModeMemory& memory) noexcept {
+  memory.emitted = tick.balance.primitives.tryAdd(on.line()) ? 1 : 0;
+  if (memory.emitted == 0) worsen(tick.report, StepStatus::kDropped);
+}
+
 void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   BalanceMemory& balance = tick.balance;
   balance.primitives.clear();
@@ -29,11 +35,7 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   now.follows = false;
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
     if (const RailLine* on = now.rail.lineOf(memory); on != nullptr) {
-      memory.emitted = 1;
-      if (!balance.primitives.tryAdd(on->line())) {
-        memory.emitted = 0;
-        worsen(tick.report, StepStatus::kDropped);
-      }
+      placeLine(tick, *on, memory);
       now.followed = std::min(now.followed, felt.graph().mode_voxels[i]);
       return;
     }
@@ -111,7 +113,7 @@ void balanceNothing(Tick& tick, Iteration& now, bool foreseen, const Vec3& from)
   b.friction.forget();
   tick.report.error_bound = 0.0;
   tick.report.solver = SolverKind::kClosedForm;
-  eachMode(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+  eachSurface(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     readLoads(mode, {}, {}, memory);
   });
   now.to = {tick.probe, Vec3::Zero(), tick.probe - from, tick.probe, Vec3::Zero()};
@@ -185,7 +187,7 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
   to.found = solved.status != SolveStatus::kIterationLimit;
   to.proxy = solved.proxy;
   to.offset = on_rail ? Vec3(solved.proxy - tick.probe) : solved.offset;
-  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+  eachSurface(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     readLoads(mode, b.primitives.items(), b.forces, memory);
   });
   const Vec3 residual = to.proxy - from;
@@ -251,7 +253,7 @@ bool onSurfaces(const Tick& tick, const Vec3& p, double within) noexcept {
         felt.bound.heightAt(*touch.skin, *touch.level, body == nullptr ? p : body->pose.toRest(p));
     return !((load == Load::kHeld ? std::abs(height) : -height) * touch.skin->voxel <= within);
   };
-  return tick.balance.surfaces == 0 || !anyMode(tick.felt(), off);
+  return tick.balance.surfaces == 0 || !anySurface(tick.felt(), off);
 }
 
 bool steady(const Tick& tick, const Iteration& now) noexcept {

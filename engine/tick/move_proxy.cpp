@@ -50,6 +50,7 @@ void meetParts(Tick& tick) noexcept {
 /// holds the proxy carries this place along. If no surface holds the proxy, the volume of the first
 /// mode with primitives does. `Proxy::beyond` turns with that volume.
 Vec3 carriedProxy(Tick& tick) noexcept {
+  if (tick.around.bodies.empty()) return tick.proxy.position;
   const Body* by = nullptr;
   (void)anyMode(tick.felt(),
                 [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
@@ -129,7 +130,7 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   }
   if (!pulled()) return;
   if (!on_rail) {
-    eachMode(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    eachSurface(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
       followYielding(mode, memory);
     });
   }
@@ -197,10 +198,7 @@ bool stay(Tick& tick, Iteration& now) noexcept {
   const Graph& graph = tick.scene.graph;
   if (!tick.proxy.arrived || !graph.attentive.empty()) return false;
   const Vec3 read_at = tick.proxy.position - tick.proxy.beyond;
-  double voxel = now.voxel;
-  for (const FieldFrame& frame : graph.scalar_frames) voxel = std::min(voxel, frame.voxel);
-  for (const FieldFrame& frame : graph.vector_frames) voxel = std::min(voxel, frame.voxel);
-  const double tolerance = tick.scene.step.tolerance_voxels * voxel;
+  const double tolerance = tick.scene.step.tolerance_voxels * std::min(now.voxel, graph.finest);
   if (b.surfaces == 0 || b.surfaces != b.primitives.size() ||
       !((now.to.target - read_at).norm() <= tolerance) || now.follows || !now.to.found ||
       !steady(tick, now)) {
@@ -284,6 +282,7 @@ Slice follow(Tick& tick, int later) noexcept {
 /// readings. In a single slice, a fast hand would be farther from the tangent at the proxy than
 /// from the curve.
 int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
+  if (!hasCurve(tick.felt())) return 1;
   double most = std::numeric_limits<double>::infinity();
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     most = std::min(most, sliceOf(mode, memory));
@@ -322,7 +321,8 @@ OnWay fieldsOnWay(const Tick& tick) noexcept {
   OnWay on;
   const auto look = [&](const auto& fields, const std::vector<FieldFrame>& frames,
                         std::uint64_t contact_only) {
-    for (std::size_t i = 0; i < frames.size() && !on.any; ++i) {
+    const std::size_t count = frames.size();
+    for (std::size_t i = 0; i < count && !on.any; ++i) {
       if (!meets(way, frames[i]) || fields[i]->freeWithin(a) > (b - a).norm()) continue;
       const std::uint64_t bit = contact_only & std::uint64_t{1} << i;
       on.contact_only |= bit;

@@ -208,6 +208,7 @@ void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept {
 
 void layRail(Tick& tick, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
   rail.laid = true;
+  if (!hasCurve(tick.felt())) return;
   Followed best;
   bool best_holds = false;
   double strength = 0.0;

@@ -154,6 +154,8 @@ std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memor
                            const Vec3& x) noexcept {
   const SurfaceAhead ahead = surfaceAhead(mode, memory);
   if (ahead.skin == nullptr) return {};
+  const bool lone = tick.felt().size() == 1 && felt.graph().surfaces.size() == 1;
+  if (lone && !ahead.skin->grooves) return {};
   // A free proxy that does not touch the surface gets no plane.
   const double value = felt.properties->scalars[static_cast<std::size_t>(ahead.skin->value)].value;
   const bool free = ahead.skin->sign * (value - ahead.level) >= 0.0;
@@ -165,7 +167,7 @@ std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memor
   if (reach.isZero(0.0) || felt.properties->coarse) return {};
   std::array<Surface, kMostOthers> others;
   std::size_t count = 0;
-  eachMode(tick.felt(), [&](const Mode& one, ModeMemory& of, const Felt& in, std::size_t) {
+  eachSurface(tick.felt(), [&](const Mode& one, ModeMemory& of, const Felt& in, std::size_t) {
     if (&of == &memory || count == others.size()) return;
     const SurfaceAhead by = surfaceAhead(one, of);
     if (by.skin == nullptr || (&in == &felt && by.skin->field == self.skin->field)) return;

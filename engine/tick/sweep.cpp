@@ -33,7 +33,7 @@ Vec3 commonLift(const Tick& tick, double length) noexcept {
   Vec3 sum = Vec3::Zero();
   if (tick.balance.surfaces == 0) return sum;
   double longest = 0.0;
-  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+  eachSurface(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     const ContactReference touch = touchOf(mode, memory);
     if (touch.skin == nullptr || touch.contact->load != Load::kHeld) return;
     const Vec3 lift = liftOff(*touch.contact, touch.skin->voxel, length);
@@ -53,7 +53,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
   Vec3 end = trial.end;
   Contact* met = nullptr;
   std::optional<Vec3> common;
-  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
+  const auto meet = [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
     const SurfaceAhead ahead = surfaceAhead(mode, memory);
     if (ahead.skin == nullptr) return;
     const auto field = static_cast<std::size_t>(ahead.skin->field);
@@ -94,7 +94,8 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
     const Vec3 at = from + share * (to - from);
     end = body == nullptr ? at : body->pose(at);
     met = ahead.contact;
-  });
+  };
+  eachSurface(tick.felt(), meet);
   if (met == nullptr) return;
   met->touched = true;
   trial.end = end;
@@ -115,7 +116,7 @@ bool isPathClear(Tick& tick, std::uint64_t fields) noexcept {
     tick.report.walked += crossing.cells;
     return crossing.found || crossing.behind || crossing.share < 1.0;
   };
-  return !anyMode(tick.felt(), blocks);
+  return !anySurface(tick.felt(), blocks);
 }
 
 }  // namespace palpate

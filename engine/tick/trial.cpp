@@ -23,10 +23,11 @@ double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Ve
   double reach = std::numeric_limits<double>::infinity();
   const double length = (b - a).norm();
   const auto meet = [&](const std::vector<FieldFrame>& frames, const auto& fields) {
-    for (std::size_t i = 0; i < frames.size(); ++i) {
-      const FieldFrame& frame = frames[i];
+    std::size_t i = 0;
+    for (const FieldFrame& frame : frames) {
+      const auto& field = *fields[i++];
       if (!meets(way, frame)) continue;
-      const double free = length > frame.voxel ? fields[i]->freeWithin(a) : 0.0;
+      const double free = length > frame.voxel ? field.freeWithin(a) : 0.0;
       reach = std::min(reach, std::max(frame.voxel, free));
     }
   };
@@ -35,6 +36,13 @@ double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Ve
     meet(felt.graph().vector_frames, felt.graph().vector_fields);
   }
   return reach;
+}
+
+/// Returns a lower bound of reachFrom() [m]: half a voxel of the finest volume.
+double leastReach(const Tick& tick) noexcept {
+  double finest = std::numeric_limits<double>::infinity();
+  for (const Felt& felt : tick.felt()) finest = std::min(finest, felt.graph().finest);
+  return 0.5 * finest;
 }
 
 /// Cuts a trial step that would reach parts that were not chosen. Primitives that push, and volumes
@@ -67,8 +75,10 @@ Trial advance(Tick& tick, Iteration& now, bool unread) noexcept {
   const Vec3& from = now.read ? now.read_at : tick.proxy.position;
   const Vec3 line = target - from;
   const double length = line.norm();
-  const double reach =
-      unread ? std::numeric_limits<double>::infinity() : reachFrom(tick, now, from, target);
+  double reach = unread ? std::numeric_limits<double>::infinity() : leastReach(tick);
+  if (!unread && (!now.rail.laid || length > kNearShare * reach)) {
+    reach = reachFrom(tick, now, from, target);
+  }
   trial.near = length <= kNearShare * reach;
   trial.reach = reach;
   const double trusted = now.trust.radius;
