@@ -312,7 +312,8 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
   const bool good = probe.allFinite() && std::isfinite(stiffness) && stiffness > 0.0 &&
                     primitives.size() <= kMaxPrimitives &&
                     (forces.empty() || forces.size() >= primitives.size()) &&
-                    std::all_of(primitives.begin(), primitives.end(), isValid);
+                    std::all_of(primitives.begin(), primitives.end(),
+                                [](const Primitive& p) { return isValid(p); });
   if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
     // Most ticks have few primitives. A small capacity touches 3 KB of stack instead of 130 KB.

@@ -199,14 +199,15 @@ bool followsValue(const Mode& mode) noexcept {
 
 void readLoads(const Mode& mode, std::span<const Primitive> primitives,
                std::span<const Vec3> forces, ModeMemory& memory) noexcept {
-  const ContactReference touch = touchOf(mode, memory);
-  if (touch.skin == nullptr) return;
-  readLoad(*touch.contact, primitives, forces);
   std::visit(
-      [](auto& m) {
-        if constexpr (requires { m.contact, m.holds; }) m.holds = m.contact.load == Load::kHeld;
+      [&](const auto& m) {
+        auto& of = memoryOf(m, memory);
+        if constexpr (requires { of.contact; }) readLoad(of.contact, primitives, forces);
+        if constexpr (requires { of.contact, of.holds; }) {
+          of.holds = of.contact.load == Load::kHeld;
+        }
       },
-      memory.of);
+      mode);
 }
 
 void followYielding(const Mode& mode, ModeMemory& memory) noexcept {
@@ -215,14 +216,11 @@ void followYielding(const Mode& mode, ModeMemory& memory) noexcept {
 }
 
 void settle(const Mode& mode, const Vec3& proxy, bool arrived, ModeMemory& memory) noexcept {
-  if (const ContactReference touch = touchOf(mode, memory); touch.skin != nullptr) {
-    touch.contact->touched = false;
-  }
   std::visit(
       [&](const auto& m) {
-        if constexpr (requires { settle(m, proxy, arrived, memoryOf(m, memory)); }) {
-          settle(m, proxy, arrived, memoryOf(m, memory));
-        }
+        auto& of = memoryOf(m, memory);
+        if constexpr (requires { of.contact; }) of.contact.touched = false;
+        if constexpr (requires { settle(m, proxy, arrived, of); }) settle(m, proxy, arrived, of);
       },
       mode);
 }

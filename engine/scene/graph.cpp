@@ -107,7 +107,7 @@ bool isSilentInFront(const Mode& mode, const Graph& graph) {
   return std::any_of(drag->strength.factors.begin(), drag->strength.factors.end(), is_zero);
 }
 
-/// Finds once what each tick would look for again.
+/// Lists the modes with contacts and with streamlines, and finds the finest voxel, for all ticks.
 void planTick(Graph& graph) {
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
     ModeMemory memory = memoryFor(graph.modes[i]);
