@@ -96,8 +96,10 @@ std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double s
 
 void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_t from,
                    std::size_t peak, std::size_t to) {
-  // Between two known materials, the boundary is midway between the two half heights. With one
-  // known material, it is at two thirds of the height, because the material's noise reaches half.
+  // Between two known materials, the boundary is midway between the two values at which the mean
+  // gradient has risen halfway from its dip to b.slope (riseOf). With one known material, it is at
+  // the value where the gradient has risen by two thirds: the noise of that material alone can
+  // raise the gradient by half.
   constexpr double kHalf = 0.5;
   constexpr double kTwoThirds = 2.0 / 3.0;
   const auto rise = [&](std::size_t dip, double part) {

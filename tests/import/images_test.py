@@ -602,9 +602,9 @@ class MetaImage(Case):
 
     @suite.smoke
     def test_reads_a_metaimage_of_every_number_type(self):
-        for kind, letter in (("MET_CHAR", "b"), ("MET_UCHAR", "B"), ("MET_USHORT", "H"),
+        for kind, letter in (("MET_CHAR", "b"), ("MET_UCHAR", "B"), ("MET_SHORT", "h"), ("MET_USHORT", "H"),
                              ("MET_INT", "i"), ("MET_UINT", "I"), ("MET_LONG", "i"),
-                             ("MET_ULONG", "I"), ("MET_LONG_LONG", "q"),
+                             ("MET_ULONG", "I"), ("MET_LONG_LONG", "q"), ("MET_ULONG_LONG", "Q"),
                              ("MET_FLOAT", "f"), ("MET_DOUBLE", "d")):
             path = self.write("a.mha", meta(kind=kind),
                               struct.pack("<120" + letter, *(v % 100 for v in SCALARS)))

@@ -39,7 +39,7 @@ TEST_CASE("slices are in the order of the one number that differs between their 
   // A "#" in a name is not a number.
   CHECK_THROWS_WITH(ordered({"a#.tif", "a1.tif"}), Contains("differ only in a number"));
   CHECK(ordered({"1.tif", "2.tif", "1.png", "x", "4.txt"}).notes.front() ==
-        "3 of 5 files do not belong to the slices and are ignored, such as 1.png");
+        "ignored 3 of 5 files, which are not slices of this series, such as 1.png");
   CHECK_THROWS_WITH(ordered({}), Contains("differ only in a number"));
 }
 

@@ -173,7 +173,7 @@ class Names(Case):
         folder = self.folder(files)
         (folder / "logs").mkdir()
         self.is_stack(folder)
-        self.assertIn("5 of 11 files do not belong to the slices and are ignored, such as a_006.png",
+        self.assertIn("ignored 5 of 11 files, which are not slices of this series, such as a_006.png",
                       self.notes(folder, *WORDS))
         (folder / "logs").rmdir()
         self.assertNotIn("ignored", self.notes(self.folder({f"a_{k}.tif": picture(k) for k in range(COUNT)}), *WORDS))

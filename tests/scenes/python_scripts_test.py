@@ -42,7 +42,8 @@ def test_the_python_benchmark_measures_speed_and_accuracy(tmp_path):
     assert len(of) == 27
     assert all(ns > 0 for ns, _, _ in of.values())
     off = [of[how, 1e-4, 64][1] for how in ("trilinear", "quadratic", "cubic")]
-    # The interpolation error is at most (k1 + k2) / 8, which is 1 / 32 for a ball of 8 voxels.
+    # With trilinear interpolation the surface is off by at most (k1 + k2) / 8 voxels, where k1 and k2 are its principal
+    # curvatures per voxel: 1 / 32 for a ball with a radius of 8 voxels.
     assert off[0] == pytest.approx(1 / 32, rel=0.1)
     assert off[1] < off[0] / 4 and off[2] < off[1] / 10
     for how in ("trilinear", "quadratic", "cubic"):

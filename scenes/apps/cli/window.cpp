@@ -112,9 +112,13 @@ void Window::draw(const std::string& scene, const std::string& picture) {
     throw Interrupted{};
   }
   if (*status != 0) {
-    throw Error(
-        "palpate-view", "the picture was not drawn: " + endOf(*status),
-        WIFEXITED(*status) ? "read its message above" : "end other programs, and try again");
+    throw Error("palpate-view", "the picture was not drawn: " + endOf(*status),
+                WIFEXITED(*status) ? "read its message above"
+                : WTERMSIG(*status) == SIGKILL
+                    ? "end other programs, because memory may have run out, and "
+                      "try again"
+                    : "try again; if this repeats, report this message and your "
+                      "command line");
   }
 }
 

@@ -34,7 +34,8 @@ struct EarthGrid {
   std::vector<std::string> standard;  ///< CF standard_name of each array; may be empty.
 };
 
-/// Returns the size of a unit of pressure in the CF conventions [hPa]; 0 for other units.
+/// Returns the size of a unit of pressure [hPa]: hPa, mb, mbar, millibar, millibars, Pa or kPa. 0
+/// for all other units, also for bar, atm, and decibar, by which oceanographers state depths.
 [[nodiscard]] double hectopascals(const std::string& unit);
 
 /// Converts a grid to pieces: an image if its points form an even lattice, otherwise a mesh.

@@ -173,8 +173,7 @@ SliceNames orderSlices(const std::string& folder, std::vector<FolderFile> files)
     return !std::binary_search(kept.begin(), kept.end(), file.name);
   });
   out.notes.push_back(
-      fmt::format("{} of {} files do not belong to the slices and are "
-                  "ignored, such as {}",
+      fmt::format("ignored {} of {} files, which are not slices of this series, such as {}",
                   files.size() - series.size(), files.size(), ignored->name));
   return out;
 }

@@ -126,7 +126,7 @@ void Unpacked::read(void* to, std::size_t bytes, const Progress& progress) {
   for (std::size_t done = 0; done < bytes;) {
     const std::size_t part = std::min(bytes - done, kPart);
     if (readSome(static_cast<char*>(to) + done, part) != part) {
-      refuse("is truncated: the values end too early");
+      refuse("is truncated, or its header states too many values");
     }
     done += part;
     if (progress) progress(static_cast<double>(done) / static_cast<double>(bytes));
@@ -136,7 +136,7 @@ void Unpacked::read(void* to, std::size_t bytes, const Progress& progress) {
 void Unpacked::skip(std::uint64_t bytes) {
   if (inflater_ == nullptr) {
     in_.seekg(static_cast<std::streamoff>(bytes), std::ios::cur);
-    if (!in_) refuse("is truncated: the values end too early");
+    if (!in_) refuse("is truncated, or its header states too many values");
     given_ += bytes;
     return;
   }
