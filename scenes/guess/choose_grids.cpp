@@ -278,15 +278,14 @@ std::vector<const Candidate*> scalarsByScore(std::vector<Candidate>& candidates,
   return scalars;
 }
 
-/// Notes the labels that have no mode, because the scene has only `most` modes for the grid.
-void leaveLabels(const Candidate& c, std::size_t most, Draft& draft) {
-  if (c.kind != Kind::kLabels) return;
-  const std::vector<double> labels = surfaceLabels(c);
-  if (labels.size() <= most) return;
-  draft.leaveOut(
-      fmt::format("{} of {} labels of {}", labels.size() - most, labels.size(), c.shownName()),
-      fmt::format("the scene guess makes at most {} modes of a grid", most),
-      "add modes with other labels (palpate info lists named ones)");
+void leaveInnerLabels(const Candidate& c, Draft& draft) {
+  const std::vector<float>& all = c.scalar.distinct;
+  if (c.kind != Kind::kLabels || all.size() <= 3) return;
+  draft.leaveOut(fmt::format("labels {} to {} of {} as separate surfaces", shown(all[1]),
+                             shown(all[all.size() - 2]), c.shownName()),
+                 "an isosurface between two labels also encloses other labels",
+                 "write a grid for each label, 1 inside of the label and 0 elsewhere, and put an "
+                 "isosurface at 0.5");
 }
 
 const Candidate* bodyIn(const std::vector<Candidate>& candidates, const Candidate& image) {
@@ -355,7 +354,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
     draft.addVolume(*chosen[i]);
     const std::size_t most = std::min(kMostModes, draft.freeModes() - (more ? 1 : 0));
     addModes(candidates, *chosen[i], most, draft);
-    leaveLabels(*chosen[i], most, draft);
+    leaveInnerLabels(*chosen[i], draft);
   }
 }
 

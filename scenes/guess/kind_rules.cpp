@@ -5,7 +5,6 @@
 
 #include <fmt/format.h>
 
-#include "palpate/samplers/grid/labels.h"
 #include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/candidate.h"
 
@@ -92,13 +91,6 @@ bool isLabelsStated(const Evidence& e) {
 bool hasAir(const ScalarAnalysis& scalar) {
   return scalar.low < -20.0;
 }
-bool isLabelsByMetadata(const Evidence& e) {
-  const bool may_be = e.stated == GuessFor::kAnything || e.stated == GuessFor::kLabels ||
-                      e.stated == GuessFor::kFibres;
-  return may_be && e.scalar.whole > kNearlyWhole && !e.scalar.distinct.empty() &&
-         !labelsIn(*e.input.grid).empty();
-}
-
 bool isHounsfieldStated(const Evidence& e) {
   return e.stated == GuessFor::kCt && hasAir(e.scalar);
 }
@@ -182,8 +174,6 @@ bool hasOneBoundary(const Evidence& e) {
 }
 
 constexpr std::array kScalarRules{
-    KindRule{isLabelsByMetadata, Kind::kLabels,
-             "{values}: {labels} labels, according to the file's metadata"},
     KindRule{isConstantScalar, Kind::kConstant, "nearly all values are equal"},
     // First, rules for the user's --for.
     KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, set by --for cfd"},

@@ -4,15 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <iterator>
 #include <optional>
 #include <utility>
 
 #include <fmt/format.h>
-
-#include "palpate/samplers/grid/label_mask.h"
-#include "palpate/samplers/grid/labels.h"
 
 namespace palpate::guess {
 namespace {
@@ -120,27 +116,43 @@ void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
            "values inside the skin."));
 }
 
-/// Adds the surface of each label.
-void addLabels(const Candidate& c, std::vector<Json>& modes) {
-  const std::vector<Label> known = labelsIn(*c.input->grid);
-  for (const double value : surfaceLabels(c)) {
-    const auto found = std::find_if(known.begin(), known.end(),
-                                    [&](const Label& label) { return label.value == value; });
-    const std::string name = found == known.end() ? std::string() : found->name;
-    const bool is_unique = std::count_if(known.begin(), known.end(), [&](const Label& label) {
-                             return label.name == name;
-                           }) == 1;
-    const bool by_name = is_unique && !name.empty();
-    Json key;
-    if (by_name) {
-      key = name;
-    } else {
-      key = static_cast<std::int64_t>(value);
-    }
-    modes.push_back(makeMode(by_name ? name : fmt::format("{} label {}", c.name, shown(value)),
-                             "isosurface", c.name, {{"label", key}}, kFirm,
-                             "The surface of this label, smoothed by one voxel."));
+// One isosurface can separate only the lowest or the highest label from all others.
+
+double betweenLabels(const Candidate& c, std::size_t i) {
+  return 0.5 * (double{c.scalar.distinct[i - 1]} + c.scalar.distinct[i]);
+}
+
+/// If the lowest label surrounds the others, adds one surface around them. Otherwise adds the
+/// surface of the lowest label.
+void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
+  constexpr double kOneBody = 2.0;
+  const std::vector<float>& all = c.scalar.distinct;
+  const bool two = all.size() == 2;
+  const bool lowest_is_outside = !c.scalar.outside || *c.scalar.outside <= double{all[0]};
+  if (!lowest_is_outside) {
+    modes.push_back(isosurface(fmt::format("{} label {}", c.name, shown(all[0])), c.name,
+                               betweenLabels(c, 1), false, kFirm,
+                               "The lowest label alone: no other label is below it."));
+  } else if (two) {
+    modes.push_back(isosurface(c.name, c.name, betweenLabels(c, 1), true, kOneBody,
+                               "Half way between the two labels."));
+  } else {
+    modes.push_back(isosurface(
+        c.name + " all labels", c.name, betweenLabels(c, 1), true, kYielding,
+        fmt::format("All labels as one body, except {0}, which surrounds them: half way between "
+                    "{0} and the next label. This surface leaves out the boundaries within the "
+                    "body.",
+                    shown(all[0]))));
   }
+}
+
+void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
+  const std::vector<float>& all = c.scalar.distinct;
+  const std::size_t last = all.size() - 1;
+  if (last < 2) return;
+  modes.push_back(isosurface(fmt::format("{} label {}", c.name, shown(all[last])), c.name,
+                             betweenLabels(c, last), true, kFirm,
+                             "The highest label alone: no other label is above it."));
 }
 
 void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
@@ -164,7 +176,8 @@ constexpr std::array kModeRules{
     ModeRule{Kind::kHounsfield, addHounsfieldTissue},
     ModeRule{Kind::kMagnetic, addSignalSkin},
     ModeRule{Kind::kMagnetic, addSignalTissue},
-    ModeRule{Kind::kLabels, addLabels},
+    ModeRule{Kind::kLabels, addLowestLabel},
+    ModeRule{Kind::kLabels, addHighestLabel},
     ModeRule{Kind::kDistance, addDistanceSurface},
 };
 
@@ -280,14 +293,6 @@ Json strengthBySpeed(const VectorAnalysis& flow) {
 }
 
 }  // namespace
-
-std::vector<double> surfaceLabels(const Candidate& c) {
-  const std::vector<float>& all = c.scalar.distinct;
-  std::vector<double> labels(all.begin(), all.end());
-  if (!labels.empty()) std::erase(labels, c.scalar.outside.value_or(labels.front()));
-  std::erase_if(labels, [](double v) { return std::round(v) != v || std::abs(v) > kMostLabel; });
-  return labels;
-}
 
 std::vector<Json> scalarModes(const Candidate& c, std::size_t most) {
   std::vector<Json> modes;

@@ -16,9 +16,6 @@ inline constexpr double kSkinHounsfield = -300.0;
 /// Returns at most `most` modes, the most important first. Not for constant scalars and level sets.
 [[nodiscard]] std::vector<Json> scalarModes(const Candidate& c, std::size_t most);
 
-/// Returns the labels that get a surface: all except the one around the others.
-[[nodiscard]] std::vector<double> surfaceLabels(const Candidate& c);
-
 [[nodiscard]] Json levelSetSurface(const Candidate& c);
 
 /// Returns the surface of a material, which fills the fraction `share` (0 to 1) of the whole

@@ -53,8 +53,9 @@ inline constexpr const char* kMetaAxial = "axial";
 /// - CT in Hounsfield units, stated by the file's metadata or suggested by the values of air and
 ///   tissue: the skin at -300, bone near 300, and a drag in the soft tissue between them;
 /// - MR: the surface of the skin at a low value, and a drag that depends on the signal;
-/// - labels, stated by the file's metadata, or whole numbers in constant regions, in which any two
-///   labels can be neighbours: the surface of each label, except the one around the others;
+/// - labels: whole numbers in constant regions, in which any two labels can be neighbours. An
+///   isosurface separates all labels below it from all labels above it, so only the lowest and the
+///   highest label get a surface;
 /// - the distance to a surface: an isosurface at 0. Its solid is below 0, unless nearly all faces
 ///   of the box are below 0. Weights of distances are left out;
 /// - fractions of materials, which are several grids with the sum 1: a surface at one half for each

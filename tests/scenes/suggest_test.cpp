@@ -17,7 +17,6 @@
 #include <tbb/global_control.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/grid/labels.h"
 #include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/components.h"
 #include "palpate/scenes/library/build_scene.h"
@@ -831,7 +830,7 @@ TEST_CASE("a shock gets a surface beside its velocity, and the speed is left out
   CHECK_THAT(guess.left[0], Contains("km/h: nearly a linear function of U"));
 }
 
-TEST_CASE("each label gets a surface of its own, except the one around the others", "[guess]") {
+TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[guess]") {
   // Three bodies in empty space. The third touches both others.
   const Scalar atlas = [](const Vec3d& p) {
     if ((p - Vec3d(-7.0, 0.0, 0.0)).length() < 7.0) return 1.0F;
@@ -844,45 +843,27 @@ TEST_CASE("each label gets a surface of its own, except the one around the other
   const Json scene = Json::parse(guess.scene);
   const std::vector<Json> surfaces = modesOf(scene, "isosurface");
   CAPTURE(guess.scene);
-  CHECK(scene["modes"].size() == 3);
-  REQUIRE(surfaces.size() == 3);
-  CHECK(surfaces[0]["label"] == 1);
-  CHECK(surfaces[1]["label"] == 2);
-  CHECK(surfaces[2]["label"] == 4);
-  CHECK(surfaces[2]["name"] == "atlas label 4");
-  CHECK(guess.left.empty());
-  // Labels in the metadata have names. A name that two labels have is ambiguous.
-  insertLabels(
-      *std::const_pointer_cast<openvdb::GridBase>(input.grid),
-      {{1.0, "liver", std::nullopt}, {2.0, "lung", std::nullopt}, {4.0, "lung", std::nullopt}});
-  const Guess named = suggest({"data.vdb", "", ""}, {input});
-  CHECK_THAT(named.seen.at(0), Contains("4 labels, according to the file's metadata"));
-  const std::vector<Json> organs = modesOf(Json::parse(named.scene), "isosurface");
-  REQUIRE(organs.size() == 3);
-  CHECK(organs[0]["name"] == "liver");
-  CHECK(organs[0]["label"] == "liver");
-  CHECK(organs[1]["label"] == 2);
-  // A scene has few modes; a note counts the labels without a mode.
-  const Guess many =
-      suggest({"data.vdb", "", ""}, {scalar([](const Vec3d& p) {
-                return static_cast<float>((static_cast<int>(p.x() + 99.0) / 5 * 7) % 9);
-              })},
-              GuessFor::kLabels);
-  CHECK(Json::parse(many.scene)["modes"].size() == 4);
-  REQUIRE(many.left.size() == 1);
-  CHECK_THAT(many.left[0], Contains("labels of density") && Contains("at most 4 modes"));
+  CHECK(scene["modes"].size() == 2);
+  REQUIRE(surfaces.size() == 2);
+  CHECK(surfaces[0]["value"] == 0.5);
+  CHECK(surfaces[0]["solid"] == "above");
+  CHECK(surfaces[1]["value"] == 3.0);
+  CHECK(surfaces[1]["name"] == "atlas label 4");
+  CHECK(surfaces[1]["solid"] == "above");
+  REQUIRE(guess.left.size() == 1);
+  CHECK_THAT(guess.left[0], Contains("labels 1 to 2") && Contains("a grid for each"));
   // Shells whose values are in order count as an image.
   const Json shells = suggested({scalar([](const Vec3d& p) {
     return static_cast<float>(p.length() < 8.0 ? 3 : (p.length() < 16.0 ? 1 : 0));
   })});
-  CHECK_FALSE(shells["modes"][0].contains("label"));
-  // Two values make one body.
+  CHECK(shells["modes"][0]["name"] != "density all labels");
+  // Two values make one body, even if the user selects labels.
   const auto mask = scalar(ball(12.0, 1.0, 0.0, 0.0), 40, "mask");
-  const Json body = suggested({mask});
-  CHECK(only(body, "isosurface")["value"].get<double>() == Approx(0.5).margin(0.1));
-  CHECK(only(body, "isosurface")["solid"] == "above");
-  const Json label = Json::parse(suggest({"data.vdb", "", ""}, {mask}, GuessFor::kLabels).scene);
-  CHECK(only(label, "isosurface")["label"] == 1);
+  for (const GuessFor what : {GuessFor::kAnything, GuessFor::kLabels}) {
+    const Json body = Json::parse(suggest({"data.vdb", "", ""}, {mask}, what).scene);
+    CHECK(only(body, "isosurface")["value"].get<double>() == Approx(0.5).margin(0.1));
+    CHECK(only(body, "isosurface")["solid"] == "above");
+  }
 }
 
 TEST_CASE("labels in tiles without voxels get surfaces", "[guess]") {
@@ -903,9 +884,9 @@ TEST_CASE("labels in tiles without voxels get surfaces", "[guess]") {
   REQUIRE(grid->tree().leafCount() == 0);
   input.grid = grid;
   const Json scene = suggested({input});
-  REQUIRE(modesOf(scene, "isosurface").size() == 3);
-  CHECK(scene["modes"][0]["label"] == 2);
-  CHECK(scene["modes"][2]["label"] == 9);
+  REQUIRE(modesOf(scene, "isosurface").size() == 2);
+  CHECK(scene["modes"][0]["value"] == 1.0);
+  CHECK(scene["modes"][1]["value"] == 7.0);
 }
 
 TEST_CASE("a stream of one speed with a wake gets a strength that rises gradually with speed",
