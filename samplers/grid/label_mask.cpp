@@ -156,7 +156,10 @@ std::shared_ptr<const Volume> makeLabelMask(const std::shared_ptr<const Volume>&
       options.smooth.sigma = sigma;
       Prepared out = prepare(name, mask, options);
       if (!out.info.refusal.empty()) {
-        throw VolumeError(where, "all its voxels have these labels, so they have no surface",
+        throw VolumeError(where,
+                          out.info.refusal == kNoActiveVoxel
+                              ? "all its voxels have these labels, so they have no surface"
+                              : "the mask of these labels has no surface: " + out.info.refusal,
                           "omit one of the labels");
       }
       out.info.colour = wanted.front().colour;

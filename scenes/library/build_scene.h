@@ -93,6 +93,8 @@ struct MaskSpec {
   std::string of;                ///< Volume of labels; the mask has the place of this volume.
   std::vector<LabelKey> labels;  ///< At least one.
   double smooth = kMaskSigma;    ///< Standard deviation of the Gaussian [voxels].
+
+  bool operator==(const MaskSpec&) const = default;
 };
 
 /// A volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the caller.

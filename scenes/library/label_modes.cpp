@@ -97,11 +97,17 @@ void addMask(SceneSpec& spec, std::size_t number, MaskSpec mask) {
     for (const auto& [name, volume] : spec.volumes) names.push_back(name);
     throw unknownVolume(pathIn(spec, path + "/of"), mask.of, names);
   }
-  const std::string name = volumeNameOf(mask);
+  // Labels such as 7 and "7" give the same text; their masks get different names.
+  std::string name = volumeNameOf(mask);
+  auto known = spec.volumes.find(name);
+  for (int n = 2; known != spec.volumes.end() && known->second.mask && known->second.mask != mask;
+       ++n) {
+    name = fmt::format("{} ({})", volumeNameOf(mask), n);
+    known = spec.volumes.find(name);
+  }
   ModeSpec& mode = spec.graph.modes.at(number);
   mode.of = name;
   mode.value = 0.5;
-  const auto known = spec.volumes.find(name);
   if (known != spec.volumes.end() && known->second.mask) return;
   if (known != spec.volumes.end() || spec.graph.fields.count(name) != 0) {
     throw SceneError(pathIn(spec, path + "/label"),

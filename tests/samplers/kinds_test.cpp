@@ -265,7 +265,7 @@ TEST_CASE("axial vectors are interpolated with their signs aligned", "[samplers]
   CHECK_THROWS_WITH(makeVdbField(volume, {}, {Interpolation::kCubic, true}),
                     Contains("do not support cubic interpolation"));
   CHECK_THROWS_WITH(makeVdbField(reload({makeBall(1.0, 0.1)}, ""), {}, {{}, true}),
-                    Contains("only a vector"));
+                    Contains("only vectors can be axial"));
 }
 
 TEST_CASE("non-finite voxels are refused or filled on request", "[samplers][kinds]") {

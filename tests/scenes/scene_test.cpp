@@ -577,7 +577,7 @@ TEST_CASE("an error found at load names the scene file and the JSON path", "[sce
                    {{"file", "linear.vdb"}, {"grid", "velocity"}, {"axial", true}, {"smooth", 1}}),
              Contains("/volumes/flow/smooth") && Contains("cancel"));
   CHECK_THAT(error("/volumes/head/axial", true),
-             Contains("s.json: /volumes/head: ") && Contains("only a vector"));
+             Contains("s.json: /volumes/head: ") && Contains("only vectors can be axial"));
   CHECK_THAT(error("/volumes/flow/place/like", "haed"),
              Contains("/volumes/flow/place/like") && Contains("did you mean \"head\"?"));
   CHECK_THAT(error("/volumes/head/place", {{"like", "flow"}}), Contains("form a circle"));

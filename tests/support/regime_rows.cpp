@@ -501,8 +501,7 @@ Regime brokenDevices() {
     if (event == 2) device.hand.age = random.uniform(0.0, 1.0);
     if (event == 3) device.hand.fault = Fault::kGone;
     time.dt = event == 4 ? 0.02 : kTick;
-    time.late = time.dt - kTick;
-    time.missed = time.late > 0.0;
+    time.setLate(time.dt - kTick, kTick);
     time.now += time.dt;
     if (loop.latest().fault != Fault::kNone && random.integer(100) == 0) loop.clear();
     ++guard;

@@ -81,7 +81,8 @@ void Keys::look() {
   }
 }
 
-/// Moves play by the shortest step of a sequence at the present position.
+/// Moves play by the shortest step of a sequence at the present position. At the end of a play that
+/// repeats, continues at the other end.
 void Keys::stepFrame(bool forward) {
   double shortest = 0.0;
   for (const FrameTimes& times : played_) {
@@ -89,7 +90,8 @@ void Keys::stepFrame(bool forward) {
     if (step == 0.0) continue;
     if (shortest == 0.0 || std::abs(step) < std::abs(shortest)) shortest = step;
   }
-  clock_.nudge(shortest);
+  if (shortest != 0.0) return clock_.nudge(shortest);
+  if (const PlayParams now = clock_.params(); now.repeat) clock_.seek(forward ? now.from : now.to);
 }
 
 void Keys::steer(char key) {

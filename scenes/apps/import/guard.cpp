@@ -117,9 +117,10 @@ Appeared appearOne(const Written& one) {
 void appear(const std::vector<Written>& files) {
   std::error_code error;
   std::vector<Appeared> done;
+  done.reserve(files.size());
   try {
     for (const Written& one : files) done.push_back(appearOne(one));
-  } catch (const Error&) {
+  } catch (...) {
     for (auto one = done.rbegin(); one != done.rend(); ++one) {
       if (one->keeps_old) std::filesystem::rename(one->partial, one->target, error);
       if (!one->keeps_old && !one->replaced) std::filesystem::remove(one->target, error);

@@ -41,9 +41,10 @@ std::string emptyBecause(const Imported& imported) {
 /// the loss that remains.
 void prepareValues(Array& array, EarlierSteps& earlier, std::vector<std::string>& notes,
                    const Shared& shared) {
-  if (array.labels) return;
-  hideFillValues(array, notes, shared);
-  subtractOffset(array, earlier.value_offsets[array.name], shared);
+  if (!array.labels) {
+    hideFillValues(array, notes, shared);
+    subtractOffset(array, earlier.value_offsets[array.name], shared);
+  }
   // Floats hold all numbers of 1 and 2 bytes.
   if (array.values.bytesEach() < 4) return;
   const Loss own = shared.isKnown() ? Loss() : floatLoss(array.values);
@@ -332,7 +333,8 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
   if (step.modality == Modality::kCt) text(guess::kMetaModality, "CT");
   if (step.modality == Modality::kMr) text(guess::kMetaModality, "MR");
-  if (!imported.level_set) insertLabels(grid, imported.labels);
+  // A scene cannot select labels in bricks, and the manifest has little space for their names.
+  if (!imported.level_set && !options.bricks) insertLabels(grid, imported.labels);
   if (imported.axial) grid.insertMeta(guess::kMetaAxial, openvdb::BoolMetadata(true));
   if (grid.isType<openvdb::Vec3SGrid>()) {
     grid.setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);

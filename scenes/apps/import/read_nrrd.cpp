@@ -70,7 +70,9 @@ class NrrdReader final : public Reader {
     state_->lineSkip = header.line_skip;
     state_->byteSkip = header.byte_skip;
     classify();
-    segments_ = segmentsIn(header.pairs, series_ < 0 ? 1 : axisAt(series_).size, notes_);
+    if (meaning_ == Meaning::kScalar) {
+      segments_ = segmentsIn(header.pairs, series_ < 0 ? 1 : axisAt(series_).size, notes_);
+    }
     data_.emplace(request_, std::move(header.parts), nrrd_.get(), state_.get());
   }
 
@@ -99,6 +101,7 @@ class NrrdReader final : public Reader {
   Content read(std::size_t step) override {
     Content content;
     content.notes = notes_;
+    if (nrrd_->content != nullptr) content.description = nrrd_->content;
     Piece image;
     image.file_from_index = place(content);
     for (std::size_t a = 0; a < 3; ++a) {
@@ -119,7 +122,6 @@ class NrrdReader final : public Reader {
     if (nrrd_->sampleUnits != nullptr) content.value_unit[name] = nrrd_->sampleUnits;
     image.arrays.push_back({name, values, "", "", false});
     content.pieces.push_back(std::move(image));
-    if (nrrd_->content != nullptr) content.description = nrrd_->content;
     return content;
   }
 

@@ -40,7 +40,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
     }
     const Descriptor descriptor(createNewFile(file));
     if (descriptor.get() < 0) {
-      throw Error(file.string(),
+      throw Error(wholeOf(file).string(),
                   fmt::format("the file cannot be written ({})", std::strerror(errno)),
                   "choose another path, or free space on the disk");
     }
