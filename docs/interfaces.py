@@ -62,6 +62,7 @@ def options(blocks, more=""):
             continue
         for name, meaning in pairs(block[1:]):
             must = "Required. " if " REQUIRED" in name else ""
+            name = re.sub(r"(?<! in) \[([^\[\]]*)\]$", r"=\1", name)  # a default as CLI11 2.4 prints it
             name = name.replace(" REQUIRED", "") if name[0] == "-" else re.sub(" REQUIRED| TEXT(?!:)", "", name)
             rows += [] if name == "-h,--help" else [f"| `{name}` | {(must + cell(meaning)).strip()} |"]
     table = ["| argument | meaning |", "|---|---|", *rows, ""] if rows else []

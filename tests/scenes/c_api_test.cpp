@@ -39,7 +39,8 @@ class Host {
   palpate_felt tick(double z) const {
     const double position[3] = {0.0, 0.0, z};
     palpate_felt felt{};
-    CHECK(palpate_tick(hand, position, 0.0, 1e-3, &felt) == felt.fault);
+    const int fault = palpate_tick(hand, position, 0.0, 1e-3, &felt);
+    CHECK(fault == felt.fault);
     return felt;
   }
   /// Presses from outside to below the surface. Returns the last result.

@@ -329,7 +329,7 @@ class Pictures(Case):
             place.unlink()
         for ending, begin in (("png", b"\x89PNG\r\n\x1a\n"), ("pdf", b"%PDF-"), ("svg", b"<?xml")):
             self.assertTrue(pictures[ending].startswith(begin), ending)
-            self.assertIn(run("--version").stdout.split(" (")[0].encode(), pictures[ending])
+            self.assertIn(run("--version").stdout.split("\n")[0].split(" (")[0].encode(), pictures[ending])
         picture = pictures["png"]
         at = picture.index(b"pHYs") + 4
         self.assertEqual(round(0.0254 * struct.unpack(">I", picture[at:at + 4])[0]), 300)

@@ -636,7 +636,8 @@ def test_errors_of_the_python_module_name_their_cause_and_remedy(wrong, kind, wh
 
 
 def test_the_version_of_the_python_module_equals_that_of_the_program():
-    assert f"palpate {palpate.__version__} ({palpate.__commit__})" in program("--version")
+    commit = f" ({palpate.__commit__})" if palpate.__commit__ else ""
+    assert program("--version").startswith(f"palpate {palpate.__version__}{commit}\n")
 
 
 def test_the_examples_on_the_page_about_python_run_without_errors(tmp_path, monkeypatch, capsys):
