@@ -42,8 +42,9 @@ ln -s busybox "$root/bin/sh"
 install -m 755 "$here/init" "$root/init"
 cp "$here/virtual.json" "$root/"
 for module in hid hid-generic uhid usb-common usbcore usbip-core vhci-hcd usbhid; do
-    find "$kernel/lib/modules" -name "$module.ko" -exec cp {} "$root/mod/" \;
+    find "$kernel" -path '*/lib/modules/*' \( -name "$module.ko" -o -name "$module.ko.xz" \) -exec cp {} "$root/mod/" \;
 done
+find "$root/mod" -name '*.xz' -exec unxz {} +  # Debian 13 compresses modules.
 programs=("$bin/vm_check" "$bin/virtual_arm" "$bin/palpate")
 cp "${programs[@]}" "$root/bin/"
 strip "$root/bin/vm_check" "$root/bin/virtual_arm" "$root/bin/palpate"
