@@ -11,7 +11,7 @@ place=$(mktemp -d)
 root=$place/root
 # No file system with data is mounted below the folder, so removing it is safe.
 cleanup() {
-    umount "$root/dev/shm" "$root/dev/pts" "$root/proc" 2>/dev/null || true
+    umount "$root/dev/shm" "$root/dev/pts" "$root/sys" "$root/proc" 2>/dev/null || true
     rm -rf --one-file-system "$place"
 }
 trap cleanup EXIT
@@ -24,6 +24,7 @@ quietly debootstrap --variant=minbase --include=sudo,ca-certificates "$release" 
 cp -rL /etc/apt/apt.conf.d/. "$root/etc/apt/apt.conf.d/"
 cp -L /etc/resolv.conf "$root/etc/" 2>/dev/null || true
 mount -t proc proc "$root/proc"
+mount -t sysfs sysfs "$root/sys"
 mount -t devpts devpts "$root/dev/pts"
 mount -t tmpfs tmpfs "$root/dev/shm"
 chroot "$root" useradd --create-home --shell /bin/bash ada
