@@ -30,7 +30,10 @@ MPIRUN = shutil.which("mpirun")
 PATIENCE = 60  # s
 HERE = ["--oversubscribe", "--mca", "btl", "self,vader",
         "--mca", "btl_vader_single_copy_mechanism", "none",
-        "--mca", "odls_base_sigkill_timeout", "0", "--mca", "oob_tcp_if_include", "lo", "--mca", "btl_tcp_if_include", "lo"]
+        "--mca", "odls_base_sigkill_timeout", "0", "--mca", "btl_tcp_if_include", "lo"]
+# Open MPI 5 refuses this option's loopback.
+if MPIRUN and "(Open MPI) 4" in subprocess.run([MPIRUN, "--version"], capture_output=True, text=True, check=False).stdout:
+    HERE += ["--mca", "oob_tcp_if_include", "lo"]
 os.environ.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
                   OMPI_MCA_rmaps_base_oversubscribe="1")
 
