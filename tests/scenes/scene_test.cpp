@@ -209,6 +209,7 @@ TEST_CASE("the schema and the reader of scenes accept and refuse the same files"
       {"/volumes/true/place/repeat", 1, "/volumes/true/place/repeat: 1 is not true or false"},
       {"/volumes/head/place/repeat", true, "\"repeat\" needs keyframes"},
       {"/volumes/flow/place/keyframes", Json::parse(R"([{"time": 0}])"), "moves with it"},
+      {"/modes/0/label", 7, "several of the keys value, label: give one"},
       {"/fields/speed", Json::object(), "give one of them"},
       {"/fields/speed/curl", "flow", "give one of them"},
       {"/fields/way/q", "flow", "give one of them"},
@@ -228,7 +229,7 @@ TEST_CASE("the schema and the reader of scenes accept and refuse the same files"
       {"/modes/3/shape", "line", "mode follow does not have this key"},
       {"/modes/0/viscosity", {{"window", {{"level", 1}}}}, "\"width\" is missing"},
       {"/modes/0/solid", "inside", "\"inside\" is not known"},
-      {"/modes/0/sense", "repel", "mode isosurface does not have this key"},
+      {"/modes/0/sense", "repel", R"(mode isosurface, "value" does not have this key)"},
       {"/modes/3/value", 1, "mode follow does not have this key"},
       {"/modes/0/depth", 0, "/modes/0/depth: 0 is not > 0"},
       {"/coupling/stiffness", 0, "/coupling/stiffness: 0 is not > 0"},
@@ -252,7 +253,7 @@ TEST_CASE("the schema and the reader of scenes accept and refuse the same files"
   }
   for (const char* needed :
        {"/palpate", "/volumes", "/modes", "/volumes/head/file", "/modes/0/mode", "/modes/0/of",
-        "/modes/0/strength", "/modes/0/value", "/modes/1/strength/window/max"}) {
+        "/modes/0/strength", "/modes/1/strength/window/max"}) {
     const Json::json_pointer pointer(needed);
     Json scene = fullScene();
     scene[pointer.parent_pointer()].erase(pointer.back());
