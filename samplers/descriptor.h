@@ -11,7 +11,9 @@ class Descriptor {
  public:
   /// Takes over an open descriptor; -1: none.
   explicit Descriptor(int number = -1) noexcept : number_(number) {}
+  /// Takes over the other object's descriptor.
   Descriptor(Descriptor&& other) noexcept : number_(other.release()) {}
+  /// Exchanges the descriptors of both objects.
   Descriptor& operator=(Descriptor&& other) noexcept {
     std::swap(number_, other.number_);
     return *this;

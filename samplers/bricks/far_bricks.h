@@ -54,6 +54,7 @@ struct ObjectRequest {
   std::optional<std::size_t> announced;
   const char* why = nullptr;  ///< Reason for kUnreadable; null if unknown. The text stays valid.
   long code = 0;              ///< Status code of the server for kUnreadable; 0 if unknown.
+
   /// Time at which the last data arrived, if the store records it; else the time at which the
   /// request began.
   std::chrono::steady_clock::time_point last;

@@ -15,11 +15,11 @@ namespace palpate::detail {
 /// The last report of a hand that required a new choice of requests, as a seqlock. The threads of
 /// all hands that share the record write it. Any thread may read it.
 struct HandReport {
-  using Aim = BrickWindow::Aim;
+  using Aim = BrickWindow::Aim;  ///< What a report states.
 
-  std::atomic<std::uint32_t> count{0};  ///< Odd during a write; 0 before the first write.
-  std::atomic<std::uint32_t> beats{0};  ///< Number of calls of BrickWindow::aim().
-  std::array<std::atomic<double>, 9> numbers{};
+  std::atomic<std::uint32_t> count{0};           ///< Odd during a write; 0 before the first write.
+  std::atomic<std::uint32_t> beats{0};           ///< Number of calls of BrickWindow::aim().
+  std::array<std::atomic<double>, 9> numbers{};  ///< The members of the report.
 
   /// Writes a report. Returns false, without a change, if another thread writes at the same time.
   /// RT: wait-free.

@@ -94,6 +94,7 @@ struct MaskSpec {
   std::vector<LabelKey> labels;  ///< At least one.
   double smooth = kMaskSigma;    ///< Standard deviation of the Gaussian [voxels].
 
+  /// Returns true if all members are equal.
   bool operator==(const MaskSpec&) const = default;
 };
 
