@@ -10,6 +10,7 @@
 #include <new>
 #include <sys/prctl.h>
 #include <sys/wait.h>
+#include <system_error>
 #include <unistd.h>
 #include <vector>
 
@@ -137,7 +138,10 @@ void appear(const std::vector<Written>& files) {
 
 /// Prints the child's output. Throws Error if it cannot be written.
 void print(const std::string& text) {
-  std::fwrite(text.data(), 1, text.size(), stdout);
+  try {
+    cli::sayRaw(text);
+  } catch (const std::system_error&) {  // flushOutput() reports it
+  }
   cli::flushOutput();
 }
 
