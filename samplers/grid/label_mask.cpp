@@ -80,7 +80,7 @@ openvdb::FloatGrid::Ptr maskOf(const GridT& grid, const std::vector<WantedLabel>
                                std::vector<std::atomic<bool>>& seen) {
   using Leaf = openvdb::FloatTree::LeafNodeType;
   using Tree = typename GridT::TreeType;
-  const auto isWanted = [&](double value) {
+  const auto is_wanted = [&](double value) {
     bool found = false;
     for (std::size_t i = 0; i < wanted.size(); ++i) {
       if (wanted[i].value != value) continue;
@@ -89,7 +89,7 @@ openvdb::FloatGrid::Ptr maskOf(const GridT& grid, const std::vector<WantedLabel>
     }
     return found;
   };
-  const bool around = isWanted(static_cast<double>(grid.background()));
+  const bool around = is_wanted(static_cast<double>(grid.background()));
   const float other = around ? 0.0F : 1.0F;
   auto mask = openvdb::FloatGrid::create(around ? 1.0F : 0.0F);
   mask->setTransform(grid.transform().copy());
@@ -99,7 +99,7 @@ openvdb::FloatGrid::Ptr maskOf(const GridT& grid, const std::vector<WantedLabel>
     const auto& leaf = leaves.leaf(n);
     auto out = std::make_unique<Leaf>(leaf.origin(), mask->background());
     for (openvdb::Index i = 0; i < Leaf::SIZE; ++i) {
-      if (isWanted(static_cast<double>(leaf.getValue(i))) != around) out->setValueOn(i, other);
+      if (is_wanted(static_cast<double>(leaf.getValue(i))) != around) out->setValueOn(i, other);
     }
     if (!out->isEmpty()) made[n] = std::move(out);
   });
@@ -109,7 +109,7 @@ openvdb::FloatGrid::Ptr maskOf(const GridT& grid, const std::vector<WantedLabel>
   auto tile = grid.cbeginValueAll();
   tile.setMaxDepth(GridT::ValueAllCIter::LEAF_DEPTH - 1);
   for (; tile; ++tile) {
-    if (isWanted(static_cast<double>(*tile)) == around) continue;
+    if (is_wanted(static_cast<double>(*tile)) == around) continue;
     mask->tree().sparseFill(tile.getBoundingBox(), other, true);
   }
   return mask;

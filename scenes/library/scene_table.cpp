@@ -101,6 +101,7 @@ JsonType<TransferSpec> curveType(JsonSchema& definitions) {
 
 JsonType<double> unitType() {
   std::vector<std::pair<const char*, double>> words;
+  words.reserve(kSceneUnits.size());
   for (const SceneUnit& unit : kSceneUnits) words.emplace_back(unit.name, unit.metres);
   return jsonWord<double>(std::move(words));
 }
