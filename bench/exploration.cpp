@@ -114,7 +114,7 @@ std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recor
     if (recording[i].problem.primitives.size() == count) wanted.push_back(i);
   }
   std::vector<RecordedBalance> kept;
-  std::size_t next = 0;  // index into `wanted` of the first tick that is not kept yet
+  std::size_t next = 0;  // index into `wanted` of the tick after the last kept one
   std::size_t last = 0;  // index into `recording` of the tick kept last
   for (std::size_t window = 0; window < windows; ++window) {
     std::size_t i = std::max(next, window * wanted.size() / windows);

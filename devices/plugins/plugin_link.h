@@ -38,9 +38,10 @@ struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::atomic<std::uint64_t> heart{0};
 };
 
+/// File descriptors that the plug-in's process inherits.
 enum : int {
   kPluginControl = 3,  ///< Socket for messages in both directions.
-  kPluginMemory = 4,   ///< Memory of a PluginLink.
+  kPluginMemory = 4,   ///< Shared memory with the PluginLink.
   kPluginZero = 5,     ///< Socket of the guardian: any message means zero force.
 };
 

@@ -445,9 +445,10 @@ BrickFormat readFormat(const FactsReader& facts) {
   if (type != "half" && type != "float")
     throw std::range_error("\"type\": the value " + shown(type) + " is not half or float");
   const std::int32_t components = facts.whole("components");
-  if (components != 1 && components != 3)
+  if (components != 1 && components != 3) {
     throw std::range_error("\"components\": the value " + std::to_string(components) +
                            " is not 1 or 3");
+  }
   return {components == 3, type == "half"};
 }
 

@@ -102,8 +102,9 @@ void filterAlong(TreeT& tree, int axis, double pole) {
   });
 }
 
-/// Makes all corners active in cells that hold a level set's surface (band_cell.h), but for those
-/// at tiles of more than 128 voxels. Readers of the coefficients cannot find these cells.
+/// Makes all corners active in cells that hold a level set's surface. Readers find these cells by
+/// the grid's values (band_cell.h), which the coefficients replace. Omits cells whose active
+/// corners all belong to tiles wider than 128 voxels.
 template <class GridT>
 void completeSurface(const GridT& values, typename GridT::TreeType& coefficients) {
   const openvdb::tree::ValueAccessor<const typename GridT::TreeType, false> accessor(values.tree());

@@ -31,7 +31,8 @@ using Clock = std::chrono::steady_clock;
 constexpr std::uint32_t kClosed = 1U << 31U;
 /// Time for which the loader keeps a frame after a reader has held it, for the reader's next tick.
 constexpr std::chrono::milliseconds kKept{50};
-/// Fewest frames in memory: two around the play position, two from which it fades, the first.
+/// Fewest frames in memory: the two around the play position, the two of the moment from which a
+/// reading fades after a jump of play, and the first frame.
 constexpr std::uint64_t kLeastFrames = 5;
 /// Period at which the thread checks the play position.
 constexpr std::chrono::milliseconds kPoll{2};

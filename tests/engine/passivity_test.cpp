@@ -255,7 +255,7 @@ TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]
     hand.tick(10.0, 0.5 * kT, -30.0, 0.0);
     CHECK(hand.spare(10.0) >= -kRounding);
   }
-  SECTION("motors that give zero force switch late") {
+  SECTION("the motors switch late from a force to zero") {
     Doubted hand(0.8 * kT, 0.5 * kT);
     hand.settle();
     const double before = hand.tank.energy();

@@ -137,7 +137,7 @@ class Displacement(images.Case):
         self.assertTrue(1e-4 < most < 0.2, notes)
         # The field moves the image by half a voxel, so the last plane of voxels comes from outside.
         notes = self.notes(self.nii(translation((-0.5 * STEP, 0, 0))), *self.FIELD, "--direction", "forward")
-        self.assertIn("5.9 % of the voxels come from outside the field", notes)
+        self.assertIn("the resting place of 5.9 % of the voxels is outside the field", notes)
         # Voxels on the faces are within the field, although positions are rounded.
         notes = self.notes(self.nii(translation((0.0, 0.0, 0.0))), *self.FIELD, "--direction", "forward")
         self.assertNotIn("outside the field", notes)

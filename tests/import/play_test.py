@@ -151,7 +151,7 @@ class Scenes(Case):
         frames = self.checked["volumes"]["s"]["frames"]
         self.assertEqual((frames["count"], frames["from"], frames["to"]), (4, 0, 1))
 
-    def test_a_flow_with_vortices_plays_with_the_modes_of_its_scene(self):
+    def test_the_scene_of_a_flow_with_vortices_over_time_has_several_modes_and_is_valid_with_all_frames(self):
         def swirl(strength):
             def at(i, j, k):
                 x, y = i - 7.5, j - 7.5

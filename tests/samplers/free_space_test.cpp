@@ -104,8 +104,10 @@ GraphSpec skinOf(const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("the map of free space never exceeds the distance to data and is at most 16 voxels less",
-          "[scale]") {
+TEST_CASE(
+    "the map of free space never exceeds the distance to data, is at most 16 voxels less with "
+    "blocks of 8 voxels, and takes at most 4 MB for a large extent",
+    "[scale]") {
   Random random(7);
   for (int round = 0; round < 60; ++round) {
     CAPTURE(round);

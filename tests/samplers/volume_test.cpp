@@ -653,7 +653,11 @@ TEST_CASE("volumes of one file can be loaded in parallel and repeatedly", "[volu
   }
 }
 
-TEST_CASE("a cancelled parallel loop completes the inner loops that have begun", "[volume]") {
+TEST_CASE(
+    "a cancelled parallel loop completes the tasks that have begun, with their inner loops, and "
+    "starts "
+    "no others",
+    "[volume]") {
   using std::chrono::milliseconds;
   constexpr std::size_t kMany = 10000;
   std::atomic<bool> working{false};

@@ -219,7 +219,7 @@ class OneMachine(Case):
                                   capture_output=True, text=True, timeout=60).stdout
             self.assertIn("identical to the last bit", told)
 
-    def test_a_second_site_with_the_same_name_waits_until_the_first_has_left(self):
+    def test_a_second_site_with_the_same_name_waits_and_joins_after_the_first_was_killed(self):
         alone = self.start("A", self.path("A", None), 60)
         killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 60)
         self.wait_for("A", "site B: its hand is connected")

@@ -141,7 +141,7 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   if (const auto arms = testedArms(identityOf(profile, "")); identity.empty()) {
     if (arms.size() > 1) {
       throw Error("--device", "several arms with this profile have been tested",
-                  "name one of them, for example hid:" + profile.name + "@" + arms[0]);
+                  "name one of them, for example hid:" + name->profile + "@" + arms[0]);
     }
     if (!arms.empty()) identity = arms[0];
   }

@@ -223,10 +223,11 @@ void takeDisplacement(Gridded& made, Direction direction, const std::string& len
                   "residual is {:.2g} {} rms, {:.2g} {} at most",
                   rms / metres, unit, found.largest / metres, unit));
   if (beyond > 0) {
-    notes.push_back(fmt::format(
-        "{:.2g} % of the voxels come from outside the field: they get the displacement of "
-        "the field's nearest face, and do not count in the residual",
-        100.0 * static_cast<double>(beyond) / static_cast<double>(voxels)));
+    notes.push_back(
+        fmt::format("the resting place of {:.2g} % of the voxels is outside the field: they use "
+                    "the displacement "
+                    "at the nearest point of the field's faces, and do not count in the residual",
+                    100.0 * static_cast<double>(beyond) / static_cast<double>(voxels)));
   }
   write(inverse, metres, made);
 }

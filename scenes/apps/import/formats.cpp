@@ -38,7 +38,8 @@ bool hasKey(const std::string& text, std::string_view key) {
   return false;
 }
 
-/// Returns name.hdr or name.hdr.gz for name.img, if it exists; otherwise `file`.
+/// Returns name.hdr, else name.hdr.gz, for name.img and name.img.gz, if it exists; otherwise
+/// `file`.
 std::filesystem::path headerOf(const std::filesystem::path& file) {
   std::filesystem::path plain = file;
   if (plain.extension() == ".gz") plain.replace_extension();

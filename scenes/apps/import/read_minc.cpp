@@ -66,8 +66,9 @@ void placeImage(const Request& request, const NetcdfFile& file, const Variable& 
   }
 }
 
-/// Converts stored numbers to values. Maps the valid range linearly to the range from image-min to
-/// image-max, which a file states for the whole image, each slice or each row.
+/// Converts stored numbers to values. Floating-point numbers are the values. For integers, maps the
+/// valid range linearly to the range from image-min to image-max, which a file states for the whole
+/// image, each slice or each row.
 class MincScale {
  public:
   MincScale(const Request& request, const NetcdfFile& file, int v) {

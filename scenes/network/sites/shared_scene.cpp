@@ -351,6 +351,12 @@ void SharedScene::edit(const std::string& text) {
   });
   SharedEdits all = edits_;
   merge(all, own);
+  if (textOf({all, {}}).size() > kMostSceneText) {
+    throw Error("the edit",
+                fmt::format("with it, all edits together have more than {} bytes", kMostSceneText),
+                "start all sites again from one scene file with these edits, or start with "
+                "--own-scene");
+  }
   try {
     (void)sharedTextFrom(textOf({all, {}}));
   } catch (const Error& error) {
