@@ -257,9 +257,10 @@ class Claim {
     if (own_ < 0 || bind(own_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
       const int error = errno;
       if (own_ >= 0) close(own_);
-      if (error == EADDRINUSE)
+      if (error == EADDRINUSE) {
         throw DeviceError(arm, "another program uses this arm, or another hand of this program",
                           "end that program, or name another arm for this hand");
+      }
       throw DeviceError(arm, std::string("it cannot be claimed (") + std::strerror(error) + ")",
                         "end other programs, or permit Unix sockets to this process");
     }
