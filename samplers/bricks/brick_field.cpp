@@ -23,6 +23,15 @@ using detail::LatticeReader;
 
 /// Smallest distance to missing bricks at which a level has full weight [voxels of the level].
 constexpr double kFade = 4.0;
+
+/// Returns the cell that is this number of bricks away, within the range of int: far outside of the
+/// data, cells saturate.
+int bricksFrom(int cell, int bricks) noexcept {
+  using Limits = std::numeric_limits<int>;
+  return static_cast<int>(std::clamp<std::int64_t>(std::int64_t{cell} + kBrickSide * bricks,
+                                                   Limits::min(), Limits::max()));
+}
+
 /// Time in which the weight of a brick that arrives near a hand grows to 1 [ns].
 constexpr double kArrives = 10e6;
 /// Time constant of the velocity's filter, which smooths the steps of the encoders [s].
@@ -277,7 +286,7 @@ class BrickField : public Base {
       for (std::size_t a = 0; a < 3; ++a) {
         if ((set >> a & 1U) == 0) continue;
         near = near && side[a] != 0;
-        other[a] += kBrickSide * side[a];
+        other[a] = bricksFrom(other[a], side[a]);
         squared += off[a] * off[a];
       }
       if (!near || squared >= least * least) continue;
@@ -295,7 +304,7 @@ class BrickField : public Base {
     finest.settled = true;
     const auto there = [&](const std::array<int, 3>& off) {
       std::array<int, 3> cell = brick;
-      for (std::size_t a = 0; a < 3; ++a) cell[a] += kBrickSide * off[a];
+      for (std::size_t a = 0; a < 3; ++a) cell[a] = bricksFrom(cell[a], off[a]);
       const BrickWindow::Entry entry = entryOf(0, cell);
       const bool whole = arrived(entry, cache.now) >= 1.0;
       if (entry.resident() && !whole) finest.settled = false;

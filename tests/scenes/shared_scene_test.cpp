@@ -334,7 +334,7 @@ TEST_CASE("a local edit of a site changes only the parts that differ in its file
     large["modes"][0]["strength"]["piecewise"].push_back({i, i});
   }
   const SharedEdits before = boston.edits();
-  CHECK_THROWS_WITH(boston.edit(large.dump()), Contains("bytes, more than 65536"));
+  CHECK_THROWS_WITH(boston.edit(large.dump()), Contains("have more than 65536 bytes"));
   CHECK(boston.edits() == before);
   CHECK_FALSE(boston.takeTold());
 }

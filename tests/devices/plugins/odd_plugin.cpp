@@ -152,6 +152,7 @@ void stop(palpate_plugin_device* device) {
   odd.stopped = true;
   odd.arm->give(0.0, 0.0, 0.0, host->now());
   odd.arm->carried = 0.0;
+  if (odd.kind == "tiny" || odd.kind == "closeless") delete &odd;  // nothing else can follow
 }
 
 void closeOdd(palpate_plugin_device* device) {
