@@ -152,7 +152,6 @@ void stop(palpate_plugin_device* device) {
   odd.stopped = true;
   odd.arm->give(0.0, 0.0, 0.0, host->now());
   odd.arm->carried = 0.0;
-  if (odd.kind == "tiny" || odd.kind == "closeless") delete &odd;  // nothing else can follow
 }
 
 void closeOdd(palpate_plugin_device* device) {
@@ -199,8 +198,11 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
     (void)std::snprintf(error, room, "no arm of that number is plugged in");
     return nullptr;
   }
-  auto* odd = new Odd{};
-  odd->kind = std::string(serial).substr(0, std::string(serial).find('#'));
+  const std::string kind = std::string(serial).substr(0, std::string(serial).find('#'));
+  static Odd tiny;  // palpate cannot close these two
+  static Odd closeless;
+  Odd* odd = kind == "tiny" ? &tiny : kind == "closeless" ? &closeless : new Odd{};
+  odd->kind = kind;
   odd->arm = OddArm::at(file);
   ++odd->arm->opens;
   // Opening sets the force to zero, because a real arm keeps its last force.
