@@ -4,7 +4,6 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <ctime>
 #include <fstream>
 #include <system_error>
@@ -13,6 +12,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "palpate/devices/arm/user_folder.h"
 #include "palpate/engine/error.h"
 
 namespace palpate {
@@ -82,11 +82,7 @@ void write(const Json& json) {
 }  // namespace
 
 std::filesystem::path testedArmsFile() {
-  const char* state = std::getenv("XDG_STATE_HOME");
-  const char* home = std::getenv("HOME");
-  // By the XDG Base Directory Specification, a relative path is invalid and ignored.
-  if (state != nullptr && *state == '/') return std::filesystem::path(state) / "palpate/arms.json";
-  return std::filesystem::path(home != nullptr ? home : "/") / ".local/state/palpate/arms.json";
+  return userFolder("XDG_STATE_HOME", ".local/state") / "palpate/arms.json";
 }
 
 bool isTested(const ArmIdentity& arm) {

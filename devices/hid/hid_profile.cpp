@@ -1,7 +1,6 @@
 #include "palpate/devices/hid/hid_profile.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <fstream>
 #include <iterator>
 #include <set>
@@ -10,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "palpate/devices/arm/user_folder.h"
 #include "palpate/devices/hid/check_profile.h"
 #include "palpate/devices/hid/hid_data.h"
 #include "palpate/devices/hid/profile_table.h"
@@ -105,11 +105,7 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
 }
 
 std::filesystem::path hidProfileFolder() {
-  const char* config = std::getenv("XDG_CONFIG_HOME");
-  const char* home = std::getenv("HOME");
-  // By the XDG Base Directory Specification, a relative path is invalid and ignored.
-  if (config != nullptr && *config == '/') return std::filesystem::path(config) / "palpate/arms";
-  return std::filesystem::path(home != nullptr ? home : "/") / ".config/palpate/arms";
+  return userFolder("XDG_CONFIG_HOME", ".config") / "palpate/arms";
 }
 
 const std::string& hidProfileSchema() {

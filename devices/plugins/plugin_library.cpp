@@ -12,6 +12,7 @@
 #include <unistd.h>
 #include <utility>
 
+#include "palpate/devices/arm/user_folder.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/loop/realtime.h"
 
@@ -105,13 +106,7 @@ std::vector<std::filesystem::path> pluginFolders() {
       if (part[0] == '/') folders.emplace_back(part);
     }
   }
-  const char* data = std::getenv("XDG_DATA_HOME");
-  const char* home = std::getenv("HOME");
-  if (data != nullptr && *data == '/') {
-    folders.push_back(std::filesystem::path(data) / "palpate/plugins");
-  } else if (home != nullptr && *home == '/') {
-    folders.push_back(std::filesystem::path(home) / ".local/share/palpate/plugins");
-  }
+  folders.push_back(userFolder("XDG_DATA_HOME", ".local/share") / "palpate/plugins");
   std::error_code error;
   const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
   if (!error) folders.push_back(self.parent_path().parent_path() / "lib/palpate/plugins");
