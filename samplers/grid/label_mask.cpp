@@ -122,6 +122,12 @@ std::string textOf(const LabelKey& label) {
   return name != nullptr ? *name : labelNumber(std::get<double>(label));
 }
 
+std::string textOf(const std::vector<LabelKey>& labels) {
+  std::string text;
+  for (const LabelKey& label : labels) text += (text.empty() ? "" : "+") + textOf(label);
+  return text;
+}
+
 std::shared_ptr<const Volume> makeLabelMask(const std::shared_ptr<const Volume>& volume,
                                             const std::vector<LabelKey>& labels, double sigma) {
   const GridInfo& from = volume->info();
@@ -140,12 +146,10 @@ std::shared_ptr<const Volume> makeLabelMask(const std::shared_ptr<const Volume>&
                           remedyFor(from, *data));
       };
       std::vector<WantedLabel> wanted;
-      std::string name = from.name + ":";
       for (const LabelKey& label : labels) {
         const std::optional<WantedLabel> found = findLabel(label, from.labels);
         if (!found) refuse(label);
         wanted.push_back(*found);
-        name += (wanted.size() > 1 ? "+" : "") + textOf(label);
       }
       std::vector<std::atomic<bool>> seen(wanted.size());
       const openvdb::FloatGrid::Ptr mask = maskOf(*data, wanted, seen);
@@ -154,7 +158,7 @@ std::shared_ptr<const Volume> makeLabelMask(const std::shared_ptr<const Volume>&
       }
       LoadOptions options;
       options.smooth.sigma = sigma;
-      Prepared out = prepare(name, mask, options);
+      Prepared out = prepare(from.name + ":" + textOf(labels), mask, options);
       if (!out.info.refusal.empty()) {
         throw VolumeError(where,
                           out.info.refusal == kNoActiveVoxel

@@ -22,6 +22,9 @@ inline constexpr double kMaskSigma = 1.0;
 /// Returns a label as users write it, such as 7 or liver.
 [[nodiscard]] std::string textOf(const LabelKey& label);
 
+/// Returns labels as the name of their mask shows them, such as liver+7.
+[[nodiscard]] std::string textOf(const std::vector<LabelKey>& labels);
+
 /// Makes a volume that is 1 in the voxels with one of the labels and 0 elsewhere, smoothed by a
 /// Gaussian. The structures' surface is the isosurface at 0.5.
 ///

@@ -24,12 +24,6 @@ JsonType<LabelKey> oneLabelType() {
           }};
 }
 
-std::string textOf(const std::vector<LabelKey>& labels) {
-  std::string text;
-  for (const LabelKey& label : labels) text += (text.empty() ? "" : "+") + palpate::textOf(label);
-  return text;
-}
-
 std::string volumeNameOf(const MaskSpec& mask) {
   const std::string name = mask.of + ":" + textOf(mask.labels);
   return mask.smooth == kMaskSigma ? name : fmt::format("{} (smooth {:g})", name, mask.smooth);

@@ -401,8 +401,8 @@ class Nrrd(Case):
             return 7 if (i, j, k) == (2, 3, 4) else 2 if i > 0 else 0
         segments = ("Segment0_ID:=a", "Segment0_Name:=liver", "Segment0_LabelValue:=7",
                     "Segment0_Color:=0.5 0.25 1", "Segment0_Layer:=0", "Segment1_Name:=body: all",
-                    "Segment1_LabelValue:=2", "Segment1_Tags:=T2022:=x|", "Segment2_Name:=lost",
-                    "Segment2_LabelValue:=two", "Segment3_Name:=far", "Segment3_Layer:=4", "Other:=1")
+                    "Segment1_LabelValue:=2", "Segment1_Color:=1 0 0 red", "Segment1_Tags:=T2022:=x|",
+                    "Segment2_Name:=lost", "Segment2_LabelValue:=two", "Segment3_Name:=far", "Segment3_Layer:=4", "Other:=1")
         header = nrrd("space: RAS", DIRECTIONS, ORIGIN, *segments, kind="uchar")
         path = self.write("a.seg.nrrd", header, "\n", bytes(label(*p) for p in INDICES))
         out = self.convert(path)
