@@ -17,6 +17,7 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <tbb/task_group.h>
 #include <vtkObject.h>
 #include <vtkOutputWindow.h>
 #include <vtkRenderWindow.h>
@@ -148,6 +149,8 @@ int run(int argc, char** argv) {
   view::needDisplay(still);
   vtkObject::GlobalWarningDisplayOff();
   needOpenGL();
+  // If memory runs out while TBB starts, TBB 2022 waits forever. So it starts before the limit.
+  tbb::task_group().run_and_wait([] {});
   takeNoMore(most_memory);
   auto seen = cli::writtenAt(scene);
   auto shapes = std::make_unique<view::Shapes>(shown(scene), still);
