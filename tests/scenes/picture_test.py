@@ -84,11 +84,11 @@ class Pictures(Case):
         nrrd(cls.dir / "lps.nrrd", (31, 31, 31), ball, "space: left-posterior-superior", *space)
         nrrd(cls.dir / "bare.nrrd", (31, 31, 31), ball, "space dimension: 3", *space)
         flow = ("dimension: 4", "kinds: vector space space space", "sizes: 3 21 21 21",
-                "space: right-anterior-superior",
                 "space directions: none (1,0,0) (0,1,0) (0,0,1)",
                 "measurement frame: (1,0,0) (0,1,0) (0,0,1)")
-        nrrd(cls.dir / "flow.nrrd", (21, 21, 21), lambda i, j, k: (1.0 + j, 0.5, 0.0), *flow)
-        for name in ("lps", "bare", "flow"):
+        for name, axes in (("flow", "space: right-anterior-superior"), ("air", "space dimension: 3")):
+            nrrd(cls.dir / f"{name}.nrrd", (21, 21, 21), lambda i, j, k: (1.0 + j, 0.5, 0.0), axes, *flow)
+        for name in ("lps", "bare", "flow", "air"):
             done = subprocess.run([str(BIN / "palpate-import-light"), cls.dir / f"{name}.nrrd",
                                    cls.dir / f"{name}.vdb"], capture_output=True, text=True,
                                   timeout=300, check=False)
@@ -190,7 +190,7 @@ class Pictures(Case):
                 way = self.path((-0.04, 0, 0), (-0.02, 0, 0), (-0.04, 0, 0))
                 words = (scene, "--device", way)
             data = self.given("feel", *words)
-            self.assertEqual(data["space"], {"unit": "mm", "patient": True, "hand_mm": 1.0})
+            self.assertEqual(data["space"], {"name": "patient", "unit": "mm", "hand_mm": 1.0})
             for row in (data["ticks"][0], data["ticks"][-1]):
                 for shown, place in zip(row[1:4], (-40, -10, 60)):
                     self.assertAlmostEqual(shown, place, delta=0.5)
@@ -210,10 +210,30 @@ class Pictures(Case):
         scene, *hand = self.head("bare", translate=[-0.04, -0.05, -0.06])
         words = texts(self.svg("feel", scene, *hand))
         self.assertFalse([w for w in words if w in tuple("LRPAIS")])
-        self.assertIn("axes: the hand's space, z up", words)
+        self.assertIn("axes: the file's; 1 mm of the file is 1 mm of the hand", words)
         self.assertIn("body [HU]", words)
         words = texts(self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1))
         self.assertIn("ball", words)  # without a unit, the field's name
+
+    def test_a_picture_of_a_flow_is_in_the_coordinates_of_its_file(self):
+        follow = {"name": "along", "mode": "follow", "of": "air", "strength": 1}
+        # A quarter turn about z: the file's x is the hand's y. The file's centre, (10, 10, 10), is the hand's origin.
+        half = math.sqrt(0.5)
+        place = {"scale": 0.005, "rotation_wxyz": [half, 0, 0, half], "translate": [0.05, -0.05, -0.05]}
+        scene = self.scene("turned", {"air": {"file": "air.vdb", "place": place}}, follow)
+        way = self.path((0, 0.01, 0), (0, 0.02, 0.01))
+        data = self.given("feel", scene, "--device", way)
+        self.assertEqual((data["space"]["name"], data["space"]["hand_mm"]), ("file", 5.0))
+        for shown, given in zip(data["ticks"][0][1:4], (12, 10, 10)):
+            self.assertAlmostEqual(shown, given, delta=0.1)
+        for x, y in (v for line in data["fields"][0]["slices"][0]["vectors"] for v in line if v):
+            self.assertGreater(x, 0.9)
+            self.assertAlmostEqual(y, 0.5, delta=1e-6)
+        # Volumes with different placements have no common coordinates.
+        volumes = {name: {"file": "air.vdb", "place": {**place, "scale": scale}}
+                   for name, scale in (("a", 0.005), ("b", 0.004))}
+        scene = self.scene("two", volumes, *({**follow, "name": name, "of": name} for name in volumes))
+        self.assertEqual(self.given("feel", scene, "--device", way)["space"]["name"], "hand")
 
     def test_the_title_names_the_scene_without_its_folder(self):
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
@@ -299,7 +319,7 @@ class Pictures(Case):
                 "strength": 5}
         scene = self.scene("moves", {"body": {"file": "lps.vdb", "place": place}}, wall)
         data = self.given("feel", scene, "--device", self.path(*[(0, 0.035, 0)] * 3))
-        self.assertFalse(data["space"]["patient"])  # no patient space, because the volume moves
+        self.assertEqual(data["space"]["name"], "hand")  # because the volume moves
         # The volume moves towards the hand. The force is largest at the end, when its front is at 0.024 + 0.02.
         self.assertAlmostEqual(data["stands_at"], 2.0, delta=0.1)
         column = [line[len(line) // 2] for line in data["fields"][0]["slices"][0]["values"]]

@@ -143,10 +143,12 @@ class Picture:
         space = self.data["space"]
         time = self.data["stands_at"]
         when = "" if time is None else f"; moving volumes are drawn at {time:.2f} s"
-        if not space["patient"]:
+        if space["name"] == "hand":
             return "axes: the hand's space, z up" + when
-        ratio = f"1 {self.unit or 'unit'} of the patient is {space['hand_mm']:.3g} mm of the hand"
-        return f"axes: the patient's, x to the right, y to the front, z up; {ratio}{when}"
+        ratio = f"1 {self.unit or 'unit'} of the {space['name']} is {space['hand_mm']:.3g} mm of the hand"
+        of_patient = "the patient's, x to the right, y to the front, z up"
+        axes = of_patient if space["name"] == "patient" else "the file's"
+        return f"axes: {axes}; {ratio}{when}"
 
     def forces_map(self):
         return plt.cm.ScalarMappable(plt.Normalize(0.0, self.most or 1.0), FORCES)
@@ -254,7 +256,7 @@ class Picture:
         digits = max(1, 2 - math.floor(math.log10(self.size.max())))
         at = f"{round(self.through[normal], digits) + 0.0:.{digits}f}"  # turns -0.0 into 0.0
         ax.set_title(f"{AXES[normal]} = {at}{unit}", fontsize=7, pad=3, parse_math=False)
-        if not self.data["space"]["patient"]:
+        if self.data["space"]["name"] != "patient":
             return
         ends = zip(LETTERS[a] + LETTERS[b], ((0.02, 0.5), (0.98, 0.5), (0.5, 0.02), (0.5, 0.98)),
                    ("left", "right", "center", "center"), ("center", "center", "bottom", "top"))

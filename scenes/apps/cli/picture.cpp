@@ -61,8 +61,10 @@ struct Frame {
   Placement world;              ///< Transform from this frame to W.
   Box bounds;                   ///< Box around the drawn volumes, in this frame.
   Vec3 through = Vec3::Zero();  ///< Point in which the three slices meet, in this frame.
-  bool patient = false;         ///< True for a patient's frame: +x right, +y anterior, +z superior.
-  std::string unit = "mm";
+  /// "hand" for W, "file" for the world space of a file, or "patient" for one whose axes are a
+  /// patient's: +x right, +y anterior, +z superior.
+  std::string name = "hand";
+  std::string unit = "mm";  ///< Unit of lengths in this frame; empty if unknown.
 
   [[nodiscard]] Vec3 of(const Vec3& p_W) const {
     return world.rotation.transpose() * (p_W - world.translate) / world.scale;
@@ -147,7 +149,7 @@ class Drawing {
     json["scene"] = cut(lastOf(spec_.source));
     json["made_by"] = versionText();
     json["space"] = {
-        {"unit", frame_.unit}, {"patient", frame_.patient}, {"hand_mm", 1e3 * frame_.world.scale}};
+        {"name", frame_.name}, {"unit", frame_.unit}, {"hand_mm", 1e3 * frame_.world.scale}};
     json["through"] = toJson(frame_.through);
     json["felt"] = most_.force > 0.0;
     const bool moves = std::any_of(names_.begin(), names_.end(), [this](const std::string& name) {
@@ -236,26 +238,39 @@ class Drawing {
     return names;
   }
 
-  /// Selects the frame: the patient's frame if the strongest field has one and does not move;
-  /// otherwise W.
+  /// Returns true if the drawn fields are volumes at rest with one placement, which differs from
+  /// the hand's space.
+  [[nodiscard]] bool sharePlacement() const {
+    const Placement& first = built_.placements.at(names_.front());
+    return !(first == Placement{}) &&
+           std::all_of(names_.begin(), names_.end(), [&](const std::string& name) {
+             return volumeOf(name) && built_.motions.count(name) == 0 &&
+                    built_.placements.at(name) == first;
+           });
+  }
+
+  /// Selects the frame: that of the strongest field's file if the file is a patient's and does not
+  /// move, or if all drawn fields share its placement; otherwise W.
   void setFrame() {
     frame_.world.scale = 1e-3;
     const std::string name = names_.empty() ? "" : names_.front();
     const auto volume = volumeOf(name);
     const Metadata said = volume ? metadataOf(*volume) : Metadata{};
     if (said.ras && built_.motions.count(name) == 0) {
-      frame_.patient = true;
+      frame_.name = "patient";
+    } else if (volume && sharePlacement()) {
+      frame_.name = "file";
+    }
+    if (frame_.name == "hand") {
+      frame_.take(built_.bounds, [](const Vec3& p) { return p; });
+    } else {
       frame_.unit = cut(said.length_unit);
       frame_.world = built_.placements.at(name);
-    }
-    if (frame_.patient) {
       // Uses the boxes in the files, because boxes in W are larger if W is not aligned with the
-      // patient's axes.
+      // file's axes.
       for (const std::string& drawn : names_) {
         frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
       }
-    } else {
-      frame_.take(built_.bounds, [](const Vec3& p) { return p; });
     }
     frame_.through = most_.force > 0.0 ? frame_.of(most_.proxy) : frame_.bounds.centre();
     frame_.through = frame_.through.cwiseMax(frame_.bounds.lower).cwiseMin(frame_.bounds.upper);
