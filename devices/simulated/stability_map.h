@@ -1,5 +1,5 @@
-/// Private to the program: draws maps of the couplings with which an arm settles, swings or runs
-/// away, for each method.
+/// Private to the program: draws maps of the couplings with which an arm rests, oscillates or
+/// diverges, for each method.
 #pragma once
 
 #include <cstdint>
@@ -54,10 +54,10 @@ using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
 /// Final behaviour, judged in the last quarter of the time, or as soon as the arm is more than 0.1
 /// m from MapContact::place.
 enum class MapOutcome : std::uint8_t {
-  kRests,  ///< The arm rests to within 2.5 encoder steps, or its swing decays.
-  /// Limit cycle: the arm keeps swinging by at most 0.02 m. The swing may still be growing.
+  kRests,  ///< The arm moves by at most 2.5 encoder steps, or its oscillation decays.
+  /// The arm keeps oscillating by at most 0.02 m. The oscillation may still be growing.
   kCycles,
-  kLeaves,  ///< The arm runs away, or swings by more than 0.02 m.
+  kLeaves,  ///< The arm diverges: it oscillates by more than 0.02 m, or leaves.
 };
 
 /// Result of tryCoupling for one stiffness and damping.

@@ -50,6 +50,16 @@ void HapticThread::stop() noexcept {
   if (thread_.joinable()) thread_.join();
 }
 
+bool HapticThread::stopWithin(double seconds) noexcept {
+  quit_.store(true, std::memory_order_relaxed);
+  const std::int64_t last = nowNs() + std::llround(1e9 * seconds);
+  constexpr std::int64_t kLook = 1'000'000;
+  while (running() && nowNs() < last) sleepUntil(nowNs() + kLook);
+  if (running()) return false;
+  stop();
+  return true;
+}
+
 void HapticThread::waitFor(std::int64_t due) noexcept {
   if (!(early_ > 0.0)) return sleepUntil(due);
   const auto lead = static_cast<std::int64_t>(std::llround(1e9 * early_));

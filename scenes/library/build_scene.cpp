@@ -412,8 +412,8 @@ void checkDevice(const SceneSpec& spec, const DeviceInfo& device) {
   const auto check = [&](const char* key, double value, const char* unit, double most) {
     if (value <= most) return;
     throw SceneError(pathIn(spec, std::string("/coupling/") + key),
-                     fmt::format("{} {} is more than the device \"{}\" renders stably", value, unit,
-                                 device.name),
+                     fmt::format("{} {} is more than the device \"{}\" renders stably ({})", value,
+                                 unit, device.name, device.source),
                      fmt::format("use at most {} {}", most, unit));
   };
   check("stiffness", asked.stiffness, "N/m", device.max_stiffness);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
 #include <thread>
 
 #include <fmt/format.h>
@@ -70,14 +71,23 @@ class OnTime {
       guardian_.renew(watch_, another);
       complain(name_ + ": the arm is connected again: press Enter when the hand is ready");
     }
-    return thread_->running() && now.tick < run_.ticks;
+    stood_ = now.tick == last_tick_ ? stood_ + 1 : 0;
+    last_tick_ = now.tick;
+    return thread_->running() && now.tick < run_.ticks && stood_ < kStanding;
   }
   void feel(const std::shared_ptr<const Scene>& scene, const std::vector<LiveDial>& dials) {
     hand_.log.expect(*scene, dials);
     thread_->publish(scene);
   }
   void end() {
-    thread_->stop();
+    constexpr double kPatience = 1.0;  // [s]
+    if (!thread_->stopWithin(kPatience)) {
+      complain(
+          name_ +
+          ": the loop stands still, because the arm's driver or a mode does not return: palpate "
+          "ends without its files: run a plug-in in its own process (--device plugin:NAME)");
+      std::_Exit(kEndedEarly);
+    }
     // Without forget(), the guardian could overwrite the profile's final output.
     if (watch_.heart != nullptr) guardian_.forget(watch_);
     hand_.drain();
@@ -118,6 +128,10 @@ class OnTime {
   Guardian& guardian_;
   LoopWatch watch_;
   std::uint32_t plugging_ = 1;
+  /// Calls of look() without a new tick after which the loop stands still: about 3 s.
+  static constexpr int kStanding = 300;
+  int stood_ = 0;
+  std::int64_t last_tick_ = 0;
   Fault told_ = Fault::kNone;
   bool told_still_ = false;
   bool told_weak_ = false;

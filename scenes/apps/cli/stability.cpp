@@ -7,6 +7,7 @@
 #include <optional>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "palpate/devices/arm/tested_arms.h"
 #include "palpate/devices/hid/open_arm.h"
@@ -159,10 +160,17 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
                 "run palpate devices --test " + options.device +
                     ", or give --mass and --viscous, and --coulomb and --delay if known");
   } else {
-    complain(
-        fmt::format("stability: {} has not been measured: its Coulomb friction is taken as {} N, "
-                    "its delay as {} s",
-                    profile.name, options.coulomb, options.delay));
+    std::vector<std::string> assumed;
+    if (verb.count("--coulomb") == 0) {
+      assumed.push_back(fmt::format("its Coulomb friction is taken as {} N", options.coulomb));
+    }
+    if (verb.count("--delay") == 0) {
+      assumed.push_back(fmt::format("its delay is taken as {} s", options.delay));
+    }
+    if (!assumed.empty()) {
+      complain(fmt::format("stability: {} has not been measured: {}", profile.name,
+                           fmt::join(assumed, ", ")));
+    }
   }
   take("--encoder", options.encoder, factsOf(profile).step);
   if (profile.output_rate > 0.0) take("--rate", options.rate, profile.output_rate);

@@ -44,7 +44,7 @@ struct Array {
   /// Whole number that was subtracted from a scalar: value in the file = value + value_offset.
   double value_offset = 0.0;
   /// For a segmentation: its labels. Its values must not be blended, and 0 is its background.
-  std::optional<std::vector<Label>> labels;
+  std::optional<std::vector<Label>> labels = std::nullopt;
 };
 
 /// Receives the progress of a task, 0 to 1.

@@ -77,8 +77,8 @@ class Kill(unittest.TestCase):
                        check=True, stdout=subprocess.DEVNULL)
 
     @contextlib.contextmanager
-    def felt(self, serial):
-        """Yields an arm, a program that runs with it, and the plug-in's process."""
+    def felt(self, serial, place="plugin", seconds=60):
+        """Yields an arm, a program that runs with it, and the process of the plug-in, if it has one."""
         file = self.folder / "arm"
         file.unlink(missing_ok=True)   # a plug-in that hangs still uses its arm's file
         file.write_bytes(bytes(ctypes.sizeof(Arm)))
@@ -90,13 +90,13 @@ class Kill(unittest.TestCase):
         environment = dict(os.environ, PALPATE_PLUGINS=str(self.plugins), PALPATE_ODD_ARM=str(file),
                            HOME=str(self.folder))
         program = subprocess.Popen([PALPATE, "feel", self.folder / "two.vdb", "--realtime",
-                                    "--device", f"plugin:odd@{serial}", "--seconds", "60"],
+                                    "--device", f"{place}:odd@{serial}", "--seconds", str(seconds)],
                                    env=environment, stdout=subprocess.DEVNULL,
                                    stderr=subprocess.PIPE, start_new_session=True)
         try:
             self.assertTrue(until(lambda: arm.reads > 200, 30), "it never begins")
             ours = processes() - others
-            self.assertEqual(len(ours), 1)
+            self.assertEqual(len(ours), int(place == "plugin"))
             yield arm, program, ours
         finally:
             program.kill()
@@ -192,6 +192,17 @@ class Kill(unittest.TestCase):
         took = self.blow("SIGKILL", "stuck")
         print(f"SIGKILL while write hangs: no force after {1e3 * took:6.2f} ms", flush=True)
         self.assertLessEqual(took, LIMIT + SLICE)
+
+    def test_a_run_ends_although_a_plugin_in_its_process_does_not_return(self):
+        for seconds, signals in ((60, 1), (1, 0)):
+            with self.felt("inside", "plugin-inside", seconds) as (arm, program, _):
+                arm.trouble = 1
+                time.sleep(0.5)
+                for _ in range(signals):
+                    os.kill(program.pid, signal.SIGTERM)
+                self.assertIn(b"the loop stands still, because the arm's driver or a mode does not return",
+                              program.communicate(timeout=20)[1])
+                self.assertEqual(program.returncode, 1)
 
 
 for name in SIGNALS:

@@ -130,7 +130,7 @@ int write(palpate_plugin_device* device, const palpate_plugin_force* force) {
   ++arm.writes;
   const double* f = force->force;
   const bool zero = f[0] == 0.0 && f[1] == 0.0 && f[2] == 0.0;
-  if (odd.is("stuck")) {
+  if (odd.is("stuck") || odd.is("inside")) {
     begins(odd);
     hang();
   }
