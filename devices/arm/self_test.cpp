@@ -478,6 +478,20 @@ SelfTestResult SelfTest::result() const {
   }
   checkReadings(result);
   for (int a = 0; a < 3; ++a) judgeAxis(a, result);
+  // The spring that brings the arm back pushes it away along an axis with a wrong sign, and so
+  // disturbs the measurements along the other axes.
+  const bool straight =
+      std::none_of(result.axes.begin(), result.axes.end(),
+                   [](const AxisResult& axis) { return axis.moved && axis.along <= kStraight; });
+  for (int a = 0; a < 3; ++a) {
+    AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
+    if (!axis.moved || axis.along <= kStraight) continue;
+    fitDelay(pushes(a), axis);
+    const std::string trouble = fitTrouble(axis);
+    if (straight && !trouble.empty()) {
+      result.problems.push_back(std::string(params_.axes.name(a)) + ": " + trouble);
+    }
+  }
   compareMasses(result, params_.axes);
   return result;
 }
@@ -517,11 +531,6 @@ void SelfTest::judgeAxis(int a, SelfTestResult& result) const {
   }
   checkDirection(plus, "+" + name, result);
   checkDirection(plus + 1, "-" + name, result);
-  if (!axis.moved || axis.along <= kStraight) return;
-  fitDelay(pushes(a), axis);
-  if (std::string trouble = fitTrouble(axis); !trouble.empty()) {
-    result.problems.push_back(name + ": " + trouble);
-  }
 }
 
 void SelfTest::checkDirection(std::size_t run, const std::string& where,

@@ -150,6 +150,10 @@ TEST_CASE("the self-test finds wrong force scales and directions from implausibl
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
   expectWords(coupled, "pushed to +y, the arm moved the other way");
+  for (const std::string& problem : coupled.result.problems) {
+    INFO(problem);
+    CHECK(problem.find("pushed to ") == 0);
+  }
   CHECK(coupled.farthest < 0.06);
 }
 
