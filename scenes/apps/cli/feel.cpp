@@ -89,6 +89,14 @@ std::vector<std::unique_ptr<Device>> openDevices(const FeelOptions& options,
   return devices;
 }
 
+/// Throws Error if the picture is to show slices, but no volume is scalar.
+void checkSlice(const FeelOptions& options, const BuiltScene& built) {
+  const auto scalar = [](const auto& field) { return field.second.index() == 0; };
+  if (options.slice.empty() || std::any_of(built.fields.begin(), built.fields.end(), scalar))
+    return;
+  throw Error("--slice", "the scene has no scalar volume", "leave out --slice");
+}
+
 /// Connects the first hand to the window. Opens the window, except for a still picture.
 void showIn(Window& window, Hands& hands, const Scene& scene, const FeelOptions& options,
             const std::string& file) {
@@ -155,6 +163,7 @@ int feel(FeelOptions options) {
   SceneCache cache;
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
+  checkSlice(options, built);
   const bool plays = !(built.windows.empty() && built.sequences.empty());
   OrderedJson search;
   const HandTarget target =
@@ -335,6 +344,13 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_option(
       "--picture", options->still,
       "Run in virtual time without a window, and draw the last tick as a PNG (1920 x 1280)");
+  verb->add_option("--camera", options->camera,
+                   "With --picture: side of the camera: front, back, left, right, top or bottom "
+                   "(default: the front, seen from the right and from above); of the patient, if a "
+                   "volume has the space of one");
+  verb->add_option("--slice", options->slice,
+                   "With --picture: draw slices of the first scalar volume through the proxy "
+                   "instead of surfaces and clouds, perpendicular to an axis: x, y, z or all");
   verb->footer(
       "Example:\n  palpate view head.json\n  palpate view head.json --seconds 4 --picture "
       "head.png");

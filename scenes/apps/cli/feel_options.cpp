@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "palpate/devices/recording/replay_device.h"
 #include "palpate/engine/error.h"
@@ -121,6 +122,25 @@ void checkSite(const FeelOptions& options) {
   }
 }
 
+/// Checks the options of the picture of `palpate view`.
+void checkStill(const FeelOptions& options) {
+  const auto check = [&options](const char* option, const std::string& value, const char* kind,
+                                std::initializer_list<const char*> known, const char* key) {
+    if (value.empty()) return;
+    if (std::find(known.begin(), known.end(), value) == known.end()) {
+      throw Error(option, fmt::format("\"{}\" is not {}", Legible(value).text(), kind),
+                  fmt::format("use {}", fmt::join(known, ", ")));
+    }
+    if (options.still.empty()) {
+      throw Error(option, "it applies only to a picture",
+                  fmt::format("add --picture FILE.png, or press {} in the window", key));
+    }
+  };
+  check("--camera", options.camera, "a side of the scene",
+        {"front", "back", "left", "right", "top", "bottom"}, "v");
+  check("--slice", options.slice, "an axis", {"x", "y", "z", "all"}, "s");
+}
+
 void checkIgtl(const FeelOptions& options) {
   if (options.igtl.empty() && options.igtl_rate != kIgtlRate) {
     throw Error("--igtl-rate", "it has no effect without --igtl",
@@ -195,6 +215,7 @@ void checkFeelOptions(const FeelOptions& options) {
                 remedyWithoutRealtime(options, "--reengage"));
   }
   checkIgtl(options);
+  checkStill(options);
   // A replay uses the recorded rate, which the user cannot change.
   const bool replayed = std::any_of(options.devices.begin(), options.devices.end(), isReplay);
   if (!replayed) noteSlowRate(options.window ? "view" : "feel", options.rate);

@@ -241,7 +241,10 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
                             run.edited ? run.edited->built : built, hands[0]->log.felt);
     }
     if (outputs.still) {
-      run.window->draw(run.from.file, outputs.still->place());
+      std::vector<std::string> view;
+      if (!run.options.camera.empty()) view = {"--camera", run.options.camera};
+      if (!run.options.slice.empty()) view.insert(view.end(), {"--slice", run.options.slice});
+      run.window->draw(run.from.file, outputs.still->place(), view);
       outputs.still->commit();
     }
   } catch (const Interrupted&) {

@@ -59,6 +59,8 @@ struct FeelOptions {
   bool window = false;
   std::optional<double> speed;  ///< Speed of a replay; 1: as recorded; unset: as fast as possible.
   std::string still;            ///< File for a picture of the last tick.
+  std::string camera;           ///< Side from which this picture shows the scene; empty: default.
+  std::string slice;            ///< Planes of its slices: x, y, z or all; empty: no slices.
   std::string igtl;             ///< Address at which 3D Slicer connects; empty: no server.
   double igtl_rate = kIgtlRate;
   std::string record;

@@ -103,8 +103,11 @@ void Window::open(const std::string& scene, bool watch, bool only, double reenga
   start(words);
 }
 
-void Window::draw(const std::string& scene, const std::string& picture) {
-  start({scene, "--picture", picture});
+void Window::draw(const std::string& scene, const std::string& picture,
+                  const std::vector<std::string>& view) {
+  std::vector<std::string> words{scene, "--picture", picture};
+  words.insert(words.end(), view.begin(), view.end());
+  start(words);
   std::optional<int> status;
   while (!(status = ended()) && interrupted == 0) std::this_thread::sleep_for(kLook);
   if (interrupted != 0) {

@@ -31,7 +31,9 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// @param reengage  LoopParams::reengage of the loop [s], for the panel.
   void open(const std::string& scene, bool watch, bool only, double reengage);
   /// Draws the last tick into a file. Throws Error, and Interrupted after an interrupt.
-  void draw(const std::string& scene, const std::string& picture);
+  /// @param view  Options of palpate-view for the picture, such as --camera and a side.
+  void draw(const std::string& scene, const std::string& picture,
+            const std::vector<std::string>& view);
 
   [[nodiscard]] LiveWriter& writer() noexcept { return writer_; }
   /// Returns the hand that the mouse leads. The hand starts at `start` [m].

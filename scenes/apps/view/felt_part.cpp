@@ -36,6 +36,20 @@ std::string textOf(const std::vector<Mask>& masks) {
   return text;
 }
 
+void moveToData(vtkPolyData& mesh, const ScalarField& field) {
+  const FieldFrame& frame = field.frame();
+  // At this distance from the edge, a sample is inside.
+  const Vec3 within = Vec3::Constant(0.01 * frame.voxel);
+  const Vec3 lower = frame.bounds.lower + within;
+  const Vec3 upper = frame.bounds.upper - within;
+  for (vtkIdType i = 0; i < mesh.GetNumberOfPoints(); ++i) {
+    Vec3 p;
+    mesh.GetPoint(i, p.data());
+    p = p.cwiseMax(lower).cwiseMin(upper);
+    mesh.GetPoints()->SetPoint(i, p.data());
+  }
+}
+
 vtkSmartPointer<vtkPolyData> feltPart(vtkPolyData& surface, const ScalarField& field, double level,
                                       const std::vector<Mask>& masks) {
   auto kept = vtkSmartPointer<vtkPolyData>::New();
@@ -69,6 +83,38 @@ vtkSmartPointer<vtkPolyData> feltPart(vtkPolyData& surface, const ScalarField& f
     kept->GetPointData()->SetScalars(nullptr);
   }
   return kept;
+}
+
+vtkSmartPointer<vtkImageData> feltCloud(vtkImageData& values, vtkPiecewiseFunction& opacity,
+                                        const std::vector<Mask>& masks) {
+  constexpr double kMost = 65535.0;
+  auto cloud = vtkSmartPointer<vtkImageData>::New();
+  cloud->CopyStructure(&values);
+  cloud->AllocateScalars(VTK_UNSIGNED_SHORT, 2);
+  std::vector<double> table(65536);
+  opacity.GetTable(0.0, kMost, static_cast<int>(table.size()), table.data());
+  const auto* in = static_cast<unsigned short*>(values.GetScalarPointer());
+  auto* out = static_cast<unsigned short*>(cloud->GetScalarPointer());
+  tbb::parallel_for(tbb::blocked_range<vtkIdType>(0, values.GetNumberOfPoints()),
+                    [&](const tbb::blocked_range<vtkIdType>& points) {
+                      std::vector<FieldCache> caches(masks.size());
+                      for (std::size_t m = 0; m < masks.size(); ++m) {
+                        masks[m].field->reset(caches[m]);
+                      }
+                      for (vtkIdType i = points.begin(); i != points.end(); ++i) {
+                        Vec3 p;
+                        values.GetPoint(i, p.data());
+                        double share = table[in[i]];
+                        for (std::size_t m = 0; m < masks.size() && share > 0.0; ++m) {
+                          const ScalarSample sample = masks[m].field->sample(p, caches[m]);
+                          const TransferFunction& curve = *masks[m].curve;
+                          share *= sample.inside ? curve(sample.value) / curve.highest() : 0.0;
+                        }
+                        out[2 * i] = in[i];
+                        out[2 * i + 1] = static_cast<unsigned short>(kMost * share);
+                      }
+                    });
+  return cloud;
 }
 
 }  // namespace palpate::view

@@ -1,9 +1,11 @@
-/// Removes the parts of a drawn surface that a hand cannot feel.
+/// Removes the parts of a drawn surface or cloud that a hand cannot feel.
 #pragma once
 
 #include <string>
 #include <vector>
 
+#include <vtkImageData.h>
+#include <vtkPiecewiseFunction.h>
 #include <vtkPolyData.h>
 #include <vtkSmartPointer.h>
 
@@ -12,7 +14,7 @@
 
 namespace palpate::view {
 
-/// A factor of an isosurface's strength that another field sets, such as a patient's region.
+/// A factor of a mode's strength that another field sets, such as a patient's region.
 struct Mask {
   const ScalarField* field;
   const TransferFunction* curve;
@@ -20,9 +22,17 @@ struct Mask {
 
 /// Returns a text that differs for different masks.
 [[nodiscard]] std::string textOf(const std::vector<Mask>& masks);
+/// Moves the points of a mesh that lie outside of a field's data to the edge of the data.
+void moveToData(vtkPolyData& mesh, const ScalarField& field);
 /// Returns the surface of `field` at the value `level` without the parts where a mask is zero or
 /// has no data.
 [[nodiscard]] vtkSmartPointer<vtkPolyData> feltPart(vtkPolyData& surface, const ScalarField& field,
                                                     double level, const std::vector<Mask>& masks);
+
+/// Returns a cloud's values with a second component, their opacity: a function of the value,
+/// multiplied by each mask relative to its largest output. Both are integers up to 65535.
+[[nodiscard]] vtkSmartPointer<vtkImageData> feltCloud(vtkImageData& values,
+                                                      vtkPiecewiseFunction& opacity,
+                                                      const std::vector<Mask>& masks);
 
 }  // namespace palpate::view

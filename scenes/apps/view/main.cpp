@@ -121,6 +121,8 @@ int run(int argc, char** argv) {
   app.add_option("SCENE", scene)->required();
   app.add_option("--live", live, "File descriptor of the memory that the loop shares")->required();
   app.add_option("--picture", picture, "Draw one picture, as a PNG file, and exit");
+  app.add_option("--camera", options.camera, "Side of the camera");
+  app.add_option("--slice", options.slice, "Planes of slices instead of surfaces and clouds");
   app.add_option("--reengage", options.reengage,
                  "Time from the last late tick until the loop restores the force [s]; 0: never");
   app.add_flag("--watch", watch, "Redraw the scene when its file changes");

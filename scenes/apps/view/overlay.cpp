@@ -133,7 +133,14 @@ std::vector<std::array<double, 6>> Overlay::seen() const {
   return boxes;
 }
 
-void Overlay::show(const LiveTick& tick) {
+void Overlay::putArrow(vtkActor& actor, const Vec3& from, const Vec3& along, double least_width) {
+  // The width of an arrow is ten times the radius of its head. The head is narrower than a ring.
+  const double width = std::clamp(along.norm(), least_width, 0.4 * size_);
+  put(actor, 0, from, along, along.norm(), width);
+  head_radius_ = 0.1 * width;
+}
+
+void Overlay::show(const LiveTick& tick, const Fit& fit) {
   const Vec3 probe = vectorOf(tick.probe);
   const Vec3 proxy = vectorOf(tick.proxy);
   const Vec3 force = vectorOf(tick.force);
@@ -150,11 +157,12 @@ void Overlay::show(const LiveTick& tick) {
     put(*spring_, kCylinder, 0.5 * (probe + proxy), apart, apart.norm(), 0.25 * ball_size);
   }
   force_->VisibilityOff();
-  const double length = force.norm() * metresPerNewton();
-  tip_ = proxy + force * metresPerNewton();
-  if (length > 0.1 * ball_size) {
-    put(*force_, kArrow, proxy, force, length, std::max(length, 0.12 * size_));
-  }
+  const Vec3 arrow = force * metresPerNewton();
+  const double share = fit(proxy, proxy + arrow);
+  force_shortened_ = share < 1.0;
+  others_shortened_ = false;
+  head_radius_ = 0.0;
+  tip_ = proxy + share * arrow;
 
   for (auto& primitive : primitives_) {
     for (auto& actor : primitive) actor->VisibilityOff();
@@ -172,8 +180,10 @@ void Overlay::show(const LiveTick& tick) {
     const Vec3 from = proxy - load.primitive.position;
     switch (primitive.kind) {
       case PrimitiveKind::kForce: {
-        const double reach = primitive.strength * metresPerNewton();
-        put(actor, kArrow, proxy, along, reach, std::max(reach, 0.08 * size_));
+        const Vec3 reach = primitive.strength * metresPerNewton() * along;
+        const double its_share = fit(proxy, proxy + reach);
+        others_shortened_ = others_shortened_ || its_share < 1.0;
+        putArrow(actor, proxy, its_share * reach, 0.08 * size_);
         break;
       }
       case PrimitiveKind::kPoint:
@@ -189,6 +199,8 @@ void Overlay::show(const LiveTick& tick) {
         break;
     }
   }
+  // The label of the force needs the radius of this arrow's head, so it is the last arrow.
+  if (arrow.norm() > 0.1 * ball_size) putArrow(*force_, proxy, tip_ - proxy, 0.12 * size_);
 }
 
 }  // namespace palpate::view

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <vector>
 
 #include <vtkActor.h>
@@ -28,8 +29,11 @@ class Overlay {
   /// @param opacity  Opacity, 0 to 1.
   Overlay(vtkRenderer& renderer, double size, double opacity);
 
-  /// Draws a tick. Updates objects of VTK, so do not call it in a haptic loop.
-  void show(const LiveTick& tick);
+  /// Returns the share of the line from one point to another [m], 0 to 1, that the picture shows.
+  using Fit = std::function<double(const Vec3& from, const Vec3& to)>;
+  /// Draws a tick. Shortens each arrow to the share that `fit` returns. Updates objects of VTK, so
+  /// do not call it in a haptic loop.
+  void show(const LiveTick& tick, const Fit& fit);
 
   /// Returns the bounds of each visible actor: least and greatest x, y and z [m].
   [[nodiscard]] std::vector<std::array<double, 6>> seen() const;
@@ -37,16 +41,26 @@ class Overlay {
   [[nodiscard]] double metresPerNewton() const noexcept { return 0.1 * size_; }
   /// Returns the tip of the force's arrow in the last drawing [m].
   [[nodiscard]] const Vec3& tip() const noexcept { return tip_; }
+  /// Returns the radius of this arrow's head [m].
+  [[nodiscard]] double headRadius() const noexcept { return head_radius_; }
+  [[nodiscard]] bool forceShortened() const noexcept { return force_shortened_; }
+  /// Returns true if the arrow of a directed force was shortened in the last drawing.
+  [[nodiscard]] bool othersShortened() const noexcept { return others_shortened_; }
 
  private:
   static constexpr std::size_t kMost = 24;
 
   vtkSmartPointer<vtkActor> add(vtkAlgorithmOutput* output, const Colour& colour);
+  /// Shows an arrow at `from` whose length and direction are `along` [m].
+  void putArrow(vtkActor& actor, const Vec3& from, const Vec3& along, double least_width);
   vtkRenderer& renderer_;
   std::vector<vtkSmartPointer<vtkActor>> all_;
   double size_;
   double opacity_;
   Vec3 tip_ = Vec3::Zero();
+  double head_radius_ = 0.0;
+  bool force_shortened_ = false;
+  bool others_shortened_ = false;
   vtkSmartPointer<vtkActor> probe_;
   vtkSmartPointer<vtkActor> proxy_;
   vtkSmartPointer<vtkActor> spring_;

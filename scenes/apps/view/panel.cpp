@@ -19,7 +19,6 @@ namespace {
 
 constexpr Colour kInk{0.92, 0.92, 0.92};
 constexpr Colour kFaint{0.62, 0.64, 0.67};
-constexpr Colour kGround{0.10, 0.11, 0.13};
 constexpr Colour kTrack{0.22, 0.24, 0.27};
 constexpr double kMargin = 14.0;
 constexpr double kInner = Panel::kWidth - 2.0 * kMargin;
@@ -240,7 +239,7 @@ void Panel::show(const Content& content, double height) {
   }
   used_ = 0;
 
-  quad(0.0, 0.0, kWidth, height, kGround);
+  quad(0.0, 0.0, kWidth, height, kDark);
   double y = height - 26.0;
   for (const std::string& words : content.status) {
     const bool first = &words == &content.status.front();

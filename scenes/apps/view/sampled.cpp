@@ -11,16 +11,18 @@
 namespace palpate::view {
 namespace {
 
-vtkSmartPointer<vtkImageData> lattice(const Box& box, int most) {
+vtkSmartPointer<vtkImageData> lattice(const Box& box, int most, int border) {
   const double step = std::max(box.size().maxCoeff() / (most - 1), 1e-9);
   auto image = vtkSmartPointer<vtkImageData>::New();
   int size[3];
   for (int a = 0; a < 3; ++a) {
-    size[a] = std::clamp(static_cast<int>(std::ceil(box.size()[a] / step)) + 1, 2, most + 1);
+    size[a] =
+        std::clamp(static_cast<int>(std::ceil(box.size()[a] / step)) + 1, 2, most + 1) + 2 * border;
   }
   image->SetDimensions(size);
   image->SetSpacing(step, step, step);
-  image->SetOrigin(box.lower.x(), box.lower.y(), box.lower.z());
+  const Vec3 origin = box.lower - Vec3::Constant(border * step);
+  image->SetOrigin(origin.x(), origin.y(), origin.z());
   return image;
 }
 
@@ -53,8 +55,8 @@ void readAll(const F& field, vtkImageData& image, const Put& put) {
 
 }  // namespace
 
-vtkSmartPointer<vtkImageData> sampled(const ScalarField& field, int most) {
-  auto image = lattice(field.frame().bounds, most);
+vtkSmartPointer<vtkImageData> sampled(const ScalarField& field, int most, int border) {
+  auto image = lattice(field.frame().bounds, most, border);
   auto values = array("value", 1, image->GetNumberOfPoints());
   float* out = values->GetPointer(0);
   readAll(field, *image, [&](vtkIdType index, const Vec3& p, FieldCache& cache) {
@@ -66,7 +68,7 @@ vtkSmartPointer<vtkImageData> sampled(const ScalarField& field, int most) {
 }
 
 vtkSmartPointer<vtkImageData> sampled(const VectorField& field, Along along, int most) {
-  auto image = lattice(field.frame().bounds, most);
+  auto image = lattice(field.frame().bounds, most, 0);
   auto vectors = array("vector", 3, image->GetNumberOfPoints());
   auto values = array("value", 1, image->GetNumberOfPoints());
   float* out = vectors->GetPointer(0);

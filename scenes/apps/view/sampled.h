@@ -12,8 +12,10 @@
 namespace palpate::view {
 
 /// Samples a scalar field in its rest pose, with about `most` points along the longest side of its
-/// bounds. The image is in W [m]; its scalars have the name "value". Slow; uses all cores.
-[[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const ScalarField& field, int most);
+/// bounds, and `border` more points beyond each side. The image is in W [m]; its scalars have the
+/// name "value". Slow; uses all cores.
+[[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const ScalarField& field, int most,
+                                                    int border = 0);
 /// Samples a vector field in the same way. The vectors have the name "vector" and are zero where
 /// data are missing; their magnitudes have the name "value".
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const VectorField& field, Along along,

@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 #include <vtkActor.h>
-#include <vtkBillboardTextActor3D.h>
 #include <vtkCellArray.h>
 #include <vtkColorTransferFunction.h>
 #include <vtkFixedPointVolumeRayCastMapper.h>
@@ -27,7 +26,6 @@
 #include <vtkProperty.h>
 #include <vtkRegularPolygonSource.h>
 #include <vtkSphereSource.h>
-#include <vtkTextProperty.h>
 #include <vtkVolume.h>
 #include <vtkVolumeProperty.h>
 
@@ -109,18 +107,16 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
-/// Returns the masks of an isosurface, except masks that move in another way than the surface, play
-/// or stream.
-std::vector<Mask> masksOf(const Graph& graph, const IsosurfaceMode& mode) {
-  const auto surface = static_cast<std::size_t>(mode.skin.field);
+/// Returns the factors of a strength as masks, except factors that the drawn value itself sets, and
+/// masks that move in another way than the drawn field, play or stream.
+std::vector<Mask> masksOf(const Graph& graph, const Transfer& strength, int own, int motion) {
   std::vector<Mask> masks;
-  for (const Transfer::Factor& factor : mode.strength.factors) {
-    // Skips a factor that the surface's own value sets, because it is equal on the whole surface.
-    const int read = factor.scalar == mode.skin.value ? -1 : scalarFieldOf(graph, factor.scalar);
-    if (read < 0) continue;
+  for (const Transfer::Factor& factor : strength.factors) {
+    const int read = factor.scalar == own ? -1 : scalarFieldOf(graph, factor.scalar);
+    if (read < 0 || !(factor.curve.highest() > 0.0)) continue;
     const auto by = static_cast<std::size_t>(read);
     const ScalarField& field = *graph.scalar_fields[by];
-    if (graph.scalar_motions[by] != graph.scalar_motions[surface] || field.attends()) continue;
+    if (graph.scalar_motions[by] != motion || field.attends()) continue;
     masks.push_back({&field, &factor.curve});
   }
   return masks;
@@ -182,30 +178,26 @@ Shapes::Shapes(const BuiltScene& built, bool fine)
   box->GetProperty()->SetColor(0.45, 0.45, 0.45);
   box->GetProperty()->LightingOff();
   add(box, When::kAlways, nullptr);
-  if (const std::optional<Mat3> patient = cli::patientOf(built)) addLetters(*patient);
+  sides_.col(0) = Vec3::UnitX();
+  sides_.col(1) = -Vec3::UnitY();
+  sides_.col(2) = Vec3::UnitZ();
+  if (const std::optional<Mat3> patient = cli::patientOf(built)) {
+    sides_ = *patient;
+    addLetters();
+  }
 }
 
-void Shapes::addLetters(const Mat3& patient) {
+void Shapes::addLetters() {
   constexpr std::array<std::array<const char*, 2>, 3> kLetters{
       {{"L", "R"}, {"P", "A"}, {"I", "S"}}};
   constexpr double kOutside = 1.06;  // distance from the centre, relative to that of the bounds
-  constexpr int kFont = 16;          // [pixels]; pictures have two pixels for one of the window
   for (int axis = 0; axis < 3; ++axis) {
-    const Vec3 along = patient.col(axis);
+    const Vec3 along = sides_.col(axis);
     const double reach = 0.5 * along.cwiseAbs().dot(bounds_.size());
     for (std::size_t end = 0; end < 2; ++end) {
       const double sign = end == 0 ? -1.0 : 1.0;
-      const Vec3 at = bounds_.centre() + sign * kOutside * reach * along;
-      letters_.push_back({kLetters[static_cast<std::size_t>(axis)][end], at});
-      auto text = vtkSmartPointer<vtkBillboardTextActor3D>::New();
-      text->SetInput(letters_.back().letter.c_str());
-      text->SetPosition(at.x(), at.y(), at.z());
-      text->GetTextProperty()->SetFontSize(fine_ ? 2 * kFont : kFont);
-      text->GetTextProperty()->SetBold(1);
-      text->GetTextProperty()->SetColor(0.92, 0.92, 0.92);
-      text->GetTextProperty()->SetJustificationToCentered();
-      text->GetTextProperty()->SetVerticalJustificationToCentered();
-      add(text, When::kAlways, nullptr);
+      letters_.push_back({kLetters[static_cast<std::size_t>(axis)][end],
+                          bounds_.centre() + sign * kOutside * reach * along});
     }
   }
 }
@@ -303,7 +295,9 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
   const auto field = static_cast<std::size_t>(mode.skin.field);
   const double level = mode.level;
   const ScalarField& of = *graph.scalar_fields[field];
-  const std::vector<Mask> masks = masksOf(graph, mode);
+  // The whole surface has the same value, and so the same factor by this value.
+  const std::vector<Mask> masks =
+      masksOf(graph, mode.strength, mode.skin.value, graph.scalar_motions[field]);
   const std::string key = fmt::format("surface {} {}{}", of.id(), level, textOf(masks));
   if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
   known_.push_back(key);
@@ -314,13 +308,16 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
   bool exists = false;
   const auto mesh = [&](int points, When when) {
     auto contour = vtkSmartPointer<vtkFlyingEdges3D>::New();
-    contour->SetInputData(sampled(of, points));
+    // The points beyond the data close the surface at the edge of the data. A hand feels it there,
+    // except in a level set.
+    contour->SetInputData(sampled(of, points, of.frame().distance ? 0 : 1));
     contour->SetValue(0, level);
     contour->ComputeNormalsOn();
     contour->ComputeGradientsOff();
     contour->ComputeScalarsOff();
     contour->Update();
     exists = exists || contour->GetOutput()->GetNumberOfCells() > 0;
+    moveToData(*contour->GetOutput(), of);
     const auto kept = feltPart(*contour->GetOutput(), of, level, masks);
     if (kept->GetNumberOfCells() == 0) return false;
     auto actor = actorOf(contour->GetOutputPort());
@@ -359,6 +356,7 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
   }
   ++surfaces_;
   legend_.push_back({name, colour});
+  legend_.back().body = true;
   levels_.push_back(
       {name, of.id(), level, has_own ? colour : kLines[levels_.size() % kLines.size()]});
 }
@@ -414,10 +412,20 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
     colours->AddRGBPoint(kMost * share, colour[0], colour[1], colour[2]);
   }
   auto mapper = vtkSmartPointer<vtkFixedPointVolumeRayCastMapper>::New();
-  mapper->SetInputData(scaled->GetOutput());
+  const int motion = of_vector ? graph.vector_motions[field] : graph.scalar_motions[field];
+  const std::vector<Mask> masks = masksOf(graph, strength, own, motion);
+  auto look = vtkSmartPointer<vtkVolumeProperty>::New();
+  if (masks.empty()) {
+    mapper->SetInputData(scaled->GetOutput());
+  } else {
+    mapper->SetInputData(feltCloud(*scaled->GetOutput(), *opacity, masks));
+    opacity->RemoveAllPoints();
+    opacity->AddPoint(0.0, 0.0);
+    opacity->AddPoint(kMost, 1.0);
+    look->IndependentComponentsOff();
+  }
   mapper->AutoAdjustSampleDistancesOff();
   mapper->SetSampleDistance(static_cast<float>(image->GetSpacing()[0]));
-  auto look = vtkSmartPointer<vtkVolumeProperty>::New();
   look->SetScalarOpacity(opacity);
   look->SetColor(colours);
   look->SetInterpolationTypeToLinear();
@@ -425,11 +433,11 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   auto volume = vtkSmartPointer<vtkVolume>::New();
   volume->SetMapper(mapper);
   volume->SetProperty(look);
-  const int motion = of_vector ? graph.vector_motions[field] : graph.scalar_motions[field];
   add(volume, When::kAlways, motionOf(graph, motion));
   shapes_.back().body = true;
   ++clouds_;
   legend_.push_back({name, onScale(0.8), low, high});
+  legend_.back().body = true;
 }
 
 void Shapes::addStreams(const Graph& graph, std::size_t field, Along along,

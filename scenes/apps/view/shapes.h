@@ -27,6 +27,7 @@ inline constexpr Colour kIdle{0.55, 0.55, 0.55};
 inline constexpr Colour kProbe{0.90, 0.62, 0.00};
 inline constexpr Colour kProxy{0.34, 0.71, 0.91};
 inline constexpr Colour kForce{0.80, 0.47, 0.65};
+inline constexpr Colour kDark{0.10, 0.11, 0.13};  ///< Ground of texts.
 
 /// Returns the colour at a position on the colour scale, 0 (dark) to 1 (light).
 [[nodiscard]] Colour onScale(double share);
@@ -54,6 +55,8 @@ class Shapes {
   /// Returns the horizontal unit vector from the centre to the scene's front, where the viewer of
   /// the first picture is.
   [[nodiscard]] const Vec3& front() const noexcept { return front_; }
+  /// Returns unit vectors to the right, front and top of the patient; without one, x, -y and z.
+  [[nodiscard]] const Mat3& sides() const noexcept { return sides_; }
 
   struct Entry {
     std::string name;  ///< Name of the mode or the volume.
@@ -61,6 +64,7 @@ class Shapes {
     double low = 0.0;   ///< Value of the darkest colour, in the unit of the data.
     double high = 0.0;  ///< Value of the lightest colour; not above `low`: one colour.
     bool grey = false;  ///< True for the grey scale of the slices.
+    bool body = false;  ///< True for a surface or a cloud, which the slices replace.
   };
   [[nodiscard]] const std::vector<Entry>& legend() const noexcept { return legend_; }
   struct Volume {
@@ -109,7 +113,7 @@ class Shapes {
                 const Transfer& strength, int own, const std::string& name);
   void addStreams(const Graph& graph, std::size_t field, Along along, const std::string& name);
   void addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name);
-  void addLetters(const Mat3& patient);
+  void addLetters();
   void add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion);
   /// Makes each outermost surface translucent that encloses another surface, if both are at rest.
   void seeThrough();
@@ -127,6 +131,7 @@ class Shapes {
   std::size_t clouds_ = 0;
   Box bounds_;
   Vec3 front_;
+  Mat3 sides_;
   bool fine_ = false;
   bool bodies_ = true;
 };

@@ -25,7 +25,8 @@ bool crosses(const std::vector<double>& values, std::size_t point, double level)
 
 }  // namespace
 
-Slices::Slices(vtkRenderer& renderer) {
+Slices::Slices(vtkRenderer& renderer, const std::string& planes) {
+  if (planes.size() == 1 && planes[0] >= 'x' && planes[0] <= 'z') only_ = planes[0] - 'x';
   for (Slice& slice : slices_) {
     slice.plane = vtkSmartPointer<vtkPlaneSource>::New();
     slice.image = vtkSmartPointer<vtkImageData>::New();
@@ -61,6 +62,7 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
                [&](const Shapes::Level& level) { return level.field == field.id(); });
   std::vector<double> values(static_cast<std::size_t>(kSide) * kSide);
   for (int axis = 0; axis < 3; ++axis) {
+    if (only_ >= 0 && axis != only_) continue;
     Slice& slice = slices_[static_cast<std::size_t>(axis)];
     const int u = (axis + 1) % 3;
     const int v = (axis + 2) % 3;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <string>
 #include <vector>
 
 #include <vtkActor.h>
@@ -19,7 +20,8 @@ namespace palpate::view {
 
 class Slices {
  public:
-  explicit Slices(vtkRenderer& renderer);
+  /// @param planes  "x", "y" or "z" for the plane perpendicular to this axis; otherwise all three.
+  Slices(vtkRenderer& renderer, const std::string& planes);
 
   /// Draws a field in `pose` on planes through `at` [m]. The value `low` is black, and `high` is
   /// white. The levels of this field are lines.
@@ -34,6 +36,7 @@ class Slices {
     vtkSmartPointer<vtkActor> actor;
   };
   std::array<Slice, 3> slices_;
+  int only_ = -1;  ///< Axis of the only plane; negative: all planes.
 };
 
 }  // namespace palpate::view

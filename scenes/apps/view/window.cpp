@@ -30,12 +30,17 @@ constexpr double kSettled = 0.25;  // [s]: rest of the camera before the backdro
 constexpr double kMoving = 0.2;    // [s]: shortest time between two backdrops of a moving scene
 constexpr double kGhost = 0.35;
 
+// Fits into a window of 640 by 480 pixels, beside the panel.
 const char* const kHelp =
-    "mouse: move the hand    wheel: nearer, farther\n"
-    "left button: turn    middle: shift    right: zoom\n"
-    "1-9, up, down: choose a mode    o: mode off, on    + -: strength\n"
+    "mouse: move the hand\n"
+    "wheel: move it nearer, farther\n"
+    "left, middle, right button:\n"
+    "    turn, shift, zoom the camera\n"
+    "1-9, up, down: choose a mode\n"
+    "o: mode off, on    + -: strength\n"
     "Esc: force off    Enter: force on\n"
-    "s: slices through the proxy    r, v: reset, turn the camera\n"
+    "s: slices through the proxy\n"
+    "r, v: reset, turn the camera\n"
     "?: keys    q: close";
 
 template <class Call>
@@ -138,6 +143,8 @@ ViewWindow::ViewWindow(LiveBlock& block, std::unique_ptr<Shapes> shapes, const s
   newtons_->GetTextProperty()->SetBold(1);
   newtons_->GetTextProperty()->SetColor(kForce[0], kForce[1], kForce[2]);
   newtons_->GetTextProperty()->SetShadow(1);
+  newtons_->GetTextProperty()->SetBackgroundColor(kDark.data());
+  newtons_->GetTextProperty()->SetBackgroundOpacity(0.8);
   help_ = vtkSmartPointer<vtkTextActor>::New();
   help_->SetInput(kHelp);
   help_->SetPosition(14.0, 14.0);
@@ -168,7 +175,8 @@ void ViewWindow::furnish() {
   shapes_->addTo(*scene_, *through_);
   overlay_.emplace(*restored_, size, 1.0);
   ghost_.emplace(*hidden_, size, kGhost);
-  slices_.emplace(*scene_);
+  slices_.emplace(*scene_, options_.slice);
+  addLetters();
   stream_ = vtkSmartPointer<vtkPolyData>::New();
   auto mapper = vtkSmartPointer<vtkPolyDataMapper>::New();
   mapper->SetInputData(stream_);

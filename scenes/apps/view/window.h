@@ -41,6 +41,9 @@ class ViewWindow {
     double reengage = 0.0;  ///< LoopParams::reengage of the loop [s].
     bool offscreen = false;
     int magnify = 1;  ///< Pixels of the picture for each pixel of the window.
+    /// Side of the camera: front, back, left, right, top or bottom. Empty: right of the front.
+    std::string camera;
+    std::string slice;  ///< Planes of the slices in draw(): x, y, z or all. Empty: no slices.
     /// Longest time to draw a refined backdrop [s]. If it takes longer, the next one is coarser.
     double patience = 0.75;
     /// Called when the loop has a new scene. The future is invalid if the file is unchanged.
@@ -75,6 +78,8 @@ class ViewWindow {
   void drawFrame();
   void fillPanel();
   [[nodiscard]] std::vector<std::string> notes() const;
+  /// Returns the entries of the objects that are drawn.
+  [[nodiscard]] std::vector<Shapes::Entry> legend() const;
   void layOut();
   void fitToScreen();  ///< Shrinks the window to the screen, before it is shown.
   void furnish();
@@ -86,6 +91,13 @@ class ViewWindow {
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
+  /// Returns the share of the line from `from` to `to` [m] that the picture shows.
+  [[nodiscard]] double shownShare(const Vec3& from, const Vec3& to) const;
+  void placeNewtons();  ///< Places the label of the force beside its arrow.
+  /// Returns the area of a text, with a margin for its shadow and the parts below its line.
+  [[nodiscard]] Area areaOf(vtkTextActor& text) const;
+  void addLetters();
+  void showLetters();
   [[nodiscard]] Area drawnOver() const;  ///< Returns the area that the hand covers.
 
   void key(const std::string& name);
@@ -124,6 +136,7 @@ class ViewWindow {
   Vec3 sliced_at_ = Vec3::Zero();  ///< Proxy when slices and streamlines were last drawn [m].
   vtkSmartPointer<vtkTextActor> newtons_;
   vtkSmartPointer<vtkTextActor> help_;
+  std::vector<vtkSmartPointer<vtkTextActor>> letters_;  ///< In the order of Shapes::letters().
   KeptImage backdrop_;
 
   LiveTick tick_;

@@ -4,6 +4,9 @@
 #include <fmt/format.h>
 #include <vtkCamera.h>
 #include <vtkCellArray.h>
+#include <vtkCoordinate.h>
+#include <vtkMatrix4x4.h>
+#include <vtkTextProperty.h>
 
 #include "palpate/scenes/apps/view/sampled.h"
 #include "palpate/scenes/apps/view/window.h"
@@ -75,14 +78,129 @@ void ViewWindow::resetCamera() {
   // The camera is about 20 degrees right of the scene's front and above it. z points up.
   const Vec3& front = shapes_->front();
   const Vec3 right = Vec3::UnitZ().cross(front);
-  const Vec3 from = centre + 1.75 * size * (0.35 * right + 0.87 * front + 0.35 * Vec3::UnitZ());
+  Vec3 to_camera = 0.35 * right + 0.87 * front + 0.35 * Vec3::UnitZ();
+  Vec3 up = Vec3::UnitZ();
+  constexpr std::array<const char*, 6> kSides{"left", "right", "back", "front", "bottom", "top"};
+  for (int side = 0; side < 6; ++side) {
+    if (options_.camera != kSides[static_cast<std::size_t>(side)]) continue;
+    const Mat3& sides = shapes_->sides();
+    const double sign = side % 2 == 0 ? -1.0 : 1.0;
+    to_camera = sign * sides.col(side / 2);
+    // From the top, the front is at the lower edge of the picture; from the bottom, at the upper.
+    up = side / 2 == 2 ? Vec3(-sign * sides.col(1)) : Vec3(sides.col(2));
+  }
+  const Vec3 from = centre + 1.75 * size * to_camera;
   camera.SetFocalPoint(centre.x(), centre.y(), centre.z());
   camera.SetPosition(from.x(), from.y(), from.z());
-  camera.SetViewUp(0.0, 0.0, 1.0);
+  camera.SetViewUp(up.x(), up.y(), up.z());
   constexpr double kAngle = 32.0;
   camera.SetViewAngle(kAngle);
   clip();
   stale_ = true;
+}
+
+void ViewWindow::addLetters() {
+  letters_.clear();
+  for (const Shapes::Letter& letter : shapes_->letters()) {
+    auto text = vtkSmartPointer<vtkTextActor>::New();
+    text->SetInput((" " + letter.letter + " ").c_str());
+    text->GetPositionCoordinate()->SetCoordinateSystemToWorld();
+    text->SetPosition(0.0, 0.0);
+    text->GetPositionCoordinate()->SetValue(letter.at.x(), letter.at.y(), letter.at.z());
+    vtkTextProperty& look = *text->GetTextProperty();
+    look.SetFontSize(16 * options_.magnify);
+    look.SetBold(1);
+    look.SetColor(0.92, 0.92, 0.92);
+    look.SetBackgroundColor(kDark.data());
+    look.SetBackgroundOpacity(0.8);
+    look.SetJustificationToCentered();
+    look.SetVerticalJustificationToCentered();
+    // This renderer draws its texts above all surfaces.
+    through_->AddActor2D(text);
+    letters_.push_back(text);
+  }
+}
+
+void ViewWindow::showLetters() {
+  // Two letters along the view would cover each other in the middle of the picture.
+  constexpr double kAlong = 0.95;
+  const Vec3 view(scene_->GetActiveCamera()->GetDirectionOfProjection());
+  for (std::size_t i = 0; i < letters_.size(); ++i) {
+    const Vec3 out = shapes_->letters()[i].at - shapes_->bounds().centre();
+    letters_[i]->SetVisibility(std::abs(view.dot(out)) < kAlong * out.norm());
+  }
+}
+
+double ViewWindow::shownShare(const Vec3& from, const Vec3& to) const {
+  constexpr double kFrame = 0.9;    // of the picture's width and height
+  constexpr double kNearest = 0.5;  // of the start's distance to the camera
+  const double* view = scene_->GetViewport();
+  const int* size = window_->GetSize();
+  const double aspect = (view[2] - view[0]) * size[0] / std::max(1.0, 1.0 * size[1]);
+  const vtkMatrix4x4& matrix =
+      *scene_->GetActiveCamera()->GetCompositeProjectionTransformMatrix(aspect, -1.0, 1.0);
+  const auto projected = [&matrix](const Vec3& p) {
+    Eigen::Vector4d out;
+    for (int i = 0; i < 4; ++i) {
+      out[i] = matrix.GetElement(i, 0) * p.x() + matrix.GetElement(i, 1) * p.y() +
+               matrix.GetElement(i, 2) * p.z() + matrix.GetElement(i, 3);
+    }
+    return out;
+  };
+  const Eigen::Vector4d a = projected(from);
+  const Eigen::Vector4d b = projected(to);
+  // Each margin is positive inside the picture, and linear along the line.
+  double share = 1.0;
+  const auto limit = [&share](double at_start, double at_end) {
+    if (at_start > 0.0 && at_end < 0.0) share = std::min(share, at_start / (at_start - at_end));
+  };
+  for (const int axis : {0, 1}) {
+    for (const double sign : {-1.0, 1.0}) {
+      limit(kFrame * a[3] + sign * a[axis], kFrame * b[3] + sign * b[axis]);
+    }
+  }
+  limit((1.0 - kNearest) * a[3], b[3] - kNearest * a[3]);
+  return share;
+}
+
+Area ViewWindow::areaOf(vtkTextActor& text) const {
+  double size[2];  // NOLINT(modernize-avoid-c-arrays): VTK takes a C array
+  text.GetSize(hidden_, size);
+  const int margin = text.GetTextProperty()->GetFontSize() / 2;
+  const double* at = text.GetPosition();
+  return {static_cast<int>(at[0]) - margin, static_cast<int>(at[1]) - margin,
+          static_cast<int>(at[0] + size[0]) + margin, static_cast<int>(at[1] + size[1]) + margin};
+}
+
+void ViewWindow::placeNewtons() {
+  newtons_->SetPosition(0.0, 0.0);
+  const Area area = areaOf(*newtons_);
+  const Eigen::Vector2d half(0.5 * (area.right - area.left), 0.5 * (area.high - area.low));
+  const Eigen::Vector2d corner = Eigen::Vector2d(area.left, area.low);
+  const auto at = [this](const Vec3& p) { return Eigen::Vector2d(onScreen(p).data()); };
+  const Vec3 proxy(tick_.proxy[0], tick_.proxy[1], tick_.proxy[2]);
+  const Eigen::Vector2d tip = at(overlay_->tip());
+  const Vec3 up(scene_->GetActiveCamera()->GetViewUp());
+  const double radius = (at(overlay_->tip() + overlay_->headRadius() * up) - tip).norm();
+  const Eigen::Vector2d arrow = tip - at(proxy);
+  Eigen::Vector2d aside(1.0, 0.0);
+  if (arrow.norm() > 1.0) aside = Eigen::Vector2d(arrow.y(), -arrow.x()).normalized();
+  const int* size = window_->GetSize();
+  const Eigen::Vector2d most(size[0] * hidden_->GetViewport()[2], size[1]);
+  // Chooses the side of the arrow on which the label stays farther from it, inside the picture.
+  double farthest = -1.0;
+  Eigen::Vector2d best = tip;
+  for (const double sign : {1.0, -1.0}) {
+    const Eigen::Vector2d out = sign * aside;
+    const double apart = half.dot(out.cwiseAbs()) + radius;
+    const Eigen::Vector2d middle = (tip + apart * out).cwiseMin(most - half).cwiseMax(half);
+    const double distance = std::min(apart, (middle - tip).dot(out));
+    if (distance <= farthest + 1.0) continue;
+    farthest = distance;
+    best = middle;
+  }
+  const Eigen::Vector2d position = best - half - corner;
+  newtons_->SetPosition(position.x(), position.y());
 }
 
 std::array<double, 2> ViewWindow::onScreen(const Vec3& p) const {
@@ -98,13 +216,7 @@ Area ViewWindow::drawnOver() const {
   const Area all{0, 0, static_cast<int>(size[0] * scene_->GetViewport()[2]), size[1]};
   if (help_->GetVisibility() != 0) return all;
   Area area;
-  if (newtons_->GetVisibility() != 0) {
-    const double* at = newtons_->GetPosition();
-    constexpr int kWide = 120;
-    constexpr int kHigh = 30;
-    area = {static_cast<int>(at[0]) - 4, static_cast<int>(at[1]) - 10,
-            static_cast<int>(at[0]) + kWide, static_cast<int>(at[1]) + kHigh};
-  }
+  if (newtons_->GetVisibility() != 0) area = areaOf(*newtons_);
   // Both overlays, for visible and hidden parts, cover the same area, so one is enough.
   const Vec3 eye(scene_->GetActiveCamera()->GetPosition());
   const Vec3 along(scene_->GetActiveCamera()->GetDirectionOfProjection());
@@ -129,8 +241,9 @@ Area ViewWindow::drawnOver() const {
 }
 
 void ViewWindow::showHand() {
-  overlay_->show(tick_);
-  ghost_->show(tick_);
+  const auto fit = [this](const Vec3& from, const Vec3& to) { return shownShare(from, to); };
+  overlay_->show(tick_, fit);
+  ghost_->show(tick_, fit);
 }
 
 vtkBoundingBox ViewWindow::hand() const {
@@ -170,6 +283,7 @@ void ViewWindow::drawBackdrop(int detail) {
   const double before = cpu();
   const auto start = Clock::now();
   shapes_->detail(detail);
+  showLetters();
   if (shapes_->moves()) shapes_->moveTo(tick_.time);
   clip();
   for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOff();
@@ -192,19 +306,13 @@ void ViewWindow::drawBackdrop(int detail) {
 
 void ViewWindow::drawFrame() {
   const Vec3 force(tick_.force[0], tick_.force[1], tick_.force[2]);
-  const auto at = onScreen(overlay_->tip());
   const bool felt = force.norm() > 0.005;
   newtons_->SetVisibility(felt);
   if (felt) {
-    newtons_->SetInput(fmt::format("{:.2f} N", force.norm()).c_str());
-    // Keeps the whole text in the picture, beside the panel.
-    double text[2];  // NOLINT(modernize-avoid-c-arrays): VTK takes a C array
-    newtons_->GetSize(hidden_, text);
-    const int* size = window_->GetSize();
-    const double right = size[0] * hidden_->GetViewport()[2] - text[0];
-    const double top = size[1] - text[1];
-    newtons_->SetPosition(std::clamp(at[0] + 8.0, 0.0, std::max(0.0, right)),
-                          std::clamp(at[1] + 6.0, 0.0, std::max(0.0, top)));
+    newtons_->SetInput(fmt::format("{:.2f} N{}", force.norm(),
+                                   overlay_->forceShortened() ? " (arrow shortened)" : "")
+                           .c_str());
+    placeNewtons();
   }
   // If the panel is not drawn, the window keeps the panel's previous picture.
   side_->SetDraw(panel_fresh_ ? 1 : 0);
@@ -219,6 +327,9 @@ std::vector<std::string> ViewWindow::notes() const {
   if (!message_.empty()) return {message_};
   std::vector<std::string> notes = shapes_->notes();
   if (reading_.valid()) notes.emplace_back("the scene is loading again");
+  if (overlay_->othersShortened()) {
+    notes.emplace_back("the arrow of a directed force is shortened, to fit the picture");
+  }
   if (detail_ >= Shapes::kCoarsest) {
     notes.emplace_back("reduced detail, to draw the picture in time");
   } else if (detail_ > 1) {
@@ -227,24 +338,31 @@ std::vector<std::string> ViewWindow::notes() const {
   return notes;
 }
 
+std::vector<Shapes::Entry> ViewWindow::legend() const {
+  std::vector<Shapes::Entry> legend = shapes_->legend();
+  if (!sliced_) return legend;
+  // Of the surfaces and clouds, slices show only surfaces of the sliced volume, as lines.
+  const Shapes::Volume& volume = shapes_->volumes()[*sliced_];
+  for (const Shapes::Level& level : shapes_->levels()) {
+    if (level.field != std::get<0>(volume.field)->id()) continue;
+    for (Shapes::Entry& entry : legend) {
+      if (entry.name != level.name || entry.high > entry.low) continue;
+      entry.colour = level.colour;
+      entry.body = false;
+    }
+  }
+  std::erase_if(legend, [](const Shapes::Entry& entry) { return entry.body; });
+  legend.insert(legend.begin(), {"slices of " + volume.name, {}, grey_.first, grey_.second, true});
+  return legend;
+}
+
 void ViewWindow::fillPanel() {
   Panel::Content content;
   bars_ = barsOf(tick_, modes_, wishes_);
   content.bars = bars_;
   content.selected = selected_;
   content.rows = rows_;
-  content.legend = shapes_->legend();
-  if (sliced_) {
-    const Shapes::Volume& volume = shapes_->volumes()[*sliced_];
-    for (const Shapes::Level& level : shapes_->levels()) {
-      if (level.field != std::get<0>(volume.field)->id()) continue;
-      for (Shapes::Entry& entry : content.legend) {
-        if (entry.name == level.name) entry.colour = level.colour;
-      }
-    }
-    content.legend.insert(content.legend.begin(),
-                          {"slices of " + volume.name, {}, grey_.first, grey_.second, true});
-  }
+  content.legend = legend();
   content.status = statusOf(tick_, options_.reengage);
   if (stalled_ && !over_) {
     content.status = {"THE LOOP HAS STOPPED",

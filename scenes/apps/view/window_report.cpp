@@ -32,10 +32,13 @@ Told ViewWindow::told() const {
   told["pixels"]["proxy"] = pixel({tick_.proxy[0], tick_.proxy[1], tick_.proxy[2]});
   told["pixels"]["tip"] = pixel(overlay_->tip());
   told["pixels"]["centre"] = pixel(shapes_->bounds().centre());
-  double text[2];  // NOLINT(modernize-avoid-c-arrays): VTK takes a C array
-  newtons_->GetSize(hidden_, text);
-  const double* corner = newtons_->GetPosition();
-  told["newtons"] = {corner[0], corner[1], corner[0] + text[0], corner[1] + text[1]};
+  const auto area = [this](vtkTextActor& text) {
+    const Area its = areaOf(text);
+    return Told{its.left, its.low, its.right, its.high};
+  };
+  told["newtons"] = area(*newtons_);
+  told["words"] = newtons_->GetInput() == nullptr ? "" : newtons_->GetInput();
+  told["help"] = help_->GetVisibility() == 0 ? Told::array() : area(*help_);
   told["bars"] = Told::array();
   for (const Bar& bar : bars_) {
     told["bars"].push_back({{"name", bar.name},
@@ -66,9 +69,12 @@ Told ViewWindow::told() const {
   }
   told["sliced"] = sliced_ ? shapes_->volumes()[*sliced_].name : "";
   told["legend"] = Told::array();
-  for (const auto& entry : shapes_->legend()) told["legend"].push_back(entry.name);
+  for (const auto& entry : legend()) told["legend"].push_back(entry.name);
   told["letters"] = Told::object();
-  for (const auto& [letter, at] : shapes_->letters()) told["letters"][letter] = pixel(at);
+  for (std::size_t i = 0; i < letters_.size(); ++i) {
+    const auto& [letter, at] = shapes_->letters()[i];
+    if (letters_[i]->GetVisibility() != 0) told["letters"][letter] = pixel(at);
+  }
   told["notes"] = notes();
   return told;
 }
@@ -77,8 +83,10 @@ void ViewWindow::draw(const std::string& file) {
   refresh();
   stalled_ = false;
   over_ = false;
+  if (!options_.slice.empty()) slice();
   drawSlices();
   shapes_->detail(1);
+  showLetters();
   if (shapes_->moves()) shapes_->moveTo(tick_.time);
   showHand();
   clip();
