@@ -250,8 +250,8 @@ wait
                                capture_output=True)
                 self.scene.write_text(json.dumps({
                     "palpate": 1, "volumes": {"ball": {"file": "own.vdb", "place": {"fit": 0.1}}},
-                    "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "solid": "above", "strength": 1}]}),
-                    encoding="utf-8")
+                    "modes": [{"mode": "isosurface", "of": "ball", "value": value, "solid": "above", "strength": 1}
+                              for value in (0, 3)]}), encoding="utf-8")
                 self.still("--device", "path:path.csv", "--picture", "still.png")
                 pixels = self.told()["pixels"]
                 self.assertEqual(pixels["probe"][0] < pixels["centre"][0], left)
@@ -262,26 +262,126 @@ wait
                     self.assertGreater(letters["L"][0], pixels["centre"][0])
                     self.assertGreater(letters["S"][1], pixels["centre"][1])
                     self.assertLess(letters["I"][1], pixels["centre"][1])
+                    # Each letter is light on a dark ground, also above the transparent outer surface.
                     image = imread(self.dir / "still.png")
-                    x, y = letters["S"][0], self.told()["size"][1] - 1 - letters["S"][1]
-                    near_s = image[round(y) - 12:round(y) + 12, round(x) - 12:round(x) + 12, :3]
-                    self.assertGreater(int((near_s.min(axis=2) > 0.8).sum()), 20)
+                    for letter, at in letters.items():
+                        x, y = round(at[0]), round(self.told()["size"][1] - 1 - at[1])
+                        part = image[y - 12:y + 12, x - 12:x + 12, :3]
+                        self.assertGreater(int((part.min(axis=2) > 0.8).sum()), 20, letter)
+                        self.assertGreater(int((part.max(axis=2) < 0.25).sum()), 100, letter)
                 (self.dir / "own.vdb").unlink()
 
-    def test_the_label_of_the_force_is_inside_the_picture(self):
-        """The arrow of 13 N leaves the picture at the top."""
+    def test_a_strong_force_and_its_number_stay_inside_the_picture(self):
+        """At full length, the first two arrows leave the picture. The last one points at the camera."""
         scene = json.loads(json.dumps(SCENE))
         scene["modes"][0]["strength"] = 30
         self.write_scene(scene)
-        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.001,0,0.06\n1,0.001,0,0.014\n", encoding="utf-8")
-        self.still("--device", "path:path.csv", "--picture", "still.png")
-        told = self.told()
-        self.assertGreater(told["force"][2], 10)
-        wide, high = told["size"]
-        self.assertGreater(told["pixels"]["tip"][1], high)
-        left, bottom, right, top = told["newtons"]
-        self.assertGreater(right - left, 60)
-        self.assertTrue(0 <= left and 0 <= bottom and right <= wide - 600 and top <= high, told["newtons"])
+        for name, start, end, short in (("up", (0.001, 0, 0.06), (0.001, 0, 0.003), True),
+                                        ("left", (-0.05, -0.02, -0.03), (-0.007, -0.0028, -0.0042), True),
+                                        ("near", (0.02, -0.06, 0.03), (0.004, -0.012, 0.006), False)):
+            with self.subTest(arrow=name):
+                (self.dir / "path.csv").write_text("t,x,y,z\n" + "".join(
+                    f"{t},{x},{y},{z}\n" for t, (x, y, z) in enumerate((start, end))), encoding="utf-8")
+                self.still("--device", "path:path.csv", "--picture", "still.png")
+                told = self.told()
+                force = math.hypot(*told["force"])
+                self.assertGreater(force, 12)
+                self.assertEqual(told["words"], f"{force:.2f} N" + " (arrow shortened)" * short)
+                wide, high = told["size"][0] - 600, told["size"][1]
+                tip, proxy = told["pixels"]["tip"], told["pixels"]["proxy"]
+                self.assertTrue(0.04 * wide < tip[0] < 0.96 * wide and 0.04 * high < tip[1] < 0.96 * high, tip)
+                left, bottom, right, top = told["newtons"]
+                self.assertGreater(right - left, 60)
+                self.assertTrue(0 <= left and 0 <= bottom and right <= wide and top <= high, told["newtons"])
+                for share in np.linspace(0, 1, 50):
+                    x, y = (a + share * (b - a) for a, b in zip(proxy, tip))
+                    self.assertFalse(left < x < right and bottom < y < top, told)
+                image = imread(self.dir / "still.png")[:, :wide]
+                if short:  # an arrow that points at the camera is dark
+                    self.assertGreater(near(image, tip, FORCE, 12), 5)
+                self.assertGreater(near(image, ((left + right) / 2, (bottom + top) / 2), FORCE, 20), 100)
+                # The number has a margin to all sides, so no letter is cut.
+                for edge in (image[:6], image[-6:], image[:, :6], image[:, -6:]):
+                    self.assertLess(float((edge[..., 0] - edge[..., 1]).max()), 0.1)
+
+    def test_a_picture_from_a_chosen_side_with_a_chosen_slice(self):
+        """The hand is at (0.01, -0.036, 0.01). Only from the left or the right is a slice across x seen from above."""
+        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n", encoding="utf-8")
+        lines = {}
+        for side, right, up in (("front", 1, 1), ("back", -1, 1), ("left", 1, 1), ("right", -1, 1), ("top", 1, -1),
+                                ("bottom", 1, 1)):
+            with self.subTest(side=side):
+                self.still("--device", "path:path.csv", "--picture", "still.png", "--camera", side, "--slice", "x")
+                told = self.told()
+                probe, centre = told["pixels"]["probe"], told["pixels"]["centre"]
+                self.assertGreater(right * (probe[0] - centre[0]), 20)
+                self.assertGreater(up * (probe[1] - centre[1]), 20)
+                self.assertEqual((told["sliced"], told["legend"]), ("ball", ["slices of ball", "skin", "pin"]))
+                part = imread(self.dir / "still.png")[:, :1320, :3]
+                lines[side] = int(((part[..., 0] > 0.9) & (part[..., 1] > 0.7) & (part[..., 2] < 0.3)).sum())
+        self.assertGreater(min(lines["left"], lines["right"]), 1000)
+        self.assertLess(max(lines[side] for side in ("front", "back", "top", "bottom")), 300)
+
+    def test_an_impossible_camera_or_slice_is_refused_in_one_line(self):
+        picture = ("--picture", "still.png")
+        for words, said in ((("--camera", "above", *picture), r'--camera: "above" is not a side of the scene: use front, '
+                             "back, left, right, top, bottom"),
+                            (("--camera", "left"), r"--camera: it applies only to a picture: add --picture FILE\.png, or "
+                             "press v in the window"),
+                            (("--slice", "w", *picture), '--slice: "w" is not an axis: use x, y, z, all'),
+                            (("--slice", "x"), r"--slice: it applies only to a picture: add --picture FILE\.png, or press "
+                             "s in the window")):
+            done = self.still(*words, status=2)
+            self.assertRegex(done.stderr, f"^palpate: {said}\n$")
+        subprocess.run([PALPATE, "make", "wind-tunnel", "wind.vdb", "--voxel", "0.02"], cwd=self.dir, check=True,
+                       capture_output=True)
+        self.scene.write_text(json.dumps({
+            "palpate": 1, "volumes": {"wind": {"file": "wind.vdb", "grid": "velocity", "place": {"fit": 0.1}}},
+            "modes": [{"mode": "follow", "of": "wind", "strength": 1}]}), encoding="utf-8")
+        done = self.still("--slice", "x", *picture, status=2)
+        self.assertRegex(done.stderr, "palpate: --slice: the scene has no scalar volume: leave out --slice\n$")
+
+    def make_volume(self, name, value, depth=17):
+        """Imports a volume of 17 x 17 x depth voxels from a function of their indices."""
+        values = [value(x, y, z) for z in range(depth) for y in range(17) for x in range(17)]
+        (self.dir / f"{name}.nrrd").write_text(
+            f"NRRD0004\ntype: float\ndimension: 3\nspacings: 1 1 1\nsizes: 17 17 {depth}\nencoding: ascii\n\n"
+            + "\n".join(map(str, values)) + "\n", encoding="utf-8")
+        subprocess.run([PALPATE, "import", f"{name}.nrrd", f"{name}.vdb"], cwd=self.dir, check=True,
+                       capture_output=True)
+
+    def test_a_cloud_is_drawn_only_where_all_factors_of_its_strength_are_above_zero(self):
+        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.03,0.06,0\n0.1,0.03,0.06,0\n", encoding="utf-8")
+        self.make_volume("all", lambda x, y, z: 5 + 0.1 * x)
+        self.make_volume("left", lambda x, y, z: float(x < 8))
+        fog = {"piecewise": [[0, 0], [1, 1]]}
+        light = {}
+        for factors in (1, 2):
+            self.scene.write_text(json.dumps({
+                "palpate": 1, "volumes": {"all": {"file": "all.vdb", "place": {"fit": 0.1}},
+                                          "left": {"file": "left.vdb", "place": {"like": "all"}}},
+                "modes": [{"mode": "viscosity", "of": "all", "strength": {"product": [
+                    {"by": "all", **fog}, {"by": "left", **fog}][:factors]}}]}), encoding="utf-8")
+            self.still("--device", "path:path.csv", "--picture", "still.png", "--camera", "front")
+            image = imread(self.dir / "still.png")[:, :1320, :3]
+            x, y = round(self.told()["pixels"]["centre"][0]), 640
+            light[factors] = [float(np.abs(image[y, x + side * 200] - image[y, 20]).max()) for side in (-1, 1)]
+        self.assertGreater(min(*light[1], light[2][0]), 0.05)
+        self.assertLess(light[2][1], 0.01)
+
+    def test_a_surface_is_closed_where_the_data_end(self):
+        """The data end in the middle of a ball. A flat surface has one shade, and a bowl has many."""
+        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.03,0.06,0\n0.1,0.03,0.06,0\n", encoding="utf-8")
+        self.make_volume("half", lambda x, y, z: max(0.0, 7 - math.dist((x, y, z), (8, 8, 8))), depth=9)
+        self.scene.write_text(json.dumps({
+            "palpate": 1, "volumes": {"half": {"file": "half.vdb", "place": {"fit": 0.1}}},
+            "modes": [{"mode": "isosurface", "of": "half", "value": 1, "solid": "above", "strength": 1}]}),
+            encoding="utf-8")
+        self.still("--device", "path:path.csv", "--picture", "still.png", "--camera", "top")
+        image = imread(self.dir / "still.png")
+        x, y = (round(a) for a in self.told()["pixels"]["centre"])
+        self.assertLess(float(image[y, x - 120:x + 120, :3].std(axis=0).max()), 0.02)
+        self.assertGreater(float(np.abs(image[y, x, :3] - image[y, 20, :3]).max()), 0.1)
 
     def test_axial_vectors_and_vortex_cores_are_drawn(self):
         for made, modes, colours in (
@@ -654,6 +754,17 @@ class Drawn(Window):
         feel = self.start("--seconds", "900")
         window = self.window()
         self.assertEqual(self.told()["size"], [1100, 684])
+        self.close(window)
+        self.ends_well(feel)
+
+    def test_the_keys_fit_into_a_small_window(self):
+        self.env.update(PALPATE_VIEW_WIDTH="640", PALPATE_VIEW_HEIGHT="480")
+        feel = self.start("--seconds", "900")
+        window = self.window()
+        self.keys(window, "question")
+        left, bottom, right, top = self.until("the keys", lambda told: told["help"])["help"]
+        self.assertGreater(right - left, 150)
+        self.assertTrue(0 <= left and 0 <= bottom and right <= 340 and top <= 480, (left, bottom, right, top))
         self.close(window)
         self.ends_well(feel)
 

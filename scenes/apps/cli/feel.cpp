@@ -98,10 +98,11 @@ void checkSlice(const FeelOptions& options, const BuiltScene& built) {
 }
 
 /// Connects the first hand to the window. Opens the window, except for a still picture.
-void showIn(Window& window, Hands& hands, const Scene& scene, const FeelOptions& options,
+void showIn(Window& window, Hands& hands, const BuiltScene& built, const FeelOptions& options,
             const std::string& file) {
+  checkSlice(options, built);
   hands[0]->log.live = &window.writer();
-  window.writer().expect(scene);
+  window.writer().expect(*built.scene);
   if (!options.still.empty()) return;
   const bool only = std::all_of(options.devices.begin(), options.devices.end(),
                                 [](const std::string& device) { return device == "mouse"; });
@@ -163,7 +164,6 @@ int feel(FeelOptions options) {
   SceneCache cache;
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
-  checkSlice(options, built);
   const bool plays = !(built.windows.empty() && built.sequences.empty());
   OrderedJson search;
   const HandTarget target =
@@ -191,7 +191,7 @@ int feel(FeelOptions options) {
         std::move(devices[h]), *built.scene, options, placeOf(options.trace, h),
         outputs.picture && h == 0 ? &*outputs.picture : nullptr));
   }
-  if (window) showIn(*window, hands, *built.scene, options, input.file);
+  if (window) showIn(*window, hands, built, options, input.file);
   prepareRecordings(hands, options, input, built);
   const ScenesById scenes = scenesOfReplay(hands, options, built, cache);
   for (const auto& hand : hands) {

@@ -51,7 +51,7 @@ class Overlay {
   static constexpr std::size_t kMost = 24;
 
   vtkSmartPointer<vtkActor> add(vtkAlgorithmOutput* output, const Colour& colour);
-  /// Shows an arrow at `from` whose length and direction are `along` [m].
+  /// Shows the arrow of the vector `along` at the point `from` [m].
   void putArrow(vtkActor& actor, const Vec3& from, const Vec3& along, double least_width);
   vtkRenderer& renderer_;
   std::vector<vtkSmartPointer<vtkActor>> all_;

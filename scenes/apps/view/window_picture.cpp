@@ -341,7 +341,7 @@ std::vector<std::string> ViewWindow::notes() const {
 std::vector<Shapes::Entry> ViewWindow::legend() const {
   std::vector<Shapes::Entry> legend = shapes_->legend();
   if (!sliced_) return legend;
-  // Of the surfaces and clouds, slices show only surfaces of the sliced volume, as lines.
+  // Slices replace surfaces and clouds. Surfaces of the sliced volume remain, as lines.
   const Shapes::Volume& volume = shapes_->volumes()[*sliced_];
   for (const Shapes::Level& level : shapes_->levels()) {
     if (level.field != std::get<0>(volume.field)->id()) continue;
