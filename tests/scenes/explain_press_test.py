@@ -356,6 +356,35 @@ class Press(Touch):
                    words(along(INTO, 0.014)), "--speed", 14).stdout
         self.assertIn("wall: yielded at 14 mm within one tick, load unknown; released at 14 mm", said)
 
+    def test_a_gap_of_one_tick_is_no_release_of_a_pressed_mode(self):
+        # The strength is 0 in a layer of 0.1 mm, where the proxy moves to the hand: one tick has no load.
+        drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": {
+            "piecewise": [[4, 0.5], [4.7, 0.5], [4.71, 0], [4.73, 0], [4.74, 0.5], [6, 0.5], [6.1, 0]]}}
+        summary, rows = self.press(self.scene(drag), MIDDLE, along(INTO, 0.014))
+        carried = [float(r["force_along"]) > 1e-6 for r in rows if r["phase"] == "in"]
+        gap = carried.index(False, carried.index(True))
+        self.assertIn(True, carried[gap:gap + 3])
+        drag = self.mode(summary, "drag")
+        self.assertLess(drag["yield"]["depth"], 1e-3 * 0.05 * gap)
+        self.assertAlmostEqual(drag["let_go_at"], 0.01 * 2.1 / math.sqrt(6), delta=0.001)
+
+    def test_a_pressed_mode_yields_and_releases_only_after_its_contact_has_begun(self):
+        # For 1 mm the drag is below 1 uN, which does not count as contact.
+        drag = {"name": "drag", "mode": "viscosity", "of": "d",
+                "strength": {"piecewise": [[4.2, 0], [4.21, 1e-8], [4.45, 1e-8], [4.5, 0.3]]}}
+        summary, _ = self.press(self.scene(drag), MIDDLE, along(INTO, 0.01))
+        drag = self.mode(summary, "drag")
+        self.assertGreater(drag["touched_at"], 0.0018)
+        self.assertGreaterEqual(drag["yield"]["depth"], drag["touched_at"])
+        self.assertIsNone(drag["let_go_at"])
+
+    def test_a_press_outside_the_bounds_of_a_scene_says_this(self):
+        scene = self.scene(WALL)
+        for way, hint in (("0,0,0.01", True), ("-50,-50,-50", False)):  # the second path ends in the scene
+            done = run("press", scene, "--at", "50.02,50.02,50.02", "--along", way, "--speed", 100)
+            self.assertEqual("press: the hand felt no force: the path is outside the scene's bounds, " in done.stderr,
+                             hint)
+
     def test_a_drag_dissipates_all_work_that_is_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
         summary, rows = self.press(self.scene(drag), MIDDLE, [0, 0.01, 0])

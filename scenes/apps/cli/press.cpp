@@ -8,6 +8,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/loop/telemetry.h"
+#include "palpate/scenes/apps/cli/again.h"
 #include "palpate/scenes/apps/cli/picture.h"
 #include "palpate/scenes/apps/cli/slow_rate.h"
 #include "palpate/scenes/apps/common/touch.h"
@@ -76,6 +77,7 @@ struct ModePressed {
   bool ready = false;             ///< True after the mode has held in a tick without yielding.
   std::optional<Yield> yield;     ///< First yield after `ready` has become true.
   std::optional<double> let_go;   ///< Depth of the hand at which the load ends after the yield [m].
+  int gap = 0;                    ///< Number of ticks without load from `let_go` on.
 };
 
 class Curve {
@@ -131,16 +133,35 @@ class Curve {
     const bool carries = held > kNewtons;
     mode.held = std::max(mode.held, held);
     if (!row.in) return;
-    if (carries && !mode.touched) mode.touched = row.depth;
+    if (carries && !mode.touched) {
+      mode.touched = row.depth;
+      // A yield within a tick before the contact does not count if the mode then carries a load.
+      mode.yield.reset();
+      mode.let_go.reset();
+      mode.gap = 0;
+    }
     // A surface that the proxy has passed in this tick is not among the loads at the tick's end.
     const bool gone = yielded && !carries;
-    const bool yields = gone || holdOf(loads) == Hold::kYields;
+    const bool yields = gone || (carries && holdOf(loads) == Hold::kYields);
     if (yields && mode.ready && !mode.yield) {
       mode.yield = Yield{row.depth, row.proxy_depth, std::nullopt, row.force_along, mode.held};
       if (!gone) mode.yield->force = totalOf(bearersOf(loads)).norm();
     }
     mode.ready = mode.ready || !yields;
-    if (!carries && mode.yield && !mode.let_go) mode.let_go = row.depth;
+    followGap(mode, carries, row.depth);
+  }
+
+  /// Sets `let_go` if the load has ended. A shorter gap than kGap is not a release.
+  static void followGap(ModePressed& mode, bool carries, double depth) {
+    constexpr int kGap = 5;  // [ticks]
+    if (!mode.yield) return;
+    if (!carries) {
+      if (!mode.let_go) mode.let_go = depth;
+      ++mode.gap;
+    } else if (mode.gap < kGap) {
+      mode.let_go.reset();
+      mode.gap = 0;
+    }
   }
 
   void tell(Row& row, std::size_t i, const std::vector<Load>& loads, Side side) const {
@@ -436,6 +457,18 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
   return !state.faulted();
 }
 
+/// Explains a press without a force if the whole path is outside the scene's bounds.
+void hintAtBounds(const Box& bounds, const Way& way, const OrderedJson& summary) {
+  if (summary["force_max"]["force"].get<double>() > 0.0) return;
+  for (int i = 0; i <= way.steps; ++i) {
+    if (holds(bounds, way.hand(i))) return;
+  }
+  complain(
+      fmt::format("press: the hand felt no force: the path is outside the scene's bounds, {} to {} "
+                  "m: give --at and --along in metres, through these bounds",
+                  placeWords(bounds.lower), placeWords(bounds.upper)));
+}
+
 int press(const PressOptions& options) {
   checkRate("--rate", options.rate);
   noteSlowRate("press", options.rate);
@@ -479,6 +512,7 @@ int press(const PressOptions& options) {
     printTable(curve, way.steps);
     printPress(summary);
   }
+  hintAtBounds(opened.built.bounds, way, summary);
   if (!good) {
     complain("press: the force was cut: a sample or a force was not finite: correct the volume");
   }
