@@ -33,13 +33,24 @@ feel_picture.use()
 figure = feel_picture.Picture(json.load(sys.stdin)).figure
 figure.canvas.draw()
 slices = [ax for ax in figure.axes if ax.images]
+box = lambda artist: artist.get_window_extent().extents.tolist()
+legend = figure.legends[0]
+handles = getattr(legend, "legend_handles", None) or legend.legendHandles
 json.dump({
+    "page": figure.bbox.extents.tolist(),
+    "title": box(figure.texts[-2]),
+    "names": [{"text": t.get_text(), "box": box(t), "start": ax.transData.transform((t.xy[0], 0)).tolist()}
+              for ax in figure.axes for t in ax.texts if hasattr(t, "xy")],
+    "boxes": [{t.get_text(): box(t.get_bbox_patch()) for t in ax.texts} for ax in slices],
+    "marks": [[ax.transData.transform(l.get_xydata()[0]).tolist() for l in ax.lines] for ax in slices],
+    "colours": {t.get_text(): h.get_color() for t, h in zip(legend.get_texts(), handles)},
+    "path colours": [c.get_colors().tolist() for c in legend.findobj(feel_picture.LineCollection)],
     "greys": [ax.images[0].get_clim() for ax in slices],
     "alphas": [[list(map(float, c.get_colors()[:, 3])) for c in ax.collections
                 if type(c).__name__ == "LineCollection"] for ax in slices],
     "letters": [{t.get_text(): t.get_position() for t in ax.texts} for ax in slices],
     "axes": [ax.get_window_extent().extents.tolist() for ax in figure.axes],
-    "legend": figure.legends[0].get_window_extent().extents.tolist()}, sys.stdout)
+    "legend": legend.get_window_extent().extents.tolist()}, sys.stdout)
 """
 
 
@@ -104,10 +115,10 @@ class Pictures(Case):
                                               for t, (x, y, z) in enumerate(rows)))
         return f"path:{file}"
 
-    def scene(self, name, volumes, *modes):
+    def scene(self, name, volumes, *modes, **rest):
         file = self.dir / f"{name}.json"
         file.write_text(json.dumps({"palpate": 1, "coupling": {"stiffness": 500, "damping": 0.5},
-                                    "volumes": volumes, "modes": list(modes)}))
+                                    "volumes": volumes, "modes": list(modes), **rest}))
         return file
 
     def once(self, make, *words):
@@ -178,6 +189,22 @@ class Pictures(Case):
             self.assertLess(seen[low][1], 0.1)
             self.assertGreater(seen[high][1], 0.9)
 
+    def test_orientation_letters_are_beside_the_mark_of_the_largest_force(self):
+        data = self.given_head()
+        low, high = data["extent"]
+        middle = [(x + y) / 2 for x, y in zip(low, high)]
+        for axis in range(3):
+            for end, of in ((0.02, low), (0.98, high)):
+                place = list(middle)
+                place[axis] = low[axis] + end * (high[axis] - low[axis])
+                data["strongest"] = data["through"] = place
+                look = self.look(data)
+                for letters, [(x, y)] in zip(look["boxes"], look["marks"]):
+                    self.assertEqual(len(letters), 4)
+                    for letter, (left, bottom, right, top) in letters.items():
+                        off = math.hypot(max(left - x, 0, x - right), max(bottom - y, 0, y - top))
+                        self.assertGreater(off, 4, (letter, place))  # [pixels], 100 per inch; the mark's radius is 3.5
+
     def test_positions_in_a_picture_of_a_patient_are_in_patient_space(self):
         # LPS to RAS: the centre, 15 voxels of 2 mm from (10, 20, 30), is (-40, -50, 60). The bright spot, at larger i,
         # is on the patient's left.
@@ -229,6 +256,12 @@ class Pictures(Case):
         for x, y in (v for line in data["fields"][0]["slices"][0]["vectors"] for v in line if v):
             self.assertGreater(x, 0.9)
             self.assertAlmostEqual(y, 0.5, delta=1e-6)
+        # A field that is computed at load has the coordinates of its volume.
+        scene = self.scene("computed", {"air": {"file": "air.vdb", "place": place}},
+                           {"name": "fast", "mode": "isosurface", "of": "speed", "value": 12.3, "solid": "above",
+                            "strength": 1}, fields={"speed": {"magnitude": "air"}})
+        data = self.given("feel", scene, "--device", self.path((0, 0.01, 0), (-0.015, 0.01, 0)))
+        self.assertEqual(([field["name"] for field in data["fields"]], data["space"]["name"]), (["speed"], "file"))
         # Volumes with different placements have no common coordinates.
         volumes = {name: {"file": "air.vdb", "place": {**place, "scale": scale}}
                    for name, scale in (("a", 0.005), ("b", 0.004))}
@@ -242,6 +275,32 @@ class Pictures(Case):
             self.assertNotIn(str(self.fork.folder), text)
             self.assertNotIn(str(BIN), text)
             self.assertIn(Path(words[0]).name, "\n".join(texts(text)))
+
+    def test_the_user_chooses_the_title_and_where_the_slices_meet(self):
+        scene, *hand = self.head("lps")
+        way = ("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0")
+        for words in (("feel", scene, *hand), way):
+            usual = self.given(*words)
+            data = self.given(*words, "--slices", "-30,-50,70", "--title", "My $title\n")
+            self.assertEqual(data["through"], [-30, -50, 70])  # in the patient's coordinates
+            self.assertEqual(data["title"], "My $title\\n")
+            self.assertEqual(data["strongest"], usual["strongest"])
+            self.assertEqual(self.given(*words, "--slices", "-30,-50,70")["title"],
+                             "lps-scene.json: slices through the chosen place")
+        data["title"] = "long title " * 18
+        look = self.look(data)
+        left, low, right, top = look["title"]
+        self.assertGreater(left, 0)
+        self.assertLess(right, look["page"][2])
+        self.assertGreaterEqual(low, look["legend"][3])
+        done = run(*way, "--slices", "0,-50,1e3", "--picture", self.dir / "p.svg")
+        (self.dir / "p.svg").unlink()
+        self.assertIn("--slices: 0,-50,1000 is outside the drawn volumes, -62,-72,38 to -18,-28,82 mm: the slices meet "
+                      "at -18,-50,82", done.stderr)
+        for words in (("feel", scene, *hand), way):
+            for option in ("--slices", "--title"):
+                self.refused(*words, option, "1,2,3", says=f"{option}: it has no effect without --picture")
+            self.refused(*words, "--picture", "p.svg", "--slices", "1,2", says='--slices: "1,2" is not x,y,z')
 
     def test_all_slices_of_a_field_have_the_same_grey_scale(self):
         data = self.given_head()
@@ -337,6 +396,47 @@ class Pictures(Case):
                 self.assertLess(top, low)
             places.append(left)
         self.assertEqual(places[0], places[1])
+
+    def test_the_legend_has_the_colours_that_are_drawn(self):
+        data = self.given_head()
+        look = self.look(data)
+        for colours in look["path colours"]:  # from no force to the largest one
+            self.assertGreater(len({tuple(c) for c in colours}), 10)
+        field = json.loads(json.dumps(data["fields"][0]))
+        for piece in field["slices"]:
+            piece["vectors"] = [[[1, 1]] * 3] * 3
+        data["fields"].append({**field, "name": "flow", "kind": "vector", "levels": []})
+        colours = self.look(data)["colours"]
+        [arrows] = [c for label, c in colours.items() if label.startswith("flow, component")]
+        [skin] = [c for label, c in colours.items() if label.startswith("skin: ")]
+        self.assertNotEqual(arrows, skin)
+        self.assertEqual(look["colours"]["skin: body = 0 HU"], arrows)  # without arrows, their colour is free
+
+    def test_names_above_a_press_neither_overlap_nor_leave_the_page(self):
+        scene, *_ = self.head("lps")
+        data = self.given("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0")
+        deep = data["press"]["in"][-1][0]
+        names = ["bowl", "bowl yields", "stream, of a long name", "tissue", "skin", "a mode with a very long name " * 3]
+        for near in (0.001, 0.01, 0.05, 0.3):
+            for last in (0.1, 1.0):
+                depths = [max(0.0, last - near * i) * deep for i in range(len(names))]
+                data["press"]["marks"] = [{"name": n, "depth": d} for n, d in zip(names, depths)]
+                look = self.look(data)
+                shown = " ".join(name["text"] for name in look["names"]).replace("\n", " ")
+                for name in names:
+                    self.assertIn(name.strip(), shown)
+                boxes = [name["box"] for name in look["names"]] + look["axes"]
+                for i, name in enumerate(look["names"]):
+                    left, low, right, top = name["box"]
+                    self.assertGreater(left, 0)
+                    self.assertLess(right, look["page"][2], name)
+                    self.assertAlmostEqual(left, name["start"][0], delta=5)
+                    for a, b, c, d in boxes[i + 1:]:
+                        self.assertFalse(min(right, c) - max(left, a) > 1 and min(top, d) - max(low, b) > 1, name)
+                    # The line of another name does not cross this name.
+                    for other in look["names"]:
+                        self.assertFalse(left + 1 < other["start"][0] < right and other["box"][3] > low + 1,
+                                         (name, other))
 
     def test_a_picture_is_written_in_every_format(self):
         words = ("feel", self.dir / "ball.vdb", "--seconds", 0.5, "--picture")

@@ -296,8 +296,8 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "Records inputs and outputs of each tick; --device replay:FILE runs them again");
   verb->add_option("--trace", options->trace, "Writes a CSV, one row a tick");
   verb->add_option("--summary", options->summary, "Writes the summary as JSON");
-  verb->add_option("--picture", options->picture,
-                   "Draws the path over slices and the force over time: .png, .pdf or .svg");
+  addPictureOptions(*verb, options->picture,
+                    "Draws the path over slices and the force over time: .png, .pdf or .svg");
   addIgtl(*verb, *options);
   verb->add_flag("-v,--verbose", options->verbose,
                  "Also print the numbers behind the stability margin");

@@ -183,7 +183,7 @@ std::string placeOf(const std::string& asked, std::size_t hand) {
 }
 
 void checkFeelOutputs(const FeelOptions& options, const SceneInput& scene) {
-  std::vector<std::string> places{options.summary, options.picture, options.still};
+  std::vector<std::string> places{options.summary, options.picture.file, options.still};
   for (std::size_t i = 0; i < options.devices.size(); ++i) {
     places.push_back(placeOf(options.trace, i));
     places.push_back(placeOf(options.record, i));
@@ -199,7 +199,7 @@ void checkFeelOutputs(const FeelOptions& options, const SceneInput& scene) {
 }
 
 void checkFeelOptions(const FeelOptions& options) {
-  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
+  checkPicture(options.picture);
   if (!options.still.empty()) static_cast<void>(pngName(options.still));
   checkTimes(options);
   checkHands(options);

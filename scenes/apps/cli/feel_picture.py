@@ -11,25 +11,32 @@ from picture_style import AXES, BLUE, GREEN, ORANGE, RED, SKY, save, use  # noqa
 
 import json  # noqa: E402
 import math  # noqa: E402
+import textwrap  # noqa: E402
 
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.collections import LineCollection  # noqa: E402
 from matplotlib.colors import ListedColormap  # noqa: E402
+from matplotlib.font_manager import FontProperties  # noqa: E402
+from matplotlib.legend_handler import HandlerBase  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.patheffects import Stroke, Normal  # noqa: E402
+from matplotlib.textpath import text_to_path  # noqa: E402
 
 # Positions and sizes on a page [in], from the left and from the top. They are the same for all contents.
 WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.2, 0.45, 0.45, 4.5, 3.0
 GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
-TITLE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.36, 0.4, 1.1, 0.15
-NAMES = 0.65          # height of the events' names above the force over depth
+TITLE, TITLE_LINE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.14, 0.36, 0.4, 1.1, 0.15
+EVENT_LINE, EVENT_SIZE, EVENT_GAP = 0.1, 6, 0.03  # [in], font size, and gap beside events' names [in]
 ROBUST = (0.5, 99.5)  # percentiles of the values that are drawn black and white
 FAR = 0.1             # distance from a slice at which the path is palest, as a fraction of the longest side
 FAINT = 0.2
+ARROWS = SKY
 LEVELS = ((SKY, "-"), (GREEN, "--"), (ORANGE, ":"), (RED, "-."))
 # Letters for a patient's directions: along -x and +x, -y and +y, -z and +z.
 LETTERS = (("L", "R"), ("P", "A"), ("I", "S"))
+ALONG = (0.5, 0.2, 0.8)  # places of a letter along its edge: the first that is far enough from the largest force
+APART = 0.2              # distance of a letter from the mark of the largest force [in]
 # Colours of the force. The smallest is visible on black; a dark rim makes the largest one visible on white.
 FORCES = ListedColormap(plt.get_cmap("plasma")(np.linspace(0.4, 0.97, 256)))
 RIM, RIM_ALPHA, LINE_WIDTH = 1.8, 0.6, 1.0
@@ -58,8 +65,18 @@ def grey_range(slices):
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
 
 
-def shortened(text, most=30):
-    return text if len(text) <= most else text[:most - 3] + "..."
+def width_of(text, size):
+    """Returns the width of a line of text [in]."""
+    return text_to_path.get_text_width_height_descent(text, FontProperties(size=size), False)[0] / 72
+
+
+def wrapped(text, size, width):
+    """Returns the text in lines that are at most `width` wide [in]."""
+    for letters in range(len(text), 0, -1):
+        lines = textwrap.wrap(text, letters) or [""]
+        if max(width_of(line, size) for line in lines) <= width:
+            return lines
+    return [text]
 
 
 def longest_of(field):
@@ -78,9 +95,42 @@ def thinned(path, force, step):
     return np.unique(np.concatenate([leaves, leaves + 1, more]))
 
 
-def path_mark(alpha):
-    return (Line2D([], [], color="black", alpha=RIM_ALPHA * alpha, linewidth=RIM),
-            Line2D([], [], color=FORCES(0.6), alpha=alpha, linewidth=LINE_WIDTH))
+def events(press, width):
+    """Returns the names of a press's events, and the number of lines above the axes, which are `width` wide [in]: a
+    name is its depth, its lines, and the number of lines below the name. Names do not overlap."""
+    scale = width / max(row[0] for row in press["in"] + press["out"])  # [in/m]
+    places = []  # depths with the names of the events there
+    for mark in sorted(press["marks"], key=lambda mark: mark["depth"]):
+        if places and scale * (mark["depth"] - places[-1][0]) < EVENT_GAP:
+            places[-1][1].append(mark["name"])
+        else:
+            places.append((mark["depth"], [mark["name"]]))
+    # A name begins at its depth. From the right, each name lies above all names that begin in its width.
+    drawn = []
+    for depth, names in reversed(places):
+        lines = wrapped(", ".join(names), EVENT_SIZE, WIDTH - LEFT - scale * depth - 2 * EVENT_GAP)
+        end = depth + (max(width_of(line, EVENT_SIZE) for line in lines) + 2 * EVENT_GAP) / scale
+        level = max((low + len(said) for other, said, low in drawn if other < end), default=0)
+        drawn.append((depth, lines, level))
+    return drawn, max((low + len(said) for _, said, low in drawn), default=0)
+
+
+class PathMark(HandlerBase):
+    """Draws the legend's mark of the path: a line with the colours of the force, and a rim."""
+
+    def __init__(self, largest):
+        super().__init__()
+        self.colours = FORCES(np.linspace(0.0, largest, 32))
+
+    def create_artists(self, legend, handle, xdescent, ydescent, width, height, fontsize, trans):
+        x = np.linspace(0.0, width, len(self.colours) + 1) - xdescent
+        points = np.stack([x, np.full_like(x, 0.5 * height - ydescent)], axis=1)
+        alpha = handle.get_alpha()
+        rim = Line2D(points[:, 0], points[:, 1], color="black", alpha=RIM_ALPHA * alpha, linewidth=RIM)
+        rim.set_transform(trans)
+        colours = LineCollection(np.stack([points[:-1], points[1:]], axis=1), colors=self.colours, alpha=alpha,
+                                 linewidths=LINE_WIDTH, transform=trans)
+        return [rim, colours]
 
 
 class Picture:
@@ -91,6 +141,7 @@ class Picture:
         self.low, self.high = np.array(data["extent"], dtype=float)
         self.size = self.high - self.low
         self.through = np.array(data["through"], dtype=float)
+        self.strongest = np.array(data["strongest"] or data["through"], dtype=float)
         self.unit = data["space"]["unit"]
         ticks = np.array(data["ticks"], dtype=float).reshape(-1, 7)
         self.time, self.path, self.forces = ticks[:, 0], ticks[:, 1:4], ticks[:, 4:7]
@@ -98,13 +149,14 @@ class Picture:
         self.most = float(self.force.max()) if len(self.force) else 0.0
         self.far = FAR * self.size.max()
         fields = data["fields"]
-        self.levels = {}  # colour and line style for each pair of field and mode
-        for field in fields:
-            for level in field["levels"]:
-                self.levels[field["name"], level["mode"]] = LEVELS[len(self.levels) % len(LEVELS)]
-
         self.arrows = {field["name"]: longest for field in fields
                        if (longest := longest_of(field)) > 0.0}
+        self.levels = {}  # colour and line style for each pair of field and mode
+        styles = [style for style in LEVELS if not self.arrows or style[0] != ARROWS]
+        for field in fields:
+            for level in field["levels"]:
+                self.levels[field["name"], level["mode"]] = styles[len(self.levels) % len(styles)]
+
         marks = self.legend()
         # All slices are drawn at the same scale.
         self.scale = min(PANELS / (2 * self.size[0] + self.size[1]),
@@ -113,8 +165,11 @@ class Picture:
         longest = max(map(len, marks))
         columns = 3 if longest < 45 else 2 if longest < 70 else 1
         legend = LINE * math.ceil(len(marks) / columns) + 0.1
-        first = TITLE + legend
-        above = NAMES if data["press"] and data["press"]["marks"] else 0.1
+        title = wrapped(data["title"], 8, WIDTH - 2 * LEFT)
+        self.under_title = TITLE + TITLE_LINE * (len(title) - 1)
+        first = self.under_title + legend
+        self.events, lines = events(data["press"], PANELS + 2 * GAP) if data["press"] else ([], 0)
+        above = 0.1 + EVENT_LINE * lines
         self.height = first + row * len(fields) + above + TIME + LABELS + NOTE
         self.figure = plt.figure(figsize=(WIDTH, self.height))
         for number, field in enumerate(fields):
@@ -127,9 +182,8 @@ class Picture:
         draw = self.draw_depth if data["press"] else self.draw_time
         draw(self.axes(LEFT, top, PANELS + 2 * GAP, TIME))
         self.draw_legend(marks, columns)
-        where = "through the place of the largest force" if data["felt"] else "through the middle"
-        self.figure.text(LEFT / WIDTH, 1 - 0.06 / self.height, f"{data['scene']}: slices {where}",
-                         fontsize=8, va="top", parse_math=False)
+        self.figure.text(LEFT / WIDTH, 1 - 0.06 / self.height, "\n".join(title), fontsize=8, va="top",
+                         parse_math=False)
         self.figure.text(LEFT / WIDTH, 0.05 / self.height, self.note(), fontsize=6,
                          parse_math=False)
 
@@ -216,9 +270,13 @@ class Picture:
             "headwidth": 4, "headlength": 4.5, "headaxislength": 4, "minlength": 0.3}
         arrows = ax.quiver(grid[0][known], grid[1][known], shown[known][:, 0], shown[known][:, 1],
                            angles="xy", scale_units="xy", scale=longest / (0.85 * cell),
-                           pivot="mid", units="inches", width=0.01, color=SKY, **heads)
+                           pivot="mid", units="inches", width=0.01, color=ARROWS, **heads)
         arrows.set_path_effects([Stroke(linewidth=0.6, foreground="black"), Normal()])
         arrows.set_gid("fibres" if axial else "arrows")
+
+    def alpha(self, off):
+        """Returns the alpha of the path at a distance from a slice."""
+        return 1.0 - (1.0 - FAINT) * np.minimum(1.0, off / self.far)
 
     def draw_path(self, ax, a, b):
         """Draws the path. Sections that are farther from the slice are fainter, and lie below nearer ones."""
@@ -233,15 +291,16 @@ class Picture:
         off = np.abs(self.path[rows][:-1, normal] - self.through[normal])
         order = np.argsort(-off, kind="stable")
         colours = self.forces_map().to_rgba(self.force[rows][:-1])
-        colours[:, 3] = 1.0 - (1.0 - FAINT) * np.minimum(1.0, off / self.far)
+        colours[:, 3] = self.alpha(off)
         rims = np.zeros_like(colours)
         rims[:, 3] = RIM_ALPHA * colours[:, 3]
         for of, width in ((rims, RIM), (colours, LINE_WIDTH)):
             lines = LineCollection(segments[order], colors=of[order], linewidths=width,
                                    capstyle="butt", rasterized=True)
             ax.add_collection(lines)
-        if self.data["felt"]:
-            ax.plot(*self.through[[a, b]], **MOST)
+        if self.data["strongest"]:
+            alpha = self.alpha(abs(self.strongest - self.through)[normal])
+            ax.plot(*self.strongest[[a, b]], alpha=alpha, zorder=6, **MOST)  # above the letters
 
     def draw_axes(self, ax, a, b):
         ax.set_xlim(self.low[a], self.high[a])
@@ -258,9 +317,15 @@ class Picture:
         ax.set_title(f"{AXES[normal]} = {at}{unit}", fontsize=7, pad=3, parse_math=False)
         if self.data["space"]["name"] != "patient":
             return
-        ends = zip(LETTERS[a] + LETTERS[b], ((0.02, 0.5), (0.98, 0.5), (0.5, 0.02), (0.5, 0.98)),
-                   ("left", "right", "center", "center"), ("center", "center", "bottom", "top"))
-        for letter, place, across, up in ends:
+        size = self.scale * self.size[[a, b]]
+        mark = (self.strongest - self.low)[[a, b]] / self.size[[a, b]]
+        edges = ([(0.02, t) for t in ALONG], [(0.98, t) for t in ALONG],
+                 [(t, 0.02) for t in ALONG], [(t, 0.98) for t in ALONG])
+        ends = zip(LETTERS[a] + LETTERS[b], edges, ("left", "right", "center", "center"),
+                   ("center", "center", "bottom", "top"))
+        for letter, places, across, up in ends:
+            off = [np.hypot(*(size * (mark - place))) for place in places]
+            place = places[int(np.argmax(np.minimum(off, APART)))]
             ax.text(*place, letter, transform=ax.transAxes, ha=across, va=up, fontsize=7,
                     fontweight="bold", color="white",
                     bbox={"facecolor": "black", "edgecolor": "none", "alpha": 0.6, "pad": 1.0})
@@ -285,23 +350,14 @@ class Picture:
             ax.plot(1e3 * rows[:, 0], rows[:, 1], color=colour, linestyle=style, linewidth=0.9, label=label)
         deepest = max(row[0] for row in press["in"] + press["out"])
         ax.set_xlim(0.0, 1e3 * deepest)
-        places = []  # depths with the names of the events there
-        for mark in sorted(press["marks"], key=lambda mark: mark["depth"]):
-            if places and mark["depth"] - places[-1][0] < 0.02 * deepest:
-                places[-1][1].append(mark["name"])
-            else:
-                places.append((mark["depth"], [mark["name"]]))
-        for depth, _ in places:
-            ax.axvline(1e3 * depth, color="0.4", linestyle=":", linewidth=0.8)
-        if places:
-            # Puts the names above the axes, so that no name covers a number or the curve.
-            names = ax.secondary_xaxis("top")
-            names.set_xticks([1e3 * depth for depth, _ in places])
-            texts = names.set_xticklabels([shortened(", ".join(said)) for _, said in places], fontsize=6, rotation=20,
-                                          ha="left", rotation_mode="anchor")
-            for text in texts:
-                text.set_parse_math(False)
-            names.tick_params(length=2, pad=1)
+        for depth, lines, level in self.events:
+            # The names stand above the axes, so that no name covers a number or the curve.
+            x, top = 1e3 * depth, 1.0 + EVENT_LINE * (level + len(lines)) / TIME
+            ax.plot([x, x], [0.0, top], transform=ax.get_xaxis_transform(), clip_on=False, color="0.4", linestyle=":",
+                    linewidth=0.8)
+            ax.annotate("\n".join(lines), (x, top), xycoords=ax.get_xaxis_transform(), textcoords="offset points",
+                        xytext=(72 * EVENT_GAP, 0), va="top", fontsize=EVENT_SIZE, linespacing=1.0,
+                        annotation_clip=False, parse_math=False)
         ax.set_xlabel("depth of the hand [mm]", labelpad=1)
         ax.set_ylabel("force along the path [N]")
         ax.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
@@ -309,9 +365,9 @@ class Picture:
 
     def legend(self):
         """Returns the legend: a mark for each label."""
-        marks = {"proxy's path in the slice": path_mark(1.0),
-                 f"{amount(self.far, self.unit or 'units')} or more from the slice": path_mark(FAINT)}
-        if self.data["felt"]:
+        marks = {"proxy's path in the slice (colour: force)": LineCollection([], alpha=1.0),
+                 f"{amount(self.far, self.unit or 'units')} or more from the slice": LineCollection([], alpha=FAINT)}
+        if self.data["strongest"]:
             marks["largest force"] = Line2D([], [], **MOST)
         for field in self.data["fields"]:
             for level in field["levels"]:
@@ -324,18 +380,18 @@ class Picture:
                 continue
             label = f"{field['name']}, component in the slice"
             if field["kind"] == "axial":
-                marks[label] = Line2D([], [], color=SKY, linewidth=1.2)
+                marks[label] = Line2D([], [], color=ARROWS, linewidth=1.2)
                 continue
             label += f"; longest arrow: {amount(longest, field['vector_unit'])} or more"
-            marks[label] = Line2D([], [], color=SKY, linestyle="none", marker=r"$\rightarrow$",
+            marks[label] = Line2D([], [], color=ARROWS, linestyle="none", marker=r"$\rightarrow$",
                                   markersize=8, markeredgewidth=0.2)
         return marks
 
     def draw_legend(self, marks, columns):
         legend = self.figure.legend(
             marks.values(), marks.keys(), loc="upper left", ncol=columns, columnspacing=1.2,
-            borderaxespad=0.0, bbox_to_anchor=(LEFT / WIDTH, 1 - (TITLE - 0.02) / self.height),
-            facecolor="0.8", framealpha=1)
+            borderaxespad=0.0, bbox_to_anchor=(LEFT / WIDTH, 1 - (self.under_title - 0.02) / self.height),
+            facecolor="0.8", framealpha=1, handler_map={LineCollection: PathMark(1.0 if self.most else 0.0)})
         for text in legend.get_texts():
             text.set_parse_math(False)
 

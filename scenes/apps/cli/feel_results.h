@@ -13,7 +13,7 @@ namespace palpate::cli {
 /// Output files, opened before the run. Each file appears complete or not at all.
 struct Outputs {
   explicit Outputs(const FeelOptions& options) {
-    if (!options.picture.empty()) picture.emplace(options.picture);
+    if (!options.picture.file.empty()) picture.emplace(options.picture);
     if (!options.still.empty()) still.emplace(pngName(options.still));
     if (!options.summary.empty()) summary.emplace(options.summary);
   }

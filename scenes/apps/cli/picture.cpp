@@ -10,6 +10,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
+#include "palpate/scenes/apps/cli/again.h"
 #include "palpate/scenes/apps/common/touch.h"
 #include "palpate/scenes/guess/metadata.h"
 #include "palpate/scenes/library/nearby.h"
@@ -139,19 +140,25 @@ std::string lastOf(const std::filesystem::path& path) {
 class Drawing {
  public:
   Drawing(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,
-          const std::vector<Telemetry>& touches)
-      : spec_(spec), built_(built), most_(felt.most()), names_(strongest(felt, touches)) {
+          const std::vector<Telemetry>& touches, const PictureOptions& options)
+      : spec_(spec),
+        built_(built),
+        most_(felt.most()),
+        names_(strongest(felt, touches)),
+        options_(options) {
     setFrame();
+    setThrough();
   }
 
   [[nodiscard]] OrderedJson json(const std::vector<Telemetry>& ticks) const {
     OrderedJson json;
-    json["scene"] = cut(lastOf(spec_.source));
+    json["title"] = options_.title ? Legible(*options_.title).text() : usualTitle();
     json["made_by"] = versionText();
     json["space"] = {
         {"name", frame_.name}, {"unit", frame_.unit}, {"hand_mm", 1e3 * frame_.world.scale}};
     json["through"] = toJson(frame_.through);
-    json["felt"] = most_.force > 0.0;
+    const bool felt = most_.force > 0.0;
+    json["strongest"] = felt ? toJson(frame_.of(most_.proxy)) : OrderedJson();
     const bool moves = std::any_of(names_.begin(), names_.end(), [this](const std::string& name) {
       return built_.motions.count(name) != 0;
     });
@@ -272,8 +279,27 @@ class Drawing {
         frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
       }
     }
-    frame_.through = most_.force > 0.0 ? frame_.of(most_.proxy) : frame_.bounds.centre();
-    frame_.through = frame_.through.cwiseMax(frame_.bounds.lower).cwiseMin(frame_.bounds.upper);
+  }
+
+  /// Selects the point in which the slices meet. If the user's point is outside the drawn volumes,
+  /// uses the nearest point inside, and reports this.
+  void setThrough() {
+    const std::optional<Vec3> asked = numbersOf(options_.slices);
+    const Vec3 usual = most_.force > 0.0 ? frame_.of(most_.proxy) : frame_.bounds.centre();
+    const Box& box = frame_.bounds;
+    frame_.through = asked.value_or(usual).cwiseMax(box.lower).cwiseMin(box.upper);
+    if (!asked || frame_.through == *asked) return;
+    complain(
+        fmt::format("--slices: {} is outside the drawn volumes, {} to {} {}: the slices meet at {}",
+                    placeWords(*asked), placeWords(box.lower), placeWords(box.upper), frame_.unit,
+                    placeWords(frame_.through)));
+  }
+
+  [[nodiscard]] std::string usualTitle() const {
+    const char* const place = !options_.slices.empty() ? "the chosen place"
+                              : most_.force > 0.0      ? "the place of the largest force"
+                                                       : "the middle";
+    return fmt::format("{}: slices through {}", cut(lastOf(spec_.source)), place);
   }
 
   [[nodiscard]] OrderedJson fieldOf(const std::string& name) const {
@@ -366,6 +392,7 @@ class Drawing {
   const BuiltScene& built_;
   const Most most_;
   const std::vector<std::string> names_;
+  const PictureOptions& options_;
   Frame frame_;
 };
 
@@ -385,8 +412,33 @@ std::string formatOf(const std::string& path) {
               "give a file name with one of these endings");
 }
 
-Picture::Picture(const std::string& path)
-    : path_(path), format_(formatOf(path)), file_(path), script_("feel_picture.py", "--picture") {}
+void addPictureOptions(CLI::App& verb, PictureOptions& options, const std::string& description) {
+  verb.add_option("--picture", options.file, description);
+  verb.add_option("--slices", options.slices,
+                  "With --picture: x,y,z, where the slices meet, in the picture's coordinates "
+                  "(default: the place of the largest force)");
+  verb.add_option("--title", options.title, "With --picture: the title");
+}
+
+void checkPicture(const PictureOptions& options) {
+  if (!options.file.empty()) static_cast<void>(formatOf(options.file));
+  const char* const option = !options.slices.empty() ? "--slices" : "--title";
+  if (options.file.empty() && (!options.slices.empty() || options.title)) {
+    throw Error(option, "it has no effect without --picture",
+                fmt::format("add --picture P.png, or leave out {}", option));
+  }
+  if (!options.slices.empty() && !numbersOf(options.slices)) {
+    throw Error("--slices", fmt::format("\"{}\" is not x,y,z", Legible(options.slices).text()),
+                "give three numbers in the picture's coordinates, such as 0,0,50");
+  }
+}
+
+Picture::Picture(const PictureOptions& options)
+    : options_(options),
+      path_(options.file),
+      format_(formatOf(options.file)),
+      file_(options.file),
+      script_("feel_picture.py", "--picture") {}
 
 void Picture::add(const Telemetry& tick) {
   if (seen_++ % stride_ != 0) return;
@@ -421,7 +473,7 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built, const Felt& f
       return;
     }
   }
-  const Drawing drawing(spec, built, felt, touches);
+  const Drawing drawing(spec, built, felt, touches, options_);
   OrderedJson json = drawing.json(ticks_);
   json["press"] = press;
   script_.draw(json, file_, path_.string(), {format_});

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,11 +20,23 @@ namespace palpate::cli {
 /// Returns "png", "pdf" or "svg", as `path` ends. Throws Error for another ending.
 [[nodiscard]] std::string formatOf(const std::string& path);
 
+struct PictureOptions {
+  std::string file;                  ///< Empty: no picture.
+  std::optional<std::string> title;  ///< Unset: the scene's name, and where the slices meet.
+  /// "x,y,z", where the slices meet, in the picture's coordinates; empty: the place of the largest
+  /// force.
+  std::string slices;
+};
+/// Adds --picture, with this description, and the options that apply only to it.
+void addPictureOptions(CLI::App& verb, PictureOptions& options, const std::string& description);
+/// Throws Error if an option is invalid, or has no effect without --picture.
+void checkPicture(const PictureOptions& options);
+
 /// Collects the ticks of a run for its picture, which feel_picture.py (matplotlib) draws.
 class Picture {
  public:
   /// Throws Error if the file cannot be written, its ending is unknown, or matplotlib is missing.
-  explicit Picture(const std::string& path);
+  explicit Picture(const PictureOptions& options);
   void add(const Telemetry& tick);
   /// Draws the picture. Throws Error. If draw() throws, the file stays as it was.
   /// @param press  Null, or the curve of a press, which replaces the force over time: "in" and
@@ -32,6 +45,7 @@ class Picture {
             const OrderedJson& press = nullptr);
 
  private:
+  PictureOptions options_;
   std::filesystem::path path_;
   std::string format_;
   WholeFile file_;

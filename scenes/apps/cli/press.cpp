@@ -27,7 +27,7 @@ struct PressOptions {
   double speed = 0.05;  // [m/s]
   double rate = 1000.0;
   std::string csv;
-  std::string picture;
+  PictureOptions picture;
   bool json = false;
 };
 
@@ -435,7 +435,7 @@ Way wayOf(const PressOptions& options) {
 }
 
 void checkOutputs(const PressOptions& options, const SceneSpec& spec) {
-  checkOutputsApart({options.csv, options.picture, options.json ? "-" : ""},
+  checkOutputsApart({options.csv, options.picture.file, options.json ? "-" : ""},
                     inputsOf(options.scene, spec));
 }
 
@@ -472,7 +472,7 @@ void hintAtBounds(const Box& bounds, const Way& way, const OrderedJson& summary)
 int press(const PressOptions& options) {
   checkRate("--rate", options.rate);
   noteSlowRate("press", options.rate);
-  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
+  checkPicture(options.picture);
   const Way way = wayOf(options);
   const auto trial = [&](const BuiltScene& built) {
     Near near;
@@ -485,7 +485,7 @@ int press(const PressOptions& options) {
   const Opened opened = openFor(options.scene, trial);
   checkOutputs(options, opened.spec);
   std::optional<Picture> picture;
-  if (!options.picture.empty()) picture.emplace(options.picture);
+  if (!options.picture.file.empty()) picture.emplace(options.picture);
   std::optional<WholeFile> file;
   if (!options.csv.empty()) file.emplace(options.csv);
 
@@ -537,8 +537,8 @@ void addPress(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--speed", options->speed, "Speed of the hand [m/s] (default 0.05)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   verb->add_option("--csv", options->csv, "Writes the curve, one row a tick; - is standard output");
-  verb->add_option("--picture", options->picture,
-                   "Draws the path over slices and the force over depth: .png, .pdf or .svg");
+  addPictureOptions(*verb, options->picture,
+                    "Draws the path over slices and the force over depth: .png, .pdf or .svg");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
       "Example:\n  palpate press head.json --at 0,0,0.06 --along 0,0,-0.02 --csv curve.csv");

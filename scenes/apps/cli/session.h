@@ -66,7 +66,7 @@ struct FeelOptions {
   std::string record;
   std::string trace;
   std::string summary;
-  std::string picture;
+  PictureOptions picture;
   bool verbose = false;
   bool json = false;
 };

@@ -37,7 +37,7 @@ Hold holdOf(const Load& load, const StepReport& report) {
 
 }  // namespace
 
-Vec3 readVector(const std::string& option, const std::string& text) {
+std::optional<Vec3> numbersOf(const std::string& text) {
   Vec3 v = Vec3::Zero();
   const char* at = text.data();
   const char* end = at + text.size();
@@ -49,12 +49,17 @@ Vec3 readVector(const std::string& option, const std::string& text) {
     good = error == std::errc() && std::isfinite(v[i]);
     at = rest;
   }
-  if (!good || at != end) {
+  return good && at == end ? std::optional<Vec3>(v) : std::nullopt;
+}
+
+Vec3 readVector(const std::string& option, const std::string& text) {
+  const std::optional<Vec3> v = numbersOf(text);
+  if (!v) {
     throw Error(option, "\"" + text + "\" is not x,y,z",
                 "give three numbers in metres, such as 0,0,0.05");
   }
-  checkReach(option, v);
-  return v;
+  checkReach(option, *v);
+  return *v;
 }
 
 bool holds(const Box& box, const Vec3& p) {

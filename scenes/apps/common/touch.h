@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -13,6 +14,9 @@
 #include "palpate/scenes/library/scene_file.h"
 
 namespace palpate::cli {
+
+/// Returns the numbers of "x,y,z"; empty if the text is not three finite numbers.
+[[nodiscard]] std::optional<Vec3> numbersOf(const std::string& text);
 
 /// Parses "x,y,z" [m]. Throws Error about `option` unless the text is three finite numbers below
 /// 1,000 km.
