@@ -4,14 +4,14 @@
 
 namespace palpate {
 
-StepReport HandTick::step(const Scene* scene, const TickInput& in) noexcept {
+StepReport HandTick::step(const Scene* scene, const TickInput& in, StepTrace* trace) noexcept {
   if (in.cleared) state_.clearFault();
   if (in.wrong != Fault::kNone) state_.cut(in.wrong);
   if (in.hand.ready && !ready_) state_.engage();
   ready_ = in.hand.ready;
   state_.playAt(in.play, in.play_rate);
   state_.pullBy(in.pull);
-  if (scene != nullptr) return hapticStep(*scene, reader_, in.hand, state_, in.dt);
+  if (scene != nullptr) return hapticStep(*scene, reader_, in.hand, state_, in.dt, trace);
   state_.release();
   return {};
 }

@@ -33,9 +33,9 @@ class HandTick {
   explicit HandTick(const ForceLimits& limits) : state_(limits) {}
 
   /// Begins a tick. Reads all of `in` except `order`, `given` and `unsent`, which withhold() and
-  /// sent() read. If `scene` is null, the force is zero. RT: see hapticStep.
-  [[nodiscard]] StepReport step(const Scene* scene,
-                                const TickInput& in) noexcept PALPATE_NONBLOCKING;
+  /// sent() read. If `scene` is null, the force is zero. `trace` and RT: see hapticStep.
+  [[nodiscard]] StepReport step(const Scene* scene, const TickInput& in,
+                                StepTrace* trace = nullptr) noexcept PALPATE_NONBLOCKING;
   /// If in.order is not kNone, latches it as a fault, removes the force from the report and
   /// releases the proxy. RT: no allocation.
   void withhold(const TickInput& in, StepReport& report) noexcept PALPATE_NONBLOCKING;

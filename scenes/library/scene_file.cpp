@@ -93,7 +93,7 @@ SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
   std::string read = readText<SceneError>(file, "check the path and its permissions");
   if (read.starts_with("{\"palpate_recording\":")) {
     throw SceneError(file.string(), "the file is a recording, not a scene",
-                     "give a scene file, or use palpate feel, compare or convert");
+                     "give a scene file, or use palpate feel, view, compare or convert");
   }
   SceneSpec spec = parseScene(read, file.string(), file.parent_path());
   if (text != nullptr) *text = std::move(read);

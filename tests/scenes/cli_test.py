@@ -59,6 +59,17 @@ class Case(unittest.TestCase):
         self.assertIn(says, line)
 
 
+def explains(test, felt):
+    """Checks that the command that `feel` states explains its strongest force. Returns the explanation."""
+    most = felt["most"]
+    words = shlex.split(most["explain"])
+    test.assertEqual(words[:2], ["palpate", "explain"])
+    told = json.loads(run(*words[1:], "--json").stdout)
+    test.assertAlmostEqual(math.hypot(*told["balance"]["spring"]), most["spring"], delta=0.02 * most["spring"])
+    test.assertEqual(most["explained"], most["spring"])
+    return told
+
+
 class Program(Case):
     @suite.smoke
     def test_the_help_of_every_command_has_an_example(self):
@@ -845,15 +856,43 @@ class Feel(Case):
                          "to explain it, run:$")
         words = shlex.split(last)
         self.assertEqual(words[:3], ["palpate", "explain", str(place)])
-        told = json.loads(run(*words[1:], "--json").stdout)
-        self.assertAlmostEqual(math.hypot(*told["balance"]["spring"]), felt["most"]["spring"],
-                               delta=0.02 * felt["most"]["spring"])
+        self.assertEqual(last, felt["most"]["explain"])
+        explains(self, felt)
         os.remove(place)
 
     @suite.smoke
+    def test_the_command_explain_repeats_each_kind_of_run(self):
+        ball = self.dir / "ball.vdb"
+        path = self.dir / "press.csv"
+        path.write_text("t,x,y,z\n0,0.07,0,0\n1,0.04,0.01,0\n2,0.045,-0.02,0.01\n", encoding="utf-8")
+        recording = self.dir / "run.rec"
+        for words in (("--rate", 250), ("--rate", 3000, "--seconds", 4), ("--passive", "--refill", 0.1),
+                      ("--device", f"path:{path}"), ("--device", f"path:{path}", "--device", "simulated"),
+                      ("--record", recording), ("--device", f"replay:{recording}@1")):
+            with self.subTest(words):
+                felt = json.loads(run("feel", ball, *words, "--json").stdout)
+                for hand in felt.get("hands", [felt]):
+                    told = explains(self, hand)
+                    self.assertAlmostEqual(told["force"]["size"], hand["most"]["force"], delta=1e-3)
+        felt = json.loads(run("feel", recording, "--device", f"replay:{recording}", "--json").stdout)
+        explains(self, felt)
+        os.remove(recording)
+
+    @suite.smoke
+    def test_the_reasons_precede_the_steps_and_wrong_options_of_a_repeated_run_are_refused(self):
+        ball = self.dir / "ball.vdb"
+        felt = json.loads(run("feel", ball, "--json").stdout)
+        lines = run(*shlex.split(felt["most"]["explain"])[1:]).stdout.splitlines()
+        self.assertTrue(lines[1].startswith("because "), lines)
+        self.assertIn(f"time      {felt['most']['time']:g} s", lines)
+        self.refused("explain", ball, "--until", 11, says="--until: the run ends after")
+        self.refused("explain", ball, "--until", -1, says="--until: -1 s is not in 0 to 1000000 s")
+        self.refused("explain", ball, "--until", 1, "--at", "0,0,0", says="give either --until, or --at and --push")
+        self.refused("explain", ball, "--until", 1, "--device", "mouse", says="mouse")
+        self.refused("explain", ball, "--at", "0,0,0", "--push", "0,0,0", "--passive", says="add --until SECONDS")
+
+    @suite.smoke
     def test_the_suggested_explain_command_reproduces_the_force_of_a_moving_volume(self):
-        """Explain begins at the start of the scene, but must find a moving volume where it was at the time of the
-        force."""
         turns = [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                  for t, z in ((0, 0), (10, 0.02))]
         scene = self.dir / "moving.json"
@@ -865,10 +904,7 @@ class Feel(Case):
         felt = json.loads(run("feel", scene, "--json").stdout)
         self.assertGreater(felt["felt_share"], 0.3)
         self.assertGreater(felt["most"]["time"], 0.5)
-        line = run("feel", scene).stdout.splitlines()[-1]
-        told = json.loads(run(*shlex.split(line)[1:], "--json").stdout)
-        self.assertAlmostEqual(math.hypot(*told["balance"]["spring"]), felt["most"]["spring"],
-                               delta=0.02 * felt["most"]["spring"])
+        explains(self, felt)
         os.remove(scene)
 
     @suite.smoke
@@ -1000,7 +1036,7 @@ class OnTime(Case):
         until("the new scene is active")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
 
-    def test_after_an_edit_the_report_offers_no_command_that_gives_another_force(self):
+    def test_after_an_edit_the_report_states_the_force_that_its_command_gives(self):
         scene = self.dir / "softer.json"
         text = self.WATCHED.replace("FILE", "ball.vdb") % "skin"
         child, until = self.watched(scene, text)
@@ -1018,7 +1054,9 @@ class OnTime(Case):
         child.send_signal(signal.SIGINT)
         most = json.loads(child.communicate(timeout=60)[0])["most"]
         self.assertGreater(most["force"], 0.5)
-        self.assertIsNone(most["at"])
+        told = json.loads(run(*shlex.split(most["explain"])[1:], "--json").stdout)
+        self.assertAlmostEqual(math.hypot(*told["balance"]["spring"]), most["explained"], delta=1e-3)
+        self.assertLess(most["explained"], 0.1)
 
     def test_truncating_a_volume_s_file_does_not_disturb_a_run(self):
         volume = self.dir / "cut.vdb"
@@ -1444,6 +1482,9 @@ class Examples(Case):
                 self.assertGreater(felt["felt_share"], 0.3)
                 # A wind pushes and a guide pulls, so they add energy; docs/examples.md states how much.
                 self.assertLess(felt["injected_energy"], 0.3)
+                explains(self, felt)
+                explains(self, json.loads(run("feel", place, "--rate", 250, "--json").stdout))
+                explains(self, json.loads(run("feel", self.dir / volume, "--json").stdout))
                 os.remove(place)
 
     def test_the_script_prepare_has_a_function_for_every_example(self):

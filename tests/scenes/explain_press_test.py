@@ -9,6 +9,7 @@ import io
 import json
 import math
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -277,7 +278,7 @@ class Explain(Touch):
         self.refused("explain", ball, "--at", "1e7,0,0", "--push", good, says="1,000 km")
         self.refused("explain", ball, "--at", "9e5,0,0", "--push", "9e5,0,0", says="--push: the place is farther")
         self.refused("explain", ball, "--at", good, "--push", "1", says="--push: ")
-        self.refused("explain", ball, "--at", good, says="--push is required")
+        self.refused("explain", ball, "--at", good, says="--push: it is required without --until")
         self.refused("explain", ball, "--at", good, "--push", good, "--rate", 1, says="--rate")
         self.refused("explain", self.dir / "none.json", "--at", good, "--push", good,
                      says="no such file")
@@ -552,6 +553,14 @@ class NearParts(Touch):
             out = json.loads(a)
             self.assertIn("stream[2]", [mode["name"] for mode in out["modes"]])
             self.assertGreater(sum(mode["active"] for mode in out["modes"]), 3)
+        # A run in the whole scene is explained in the scene of the near parts.
+        path = self.dir / "into.csv"
+        ends = [0.025, 0.022, 0.02], along(INTO, 0.004, start=[0.025, 0.022, 0.02])
+        path.write_text("t,x,y,z\n" + "".join(f"{0.1 * i},{words(at)}\n" for i, at in enumerate(ends)))
+        most = json.loads(run("feel", many, "--device", f"path:{path}", "--json").stdout)["most"]
+        out = json.loads(run(*shlex.split(most["explain"])[1:], "--json").stdout)
+        self.assertGreater(most["spring"], 0.1)
+        self.assertAlmostEqual(math.hypot(*out["force"]["spring"]), most["spring"], delta=1e-6)
         words_ = ("--at", words([0.025, 0.022, 0.02]), "--along", words(along(INTO, 0.01)))
         for how in (("--json",), ("--csv", "-")):
             a, said = self.told("press", many, *words_, *how)

@@ -137,7 +137,7 @@ class Recorded(Case):
         row = rows[rows["tick"] == told["force"]["tick"]][0]
         spring = row["stiffness"] * np.linalg.norm(row["proxy"] - row["hand"])
         self.assertAlmostEqual(np.linalg.norm(explained["force"]["spring"]), spring,
-                               delta=0.1 * spring)
+                               delta=0.001 * spring)
         # A different hand is reported.
         self.record("c.rec", self.scene, "--seconds", 4, "--rate", 900)
         told = self.compare("a.rec", "c.rec", status=1)

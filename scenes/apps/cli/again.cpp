@@ -1,10 +1,14 @@
 #include "palpate/scenes/apps/cli/again.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
+#include <vector>
 
 #include <fmt/format.h>
 
+#include "palpate/scenes/apps/cli/feel_options.h"
 #include "palpate/scenes/apps/common/touch.h"
 
 namespace palpate::cli {
@@ -25,6 +29,15 @@ std::string listOf(const Vec3& p, int digits) {
   return text;
 }
 
+/// Returns " --rate RATE", or an empty text for the default.
+std::string rateOption(double rate) {
+  return rate == Again().rate ? "" : " --rate " + number(rate);
+}
+
+std::string untilOption(double time) {
+  return " --until " + number(std::round(time / kTimeGrid) / std::round(1.0 / kTimeGrid));
+}
+
 /// Formats a position for an option, rounded to kOptionGrid.
 std::string optionWords(const Vec3& p) {
   return listOf(roundedTo(kOptionGrid, p), 9);
@@ -36,7 +49,7 @@ std::string placeWords(const Vec3& p) {
   return listOf(roundedTo(kWordsGrid, p), 5);
 }
 
-std::optional<Again> againOf(const Most& most, const Scene& scene) {
+Again againOf(const Most& most, const Scene& scene, double rate) {
   Vec3 probe = most.probe;
   Vec3 proxy = most.proxy;
   if (most.motion) {
@@ -48,35 +61,72 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
   }
   const Vec3 pressed = probe - proxy;
   const Vec3 into = pressed.norm() > 0.0 ? Vec3(pressed.normalized()) : Vec3::Zero();
+  const double dt = 1.0 / rate;
   Again best;
   double least = std::numeric_limits<double>::infinity();
   for (const double before : {1e-3, 5e-4, 2e-3, 1e-4, 1e-5, 0.0, 4e-3, 6e-3, 8e-3, 12e-3}) {
     Again again;
     again.at = roundedTo(kOptionGrid, proxy - before * into);
     again.push = roundedTo(kOptionGrid, probe - again.at);
-    constexpr double kTick = 1e-3;  // [s]: default tick of `palpate explain`
+    again.rate = rate;
     Reader reader;
     ProxyState state(pathLimits());
-    static_cast<void>(restAt(scene, reader, state, again.at, kTick));
+    static_cast<void>(restAt(scene, reader, state, again.at, dt));
     const Vec3 hand = again.at + again.push;
-    const StepReport r = hapticStep(scene, reader, {hand}, state, kTick);
+    const StepReport r = hapticStep(scene, reader, {hand}, state, dt);
     // Compares only the spring's forces, because the damper's force depends on the hand's speed.
-    const double off =
-        std::abs(r.stiffness * (r.proxy - hand).norm() - most.stiffness * pressed.norm());
+    again.spring = r.stiffness * (r.proxy - hand).norm();
+    const double off = std::abs(again.spring - most.stiffness * pressed.norm());
     if (off >= least) continue;
     least = off;
     best = again;
   }
-  constexpr double kAlike = 0.1;
-  const double spring = most.stiffness * pressed.norm();
-  if (least > kAlike * spring) return std::nullopt;
-  if (spring > 0.0) best.off = least / spring;
   return best;
 }
 
 std::string explainLine(const std::string& scene, const Again& again) {
-  return fmt::format("palpate explain {} --at {} --push {}", shellWord(scene),
-                     optionWords(again.at), optionWords(again.push));
+  return fmt::format("palpate explain {} --at {} --push {}{}", shellWord(scene),
+                     optionWords(again.at), optionWords(again.push), rateOption(again.rate));
+}
+
+std::string explainLine(const std::string& scene, const std::string& recording, double time) {
+  return fmt::format("palpate explain {} --device {}{}", shellWord(scene),
+                     shellWord("replay:" + recording), untilOption(time));
+}
+
+bool repeats(const Run& run, std::size_t h) {
+  const FeelOptions& options = run.options;
+  if (run.hands[h]->log.felt.scenes() > 1) return false;
+  if (options.realtime) return !options.record.empty();
+  return std::all_of(options.devices.begin(), options.devices.end(), [](const std::string& d) {
+    return isSimulated(d) || isPath(d) || isReplay(d);
+  });
+}
+
+std::string explainLine(const Run& run, std::size_t h, double time) {
+  const FeelOptions& options = run.options;
+  std::string line = "palpate explain " + shellWord(options.scene);
+  const auto add = [&](const char* option, const std::string& value) {
+    line += fmt::format(" {} {}", option, shellWord(value));
+  };
+  // The explained hand is the first; all hands limit the stiffness of the coupling.
+  std::vector<std::string> devices = options.devices;
+  for (std::size_t i = 0; i < devices.size() && options.realtime; ++i) {
+    devices[i] = "replay:" + placeOf(options.record, i);
+  }
+  std::rotate(devices.begin(), devices.begin() + static_cast<std::ptrdiff_t>(h), devices.end());
+  const bool simulated = std::any_of(devices.begin(), devices.end(), isSimulated);
+  if (devices != FeelOptions().devices) {
+    for (const std::string& device : devices) add("--device", device);
+  }
+  // The path of a simulated hand depends on the length of the run.
+  if (simulated && options.seconds) add("--seconds", number(*options.seconds));
+  if (!isReplay(devices[0])) {
+    line += rateOption(options.rate);
+    if (options.passive) line += " --passive";
+    if (options.refill > 0.0) add("--refill", number(options.refill));
+  }
+  return line + untilOption(time);
 }
 
 }  // namespace palpate::cli

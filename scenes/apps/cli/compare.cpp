@@ -195,19 +195,22 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
 }
 
 /// Returns a `palpate explain` command for the tick with the largest difference; empty if unknown.
-std::string explained(const Recording& a, const Largest& force) {
+/// `file` is the recording `a`.
+std::string explained(const Recording& a, const std::string& file, const Largest& force) {
   if (!force.tick || !(force.value > 0.0)) return {};
   try {
     std::optional<SceneInput> scene = sceneAsItIs(a, force.tick->scene);
     if (!scene) return {};
+    if (a.scenes().size() == 1 && a.lost() == 0) {
+      return explainLine(scene->file, file, force.tick->time);
+    }
     scene->spec.waits = true;
     const BuiltScene built = buildScene(scene->spec, showProgress("loading"));
     Most most;
     most.probe = vector(force.tick->hand);
     most.proxy = vector(force.tick->proxy);
     most.stiffness = force.tick->stiffness;
-    const std::optional<Again> again = againOf(most, *built.scene);
-    return again ? explainLine(scene->file, *again) : std::string();
+    return explainLine(scene->file, againOf(most, *built.scene, a.setting().rate));
   } catch (const Interrupted&) {
     throw;
   } catch (const std::exception&) {
@@ -221,13 +224,13 @@ int compareThem(const CompareOptions& options) {
   const Recording b(options.b);
   const Difference d = compare(a, b);
   if (options.json) {
-    const std::string why = explained(a, d.force);
+    const std::string why = explained(a, options.a, d.force);
     OrderedJson json = jsonOf(d, a, b);
     json["explain"] = why.empty() ? OrderedJson() : OrderedJson(why);
     sayJson(json);
   } else {
     tell(options, d, a, b);
-    const std::string why = explained(a, d.force);
+    const std::string why = explained(a, options.a, d.force);
     if (!why.empty()) say("explain   {}\n", sentence(why));
   }
   return d.alike() ? kDone : kEndedEarly;

@@ -1,7 +1,13 @@
+#include "palpate/scenes/apps/cli/explain.h"
+
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/cli/feel.h"
+#include "palpate/scenes/apps/cli/feel_options.h"
 #include "palpate/scenes/apps/cli/slow_rate.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/apps/common/explain_tick.h"
@@ -84,9 +90,12 @@ void printBalance(const OrderedJson& json) {
   const OrderedJson& limiter = force["limiter"];
   say("damper    {} N\n", text(force["damper"]));
   say("limiter   {} (limits: peak {} N, growth {} N a tick)\n",
-      limiter["slewed"].get<bool>()   ? "limited the growth"
-      : limiter["peaked"].get<bool>() ? "reduced the force to the peak"
-                                      : "inactive",
+      limiter["slewed"].get<bool>()    ? "limited the growth"
+      : limiter["peaked"].get<bool>()  ? "reduced the force to the peak"
+      : limiter["heated"].get<bool>()  ? "reduced the force because the motors are hot"
+      : limiter["ramped"].get<bool>()  ? "begins gently"
+      : limiter["drained"].get<bool>() ? "reduced the force by the energy tank"
+                                       : "inactive",
       text(limiter["peak"]), text(limiter["growth"]));
   say("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
   say("force     {} N, magnitude {} N", text(force["sent"]), text(force["size"]));
@@ -118,8 +127,16 @@ void printSteps(const OrderedJson& steps) {
 
 void printTick(const OrderedJson& json) {
   say("scene     {}\n", text(json["scene"]));
-  say("rest      proxy at {} m, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
-      text(json["rest"]["moved"]), text(json["rest"]["force"]));
+  for (const OrderedJson& line : json["because"]) say("because   {}\n", sentence(text(line)));
+  const OrderedJson& rest = json["rest"];
+  if (json["time"].is_null()) {
+    say("rest      proxy at {} m, {} m from --at; force {} N\n", text(rest["proxy"]),
+        text(rest["moved"]), text(rest["force"]));
+  } else {
+    say("time      {} s\n", number(json["time"].get<double>()));
+    say("before    proxy at {} m, hand at {} m; force {} N\n", text(rest["proxy"]),
+        text(json["at"]), text(rest["force"]));
+  }
   say("read at   {} m\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
   if (json["steps"].size() > 1) printSteps(json["steps"]);
   for (const OrderedJson& field : json["fields"]) {
@@ -139,52 +156,87 @@ void printTick(const OrderedJson& json) {
     say("mode      {}: skipped, its strength is zero everywhere\n", text(name));
   }
   printBalance(json);
-  for (const OrderedJson& line : json["because"]) say("because   {}\n", sentence(text(line)));
 }
 
 struct ExplainOptions {
-  std::string scene;
-  std::string at;
-  std::string push;
-  double rate = 1000.0;
-  bool json = false;
+  FeelOptions run;  ///< The scene, the rate and `json`, and with --until the run.
+  std::optional<std::string> at;
+  std::optional<std::string> push;
 };
 
 int explain(const ExplainOptions& options) {
-  checkRate("--rate", options.rate);
-  noteSlowRate("explain", options.rate);
-  const Vec3 at = readVector("--at", options.at);
-  const Vec3 push = readVector("--push", options.push);
+  const FeelOptions& run = options.run;
+  if (run.until && (options.at || options.push)) {
+    throw Error("--until", "it explains a tick of a run, and --at and --push a single tick",
+                "give either --until, or --at and --push");
+  }
+  if (run.until) {
+    if (!(*run.until >= 0.0 && *run.until <= kMostFeelSeconds)) {
+      throw Error("--until", fmt::format("{} s is not in 0 to 1000000 s", *run.until), "use 1");
+    }
+    return feel(run);
+  }
+  if (!options.at || !options.push) {
+    throw Error(!options.at ? "--at" : "--push", "it is required without --until",
+                "give --at x,y,z and --push x,y,z, or --until SECONDS");
+  }
+  if (run.seconds || run.passive || run.refill > 0.0 || run.devices != FeelOptions().devices) {
+    throw Error("--until", "only a run has a --device, --seconds, --passive and --refill",
+                "add --until SECONDS instead of --at and --push");
+  }
+  checkRate("--rate", run.rate);
+  noteSlowRate("explain", run.rate);
+  const Vec3 at = readVector("--at", *options.at);
+  const Vec3 push = readVector("--push", *options.push);
   checkReach("--push", at + push);
-  const Explained told = explainTick(openScene(options.scene, showProgress("loading")), at, push,
-                                     options.rate, showProgress("loading"), complainOf);
-  if (options.json) {
+  return sayExplained(explainTick(openScene(run.scene, showProgress("loading")), at, push, run.rate,
+                                  showProgress("loading"), complainOf),
+                      run.json);
+}
+
+}  // namespace
+
+int sayExplained(const Explained& told, bool json) {
+  if (json) {
     sayJson(told.json);
   } else {
     printTick(told.json);
   }
   if (!told.fault) return kDone;
-  complain("explain: the force was cut: a sample or a force was not finite: correct the volume");
+  complain(
+      told.json["time"].is_null()
+          ? "explain: the force was cut: a sample or a force was not finite: correct the volume"
+          : "explain: the force is cut in this tick");
   return kEndedEarly;
 }
 
-}  // namespace
-
 void addExplain(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("explain", "Runs one tick and explains its force");
+  CLI::App* verb = app.add_subcommand(
+      "explain", "Explains the force of one tick: of a run (--until), or of a single push");
   auto options = std::make_shared<ExplainOptions>();
-  verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
+  FeelOptions& run = options->run;
+  verb->add_option("SCENE", run.scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
       ->required();
   verb->add_option("--at", options->at,
-                   "x,y,z: position of the proxy; the hand first rests there [m]")
-      ->required();
+                   "x,y,z: position of the proxy; the hand first rests there [m]");
   verb->add_option("--push", options->push,
-                   "x,y,z: the hand's move from --at in the explained tick [m]")
-      ->required();
-  verb->add_option("--rate", options->rate,
-                   "Ticks a second (default 1000); affects the damper and the limiter");
-  verb->add_flag("--json", options->json, "Print JSON");
-  verb->footer("Example:\n  palpate explain head.json --at 0,0,0.05 --push 0,0.001,-0.002");
+                   "x,y,z: the hand's move from --at in the explained tick [m]");
+  verb->add_option("--until", run.until,
+                   "Repeat a run of palpate feel, and explain the tick at this time [s]. Give the "
+                   "run's other options too");
+  verb->add_option("--device", run.devices,
+                   "With --until: simulated (default), path:FILE.csv or replay:FILE; if repeated, "
+                   "the first hand is explained")
+      ->take_all()
+      ->type_name("D");
+  verb->add_option("--seconds", run.seconds, "With --until: length of the whole run [s]");
+  verb->add_flag("--passive", run.passive, "With --until: as in palpate feel");
+  verb->add_option("--refill", run.refill, "With --until: as in palpate feel [W]");
+  addRate(*verb, run);
+  verb->add_flag("--json", run.json, "Print JSON");
+  verb->footer(
+      "Examples:\n  palpate explain head.json --until 2.5\n  palpate explain head.json --at "
+      "0,0,0.05 --push 0,0.001,-0.002");
   verb->callback([=, &body] { body = [=] { return explain(*options); }; });
 }
 

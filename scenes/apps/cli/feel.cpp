@@ -1,3 +1,5 @@
+#include "palpate/scenes/apps/cli/feel.h"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,8 +10,10 @@
 
 #include "palpate/devices/arm/guardian.h"
 #include "palpate/devices/open_device.h"
+#include "palpate/engine/error.h"
 #include "palpate/engine/loop/haptic_loop.h"
 #include "palpate/engine/version.h"
+#include "palpate/scenes/apps/cli/explain.h"
 #include "palpate/scenes/apps/cli/feel_options.h"
 #include "palpate/scenes/apps/cli/feel_results.h"
 #include "palpate/scenes/apps/cli/recorded.h"
@@ -65,14 +69,18 @@ HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, Ordered
   return target;
 }
 
+ForceLimits limitsOf(const Device& device, double rate) {
+  // A replayed hand keeps the force limits of the recorded run.
+  const bool again = dynamic_cast<const ReplayDevice*>(&device) != nullptr;
+  return again ? device.info().limits : limitsInLoop(device.info(), rate);
+}
+
 void record(Hand& hand, const FeelOptions& options, std::size_t h, RecordedScene first) {
   const std::string place = placeOf(options.record, h);
   checkReplaceable(place);
   RecordedSetting setting{hand.device->info(), options.rate, {}};
   setting.device.name = deviceName(options.devices[h], hand.device->info());
-  // A replayed hand keeps the force limits of the recorded run.
-  const bool again = dynamic_cast<const ReplayDevice*>(hand.device.get()) != nullptr;
-  if (!again) setting.device.limits = limitsInLoop(hand.device->info(), options.rate);
+  setting.device.limits = limitsOf(*hand.device, options.rate);
   setting.about = dump({{"version", kVersion}, {"commit", commit()}, {"machine", machineJson()}});
   hand.recorder = std::make_unique<Recorder>(place, setting);
   hand.log.recorder = hand.recorder.get();
@@ -127,6 +135,18 @@ ScenesById scenesOfReplay(const Hands& hands, const FeelOptions& options, const 
   return scenesOf(device.recording(), built.scene, cache);
 }
 
+/// Returns the number of ticks of a run that ends at `until` [s].
+std::int64_t ticksUntil(const Device& device, double until, double rate) {
+  const auto* const again = dynamic_cast<const ReplayDevice*>(&device);
+  if (again == nullptr) {
+    return 1 + std::max<std::int64_t>(0, std::llround(std::ceil((until - kTimeGrid) * rate)));
+  }
+  const Recording& recording = again->recording();
+  std::int64_t i = again->begin();
+  while (i < recording.size() && recording.tick(i).time < until - kTimeGrid) ++i;
+  return 1 + i - again->begin();
+}
+
 /// Sets the largest number of ticks of the run. Without --seconds there is no limit if all hands
 /// follow paths or recordings, or if a real-time run has a window or a server.
 void limitTicks(Run& run) {
@@ -139,7 +159,33 @@ void limitTicks(Run& run) {
   run.ticks = endless ? std::numeric_limits<std::int64_t>::max()
                       : static_cast<std::int64_t>(
                             std::llround(options.seconds.value_or(kFeelSeconds) * options.rate));
+  if (!options.until) return;
+  run.ticks = std::min(run.ticks, ticksUntil(*run.hands[0]->device, *options.until, options.rate));
+  run.hands[0]->log.kept.emplace();
 }
+
+/// Explains the last tick of the first hand.
+int explainLast(const Run& run, const BuiltScene& built) {
+  if (interrupted != 0) return kInterrupted;
+  const Hand& hand = *run.hands[0];
+  const RunSoFar& kept = *hand.log.kept;
+  if (!(kept.time >= *run.options.until - kTimeGrid)) {
+    throw Error("--until", fmt::format("the run ends after {} s", rounded(kept.time)),
+                "give at most this time, or a larger --seconds");
+  }
+  if (kept.scene == 0 || kept.edited) {
+    throw Error(
+        "--until",
+        kept.edited ? "the scene was edited before this time" : "no scene had arrived by this time",
+        kept.edited ? "give an earlier time" : "give a later time");
+  }
+  Opened opened{run.spec, run.spec, built};
+  if (!built.scene->parts.empty()) narrow(opened, kept.near, run.cache, complainOf);
+  const ForceLimits limits = limitsOf(*hand.device, run.options.rate);
+  return sayExplained(explainRun(opened, kept.ticks, limits, kept.time), run.options.json);
+}
+
+}  // namespace
 
 int feel(FeelOptions options) {
   checkFeelOptions(options);
@@ -219,13 +265,15 @@ int feel(FeelOptions options) {
   } else {
     runInVirtualTime(run);
   }
-  return conclude(run, built, search, outputs);
+  return options.until ? explainLast(run, built) : conclude(run, built, search, outputs);
 }
 
 void addRate(CLI::App& verb, FeelOptions& options) {
   verb.add_option("--rate", options.rate, "Ticks a second (default 1000)")
       ->each([&options](const std::string& /*rate*/) { options.rate_given = true; });
 }
+
+namespace {
 
 void addSite(CLI::App& verb, FeelOptions& options) {
   verb.add_option(

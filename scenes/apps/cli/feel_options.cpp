@@ -218,7 +218,8 @@ void checkFeelOptions(const FeelOptions& options) {
   checkStill(options);
   // A replay uses the recorded rate, which the user cannot change.
   const bool replayed = std::any_of(options.devices.begin(), options.devices.end(), isReplay);
-  if (!replayed) noteSlowRate(options.window ? "view" : "feel", options.rate);
+  const char* const command = options.until ? "explain" : options.window ? "view" : "feel";
+  if (!replayed) noteSlowRate(command, options.rate);
 }
 
 double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,

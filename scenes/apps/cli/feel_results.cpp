@@ -36,12 +36,20 @@ std::shared_ptr<const Scene> sceneOfFile(const Run& run) {
 }
 
 /// `scene` is sceneOfFile().
-OrderedJson mostOf(const Hand& hand, const Scene* scene) {
-  const Most most = hand.log.felt.most();
+OrderedJson mostOf(const Run& run, std::size_t h, const Scene* scene) {
+  const Most most = run.hands[h]->log.felt.most();
   if (!(most.force > 0.0)) return nullptr;
-  std::optional<Again> again;
-  if (scene != nullptr) again = againOf(most, *scene);
   const double spring = most.stiffness * (most.proxy - most.probe).norm();
+  OrderedJson line;
+  OrderedJson explained;
+  if (repeats(run, h)) {
+    line = explainLine(run, h, most.time);
+    explained = spring;
+  } else if (scene != nullptr) {
+    const Again again = againOf(most, *scene, run.options.rate);
+    line = explainLine(run.from.file, again);
+    explained = again.spring;
+  }
   return {{"force", most.force},
           {"spring", spring},
           {"others", most.wanted - spring},
@@ -50,9 +58,8 @@ OrderedJson mostOf(const Hand& hand, const Scene* scene) {
           {"time", most.time},
           {"probe", toJson(most.probe)},
           {"proxy", toJson(most.proxy)},
-          {"at", again ? toJson(again->at) : OrderedJson()},
-          {"push", again ? toJson(again->push) : OrderedJson()},
-          {"off", again ? OrderedJson(again->off) : OrderedJson()}};
+          {"explain", line},
+          {"explained", explained}};
 }
 
 /// Lists the shares of a force, for example "spring 2.1 N, damper and others +0.3 N, limiter -0.4
@@ -68,11 +75,15 @@ std::string shareWords(const OrderedJson& most) {
   return text;
 }
 
-/// Returns the text before a `palpate explain` command. `off` is Again::off.
-std::string explains(double off) {
+/// Returns the text before a `palpate explain` command, which explains another force if the run can
+/// not be repeated.
+std::string explains(const OrderedJson& most) {
+  if (most["explain"].is_null()) return "";
+  const auto spring = most["spring"].get<double>();
+  const auto explained = most["explained"].get<double>();
   constexpr double kSame = 0.02;
-  if (off <= kSame) return ": to explain it, run:";
-  return fmt::format(": to explain a force within {:.0f} % of it, run:", std::ceil(100.0 * off));
+  if (std::abs(explained - spring) <= kSame * spring) return ": to explain it, run:";
+  return fmt::format("; a single push there gives {} N: to explain it, run:", rounded(explained));
 }
 
 Legible timeWords(const OrderedJson& summary) {
@@ -121,7 +132,7 @@ OrderedJson summaryOf(const Run& run, std::size_t h, const Scene* scene) {
   summary["clock"] = options.realtime ? "real" : "virtual";
   const OrderedJson counted = hand.log.felt.summary();
   for (const auto& [key, value] : counted.items()) summary[key] = value;
-  summary["most"] = mostOf(hand, scene);
+  summary["most"] = mostOf(run, h, scene);
   summary["room"] = roomFor(hand.device->info(), options.rate, run.stiffest);
   if (options.realtime) {
     summary["realtime"] = hand.granted;
@@ -132,9 +143,8 @@ OrderedJson summaryOf(const Run& run, std::size_t h, const Scene* scene) {
   return summary;
 }
 
-/// Prints a hand's report. `scene` is the scene file to name in the `palpate explain` command.
-void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary,
-          const std::string& scene) {
+/// Prints a hand's report.
+void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary) {
   say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
       rounded(summary["seconds"].get<double>()), rounded(options.rate),
       options.realtime ? "in real time" : "in virtual time", summary["device"].get<std::string>(),
@@ -143,17 +153,13 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
   if (options.realtime) say("{}", timeWords(summary));
   const OrderedJson& most = summary["most"];
   if (most.is_null()) return;
-  const auto place = [&](const char* key) {
-    return Vec3(most[key][0].get<double>(), most[key][1].get<double>(), most[key][2].get<double>());
-  };
-  const bool again = !most["at"].is_null();
   // Felt::add counts the force in a fast move half, so another tick may have a larger force.
   const bool larger = summary["force_max"].get<double>() > most["force"].get<double>();
   say("strongest {} N after {} s{}, mainly from {} ({}){}\n", rounded(most["force"].get<double>()),
       rounded(most["time"].get<double>()), larger ? " (a force in a fast move counts half)" : "",
-      most["mode"].get<std::string>(), sentence(shareWords(most)),
-      again ? explains(most["off"].get<double>()) : "");
-  if (again) say("{}\n", sentence(explainLine(scene, {place("at"), place("push")})));
+      most["mode"].get<std::string>(), sentence(shareWords(most)), explains(most));
+  const OrderedJson& line = most["explain"];
+  if (!line.is_null()) say("{}\n", sentence(line.get<std::string>()));
 }
 
 void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
@@ -184,7 +190,7 @@ void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
         rounded(search["ms"].get<double>()));
   }
   for (std::size_t h = 0; h < run.hands.size(); ++h) {
-    tell(options, *run.hands[h], felt[h], run.from.file);
+    tell(options, *run.hands[h], felt[h]);
   }
   run.fetched.sayThem();
   run.sites->sayThem();

@@ -387,9 +387,9 @@ Legible Felt::words() const {
                      rounded(100.0 * static_cast<double>(closed_form_) / ticks), mean("iterations"),
                      rounded(bound_max_));
   text += cli::words(
-      "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {} ticks\n",
+      "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {}\n",
       rounded(force_max_), kStrong, rounded(100.0 * static_cast<double>(strong_) / ticks),
-      limited_);
+      counted(limited_, "tick", "ticks"));
   if (coarse_ > 0) {
     text += cli::words(
         "coarse    coarser data replaced missing data, or another frame replaced a missing frame, "
@@ -397,8 +397,8 @@ Legible Felt::words() const {
         rounded(100.0 * static_cast<double>(coarse_) / ticks));
   }
   if (still_ > 0) {
-    text += cli::words("still     the encoder counts did not change: the force faded in {} ticks\n",
-                       still_);
+    text += cli::words("still     the encoder counts did not change: the force faded in {}\n",
+                       counted(still_, "tick", "ticks"));
   }
   const std::string troubles = troublesOf(s["status"]);
   if (!troubles.empty()) text += cli::words("status    {}\n", sentence(troubles));
@@ -422,7 +422,8 @@ std::string Felt::troublesOf(const OrderedJson& statuses) const {
     const auto ticks = count.get<std::int64_t>();
     if (status == wordFor(StepStatus::kConverged) || ticks == 0) continue;
     if (status == wordFor(StepStatus::kFault)) continue;
-    troubles += fmt::format("{}{} in {} ticks", troubles.empty() ? "" : ", ", status, ticks);
+    troubles += fmt::format("{}{} in {}", troubles.empty() ? "" : ", ", status,
+                            counted(ticks, "tick", "ticks"));
   }
   return troubles;
 }

@@ -82,6 +82,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Returns the first mode in whose solid the proxy was in its first tick, or an empty text.
   [[nodiscard]] std::string inside() const;
   [[nodiscard]] Most most() const;
+  /// Returns the number of scenes of the run.
+  [[nodiscard]] std::size_t scenes() const { return scenes_.size(); }
   /// Returns the time integral of each mode's force by name [N s]; parts of a kind are summed.
   [[nodiscard]] std::map<std::string, double> impulses() const;
   /// Returns the content of the summary file, without the fields that callers add.

@@ -99,12 +99,12 @@ void sayRun(const OrderedJson& run) {
   };
   const auto& times = run["tick_us"];
   say("{}: {} ticks in {} s; at most {} N, {} mm from probe to proxy, error {} m; {} mJ given to "
-      "the hand; tick {} us median, {} p99, {} p99.9, {} worst; the limiter acted in {} ticks\n",
+      "the hand; tick {} us median, {} p99, {} p99.9, {} worst; the limiter acted in {}\n",
       run["name"].get<std::string>(), run["ticks"].get<long>(), text(run["seconds"]),
       text(run["force_max"]), text(run["gap_max_mm"]), text(run["error_bound_max"]),
       text(run["energy_mJ"]), text(times.value("p50", OrderedJson())),
       text(times.value("p99", OrderedJson())), text(times.value("p99.9", OrderedJson())),
-      text(times["max"]), run["limited"].get<long>());
+      text(times["max"]), counted(run["limited"].get<long>(), "tick", "ticks"));
 }
 
 int plot(const PlotOptions& options) {

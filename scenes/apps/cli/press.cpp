@@ -368,9 +368,10 @@ void printPress(const OrderedJson& json) {
   const auto of = [](const OrderedJson& value) { return shown(value.get<double>()); };
   say("press     {} deep at {} m/s, {} ticks\n", millimetres(json["depth"]), of(json["speed"]),
       json["ticks"].get<std::size_t>());
-  say("force     at most {} N, at {} moving {}; the limiter acted in {} ticks\n",
+  say("force     at most {} N, at {} moving {}; the limiter acted in {}\n",
       of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
-      json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
+      json["force_max"]["phase"].get<std::string>(),
+      counted(json["limited"].get<int>(), "tick", "ticks"));
   const bool yielded = std::any_of(json["modes"].begin(), json["modes"].end(),
                                    [](const OrderedJson& mode) { return bore(mode["yield"]); });
   say("stiffness {}\n", json["stiffness"].is_null() ? "not measured"

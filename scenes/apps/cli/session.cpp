@@ -221,6 +221,16 @@ void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands
 
 }  // namespace
 
+void RunSoFar::add(const Telemetry& tick, const ProxyState& state) {
+  constexpr double kNothing = 1e-6;  // [N]
+  ticks.push_back({tick.input, tick.scene != 0});
+  time = tick.time;
+  edited = edited || (scene != 0 && tick.scene != scene);
+  scene = tick.scene;
+  if (tick.report.wanted.norm() < kNothing) near = {};
+  near.add(state, tick.report);
+}
+
 void Fetched::tellTroubles() const {
   const auto tell = [](const auto& all) {
     for (const auto& [name, of] : all) {

@@ -27,6 +27,7 @@
 #include "palpate/scenes/apps/cli/trace.h"
 #include "palpate/scenes/apps/cli/window.h"
 #include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/apps/common/explain_tick.h"
 #include "palpate/scenes/library/build_scene.h"
 #include "palpate/scenes/library/live.h"
 #include "palpate/scenes/library/scene_cache.h"
@@ -51,6 +52,8 @@ struct FeelOptions {
   bool watch = false;
   bool passive = false;
   double refill = 0.0;
+  /// Time of the tick that `palpate explain --until` explains [s]: the run ends there.
+  std::optional<double> until;
   /// This site, in the form for siteFrom(); empty: no connection to other sites.
   std::string site;
   std::vector<std::string> with;  ///< Addresses of the machines of other sites.
@@ -71,6 +74,20 @@ struct FeelOptions {
   bool json = false;
 };
 
+/// Resolution of FeelOptions::until [s], below the duration of a tick.
+inline constexpr double kTimeGrid = 1e-6;
+
+/// The ticks of a run in virtual time so far, for explainRun().
+struct RunSoFar {
+  std::vector<RunTick> ticks;
+  double time = 0.0;        ///< Time of the last tick [s].
+  std::uint64_t scene = 0;  ///< Telemetry::scene of the last tick.
+  bool edited = false;      ///< True if the scene was replaced.
+  Near near;                ///< Parts near the hand since the force was last zero.
+
+  void add(const Telemetry& tick, const ProxyState& state);
+};
+
 /// Receives every tick of a hand, adds it to the results, and queues a row for the trace.
 class Log final : public TickSink {
  public:
@@ -81,6 +98,7 @@ class Log final : public TickSink {
     felt.add(tick, state);
     if (live != nullptr) live->take(tick, state);
     if (recorder != nullptr) recorder->take(tick);
+    if (kept) kept->add(tick, state);
     if (ring_ && !ring_->try_emplace(tick, felt.loads())) ++lost_;
   }
   /// Calls `take` for each queued row. Call drain() on the thread that writes the trace.
@@ -105,6 +123,7 @@ class Log final : public TickSink {
   Felt felt;
   LiveWriter* live = nullptr;    ///< Writer for the window; null: no window.
   Recorder* recorder = nullptr;  ///< Null if the run is not recorded.
+  std::optional<RunSoFar> kept;  ///< Unset: no tick of the run is explained.
 
  private:
   struct Row {

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <csignal>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -43,7 +44,7 @@ extern volatile std::sig_atomic_t interrupted;
 /// finite.
 [[nodiscard]] std::string number(double value);
 /// Returns a number with its noun: "1 touch", "2 touches".
-[[nodiscard]] inline std::string counted(int count, const char* one, const char* more) {
+[[nodiscard]] inline std::string counted(std::int64_t count, const char* one, const char* more) {
   return std::to_string(count) + " " + (count == 1 ? one : more);
 }
 /// Returns the number with four significant digits.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,13 +15,14 @@ namespace palpate::cli {
 struct ExplainedTick {
   const Opened& opened;
   const Scene& scene;  ///< The built scene: `opened.built.scene`.
-  Vec3 at;             ///< Position of hand and proxy at rest before the tick [m].
+  Vec3 at;             ///< Position of the hand before the tick [m].
   Vec3 hand;           ///< Position of the hand in the tick [m].
-  Rest rest;           ///< State before the tick.
+  Rest rest;           ///< Result of the ticks before.
   StepReport report;
   LimitedForce limited;
   ForceLimits limits;
-  double dt = 0.0;  ///< Duration of the tick [s].
+  double dt = 0.0;             ///< Duration of the tick [s].
+  std::optional<double> time;  ///< Time in the run [s]; unset: the hand came from rest at `at`.
   const StepTrace& trace;
   const ProxyState& state;  ///< State after the tick.
 

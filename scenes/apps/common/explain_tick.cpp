@@ -49,7 +49,10 @@ OrderedJson forceReport(const ExplainedTick& tick) {
   json["wanted"] = toJson(r.wanted);
   json["limiter"] = {{"acted", r.limited},
                      {"peaked", tick.limited.peaked},
+                     {"heated", tick.limited.heated},
+                     {"ramped", tick.limited.ramped},
                      {"slewed", tick.limited.slewed},
+                     {"drained", tick.limited.drained},
                      {"peak", tick.limits.peak},
                      {"growth", tick.limits.slew * tick.dt}};
   json["sent"] = toJson(r.force);
@@ -65,6 +68,9 @@ std::string limiterWords(const ExplainedTick& tick) {
   }
   if (tick.limited.peaked)
     return fmt::format("the limiter's peak is {} N", shown(tick.limits.peak));
+  if (tick.limited.heated) return "the heat of the motors limits the force";
+  if (tick.limited.ramped) return "the force begins gently";
+  if (tick.limited.drained) return "the energy tank reduces the force";
   return "";
 }
 
@@ -90,7 +96,7 @@ std::string forceSentence(const ExplainedTick& tick) {
   if (tick.scene.coupling.damping > 0.0) {
     const double damper = r.wanted.norm() - spring;
     text += fmt::format(", the damper with {} N", shown(damper));
-    if (damper > 0.999 * spring)
+    if (!tick.time && damper > 0.999 * spring)
       text += " (its maximum, because the whole push happens in one tick)";
   }
   const std::string limiter = limiterWords(tick);
@@ -103,7 +109,10 @@ OrderedJson because(const ExplainedTick& tick) {
   const StepStatus status = tick.report.status;
   OrderedJson json = OrderedJson::array();
   if (status == StepStatus::kFault) {
-    json.push_back("A sample or a force was not finite, so the force is cut.");
+    const Fault fault = tick.state.fault();
+    json.push_back(fault == Fault::kNone || fault == Fault::kNotFinite
+                       ? "A sample or a force was not finite, so the force is cut."
+                       : fmt::format("The force is cut: {}.", wordsFor(fault)));
     return json;
   }
   json.push_back(loadsSentence(tick));
@@ -147,6 +156,7 @@ OrderedJson tickReport(const ExplainedTick& tick) {
   json["at"] = toJson(tick.at);
   json["hand"] = toJson(tick.hand);
   json["rate"] = 1.0 / tick.dt;
+  json["time"] = tick.time ? OrderedJson(*tick.time) : OrderedJson();
   json["rest"] = {{"proxy", toJson(tick.rest.report.proxy)},
                   {"moved", (tick.rest.report.proxy - tick.at).norm()},
                   {"force", toJson(tick.rest.report.force)},
@@ -199,8 +209,37 @@ Explained explainTick(SceneSpec spec, const Vec3& at, const Vec3& push, double r
   LimiterState limiter;
   limiter.sent = rest.report.force;
   const LimitedForce limited = limitForce(report.wanted, hand, dt, limits, limiter);
-  const ExplainedTick tick{opened,  scene,  at, hand,  rest, report,
-                           limited, limits, dt, trace, state};
+  const ExplainedTick tick{opened,  scene,  at, hand, rest,  report,
+                           limited, limits, dt, {},   trace, state};
+  return {tickReport(tick), report.status == StepStatus::kFault};
+}
+
+Explained explainRun(const Opened& opened, std::span<const RunTick> ticks,
+                     const ForceLimits& limits, double time) {
+  const Scene& scene = *opened.built.scene;
+  HandTick hand(limits);
+  const auto run = [&](const RunTick& one, StepTrace* trace) {
+    StepReport report = hand.step(one.scene ? &scene : nullptr, one.input, trace);
+    hand.withhold(one.input, report);
+    hand.sent(one.input);
+    return report;
+  };
+  const TickInput& last = ticks.back().input;
+  Vec3 at = last.hand.position;
+  Rest rest;
+  rest.report.proxy = at;
+  for (const RunTick& one : ticks.first(ticks.size() - 1)) {
+    rest.report = run(one, nullptr);
+    ++rest.ticks;
+    at = one.input.hand.position;
+  }
+  LimiterState limiter = hand.state().limiter();
+  StepTrace trace;
+  const StepReport report = run(ticks.back(), &trace);
+  const LimitedForce limited =
+      limitForce(report.wanted, last.hand.position, last.dt, limits, limiter, report.fresh);
+  const ExplainedTick tick{opened,  scene, at,    last.hand.position, rest, report, limited, limits,
+                           last.dt, time,  trace, hand.state()};
   return {tickReport(tick), report.status == StepStatus::kFault};
 }
 

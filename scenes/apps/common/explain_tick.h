@@ -1,6 +1,9 @@
 /// Explains one tick and its force, for `palpate explain` and for scripts.
 #pragma once
 
+#include <span>
+
+#include "palpate/engine/loop/hand_tick.h"
 #include "palpate/scenes/apps/common/touch.h"
 
 namespace palpate::cli {
@@ -14,5 +17,16 @@ struct Explained {
 /// Throws Error as openFor does, and if a position is out of reach or the rate is invalid.
 [[nodiscard]] Explained explainTick(SceneSpec spec, const Vec3& at, const Vec3& push, double rate,
                                     const Progress& progress, const Say& say);
+
+/// A tick of a run.
+struct RunTick {
+  TickInput input;
+  bool scene = true;  ///< False before the first scene arrived.
+};
+
+/// Explains the last tick of a run, at `time` [s]. Repeats all ticks with a hand of these limits,
+/// so that the force is the run's force.
+[[nodiscard]] Explained explainRun(const Opened& opened, std::span<const RunTick> ticks,
+                                   const ForceLimits& limits, double time);
 
 }  // namespace palpate::cli

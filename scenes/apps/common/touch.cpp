@@ -11,7 +11,6 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/library/frames.h"
 #include "palpate/scenes/library/nearby.h"
-#include "palpate/scenes/library/scene_cache.h"
 
 namespace palpate::cli {
 namespace {
@@ -95,54 +94,54 @@ Opened openFor(const std::string& scene, const TrialRun& trial) {
                  complainOf);
 }
 
+void narrow(Opened& opened, const Near& near, SceneCache& cache, const Say& say) {
+  const std::string& scene = opened.spec.source;
+  const std::size_t all = opened.built.scene->parts.size();
+  const std::vector<std::string> notes = opened.built.notes;
+  if (near.parts.size() > kMaxFields) {
+    throw Error(
+        scene,
+        fmt::format("the hand comes near {} of the scene's {} parts; a report covers at most {}",
+                    near.parts.size(), all, kMaxFields),
+        "make a scene with fewer parts, or, for explain and press, shorten the path");
+  }
+  opened.told = nearby(opened.told, opened.built, near.parts);
+  if (opened.told.graph.modes.empty()) {
+    throw Error(scene, "the hand comes near no part of the scene",
+                "run palpate check to see the bounds");
+  }
+  try {
+    opened.built = buildScene(opened.told, nullptr, &cache);
+  } catch (const SceneError&) {
+    // The scene is valid, so the parts near the hand are too many for one graph.
+    throw Error(scene,
+                fmt::format("the hand comes near {} of the scene's {} parts; a report covers at "
+                            "most {} volumes, {} properties and {} modes",
+                            near.parts.size(), all, kMaxFields, kMaxProperties, kMaxModes),
+                "make a scene with fewer parts, or, for explain and press, shorten the path");
+  }
+  opened.built.notes = notes;
+  std::string words = fmt::format("{}: the hand comes near {} of the scene's {} parts", scene,
+                                  near.parts.size(), all);
+  if (near.parts.size() < all) words += "; the report skips the others";
+  if (near.missing > 0.0) {
+    words += fmt::format(
+        "; more parts are near than a tick evaluates, so the force is off by at most {} N",
+        rounded(near.missing));
+  }
+  say(words);
+}
+
 Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, const Say& say) {
   Opened opened;
   opened.spec = std::move(spec);
   opened.spec.waits = true;
-  const std::string& scene = opened.spec.source;
   for (const std::string& note : opened.spec.notes) say(note);
-  const DeviceInfo device = pathDevice();
-  checkDevice(opened.spec, device);
+  checkDevice(opened.spec, pathDevice());
   opened.told = opened.spec;
   SceneCache cache;
   opened.built = buildScene(opened.told, progress, &cache);
-  if (const std::size_t all = opened.built.scene->parts.size(); all > 0) {
-    const Near near = trial(opened.built);
-    const std::vector<std::string> notes = opened.built.notes;
-    if (near.parts.size() > kMaxFields) {
-      throw Error(
-          scene,
-          fmt::format("the hand comes near {} of the scene's {} parts; a report covers at most {}",
-                      near.parts.size(), all, kMaxFields),
-          "make a scene with fewer parts, or, for explain and press, shorten the path");
-    }
-    opened.told = nearby(opened.told, opened.built, near.parts);
-    if (opened.told.graph.modes.empty()) {
-      throw Error(scene, "the hand comes near no part of the scene",
-                  "run palpate check to see the bounds");
-    }
-    try {
-      opened.built = buildScene(opened.told, nullptr, &cache);
-    } catch (const SceneError&) {
-      // The scene is valid, so the parts near the hand are too many for one graph.
-      throw Error(
-          scene,
-          fmt::format("the hand comes near {} of the scene's {} parts; a report covers at most {} "
-                      "volumes, {} properties and {} modes",
-                      near.parts.size(), all, kMaxFields, kMaxProperties, kMaxModes),
-          "make a scene with fewer parts, or, for explain and press, shorten the path");
-    }
-    opened.built.notes = notes;
-    std::string words = fmt::format("{}: the hand comes near {} of the scene's {} parts", scene,
-                                    near.parts.size(), all);
-    if (near.parts.size() < all) words += "; the report skips the others";
-    if (near.missing > 0.0) {
-      words += fmt::format(
-          "; more parts are near than a tick evaluates, so the force is off by at most {} N",
-          rounded(near.missing));
-    }
-    say(words);
-  }
+  if (!opened.built.scene->parts.empty()) narrow(opened, trial(opened.built), cache, say);
   for (const std::string& note : opened.built.notes) say(note);
   return opened;
 }

@@ -11,6 +11,7 @@
 
 #include "palpate/engine/tick/step.h"
 #include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/scene_cache.h"
 #include "palpate/scenes/library/scene_file.h"
 
 namespace palpate::cli {
@@ -55,6 +56,9 @@ using TrialRun = std::function<Near(const BuiltScene&)>;
 /// Receives messages to the user, one line each.
 using Say = std::function<void(const std::string&)>;
 void complainOf(const std::string& line);
+/// Reduces a scene with parts to those near the hand, in one graph. Throws SceneError if there are
+/// no near parts, or too many for one graph.
+void narrow(Opened& opened, const Near& near, SceneCache& cache, const Say& say);
 [[nodiscard]] Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress,
                              const Say& say);
 /// Opens a scene from a file, and shows the progress on a terminal.
