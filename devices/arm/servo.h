@@ -39,8 +39,12 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   /// RT: no allocation, no lock, no system call.
   [[nodiscard]] Vec3 tick(const HandState& hand, double dt) noexcept PALPATE_NONBLOCKING;
 
-  /// Sets the scene for the next tick; the force is zero until a scene is set.
-  void publish(std::shared_ptr<const Scene> scene) noexcept { loop_.publish(std::move(scene)); }
+  /// Sets the scene for the next tick; the force is zero until a scene is set. Throws DeviceError
+  /// as checkCoupling() does; the previous scene then stays active.
+  void publish(std::shared_ptr<const Scene> scene) {
+    checkCoupling(arm_.info(), scene.get());
+    loop_.publish(std::move(scene));
+  }
   /// Returns the telemetry of the newest tick, with the reason if its force is cut.
   [[nodiscard]] const Telemetry& latest() noexcept { return loop_.latest(); }
   /// Cuts the force from the next tick until clear(). Callable from any thread.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <string>
 #include <utility>
 
@@ -38,6 +39,12 @@ void require(const DeviceInfo& info, bool good, const char* what, double value,
              const char* remedy = "give a finite number above 0") {
   if (good) return;
   throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
+}
+
+std::string shortly(double value, const char* unit) {
+  char text[40];
+  (void)std::snprintf(text, sizeof text, "%.6g %s", value, unit);
+  return text;
 }
 
 /// Returns the fault that keeps the force from returning by itself after a tick; kLate or kNone if
@@ -103,6 +110,25 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
             arm.period, "give at least 1/rate, or 0 for the default");
   }
   return limits;
+}
+
+void checkCoupling(const DeviceInfo& info, const Scene* scene) {
+  if (scene == nullptr) return;
+  double stiffness = scene->coupling.stiffness;
+  if (const auto& factors = scene->graph.stiffness.factors; !factors.empty()) {
+    stiffness = 1.0;  // Scene::coupling has the lowest value of a varying stiffness
+    for (const Transfer::Factor& factor : factors) stiffness *= factor.curve.highest();
+  }
+  constexpr double kRounding = 1.0 + 1e-9;
+  const auto check = [&](const char* what, double value, const char* unit, double most) {
+    if (value <= most * kRounding) return;
+    throw DeviceError(info.name,
+                      "the scene's " + std::string(what) + ", " + shortly(value, unit) +
+                          ", is more than the device renders stably",
+                      "use at most " + shortly(most, unit));
+  };
+  check("coupling stiffness", stiffness, "N/m", info.max_stiffness);
+  check("coupling damping", scene->coupling.damping, "N s/m", info.max_damping);
 }
 
 HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heartbeat,

@@ -88,6 +88,10 @@ struct TickTime {
 /// the energy tank cannot store the delayed forces at this rate.
 [[nodiscard]] ForceLimits limitsInLoop(const DeviceInfo& info, double rate);
 
+/// Throws DeviceError if a scene's coupling can have more stiffness or damping than the device
+/// renders stably (DeviceInfo::max_stiffness, max_damping). Accepts null.
+void checkCoupling(const DeviceInfo& info, const Scene* scene);
+
 /// The loop of one device: its proxy, its reader and the newest scene.
 ///
 /// Two threads use the loop: the haptic thread and the scene thread. Each function belongs to one
@@ -104,7 +108,8 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
              const LoopWatch& watch = {});
 
   // Functions for the scene thread.
-  /// Publishes the scene for the next ticks. Frees old scenes in this call, never in a tick.
+  /// Publishes the scene for the next ticks. Frees old scenes in this call, never in a tick. Does
+  /// not call checkCoupling().
   void publish(std::shared_ptr<const Scene> scene) noexcept;
   /// Returns the newest tick, valid until the next call. Only one thread may read.
   [[nodiscard]] const Telemetry& latest() noexcept {

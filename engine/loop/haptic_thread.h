@@ -53,8 +53,12 @@ class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
   HapticThread(const HapticThread&) = delete;
   HapticThread& operator=(const HapticThread&) = delete;
 
-  /// Publishes the scene for the next ticks.
-  void publish(std::shared_ptr<const Scene> scene) noexcept { loop_.publish(std::move(scene)); }
+  /// Publishes the scene for the next ticks. Throws DeviceError as checkCoupling() does; the
+  /// previous scene then stays active.
+  void publish(std::shared_ptr<const Scene> scene) {
+    checkCoupling(device_.info(), scene.get());
+    loop_.publish(std::move(scene));
+  }
   /// Returns the newest tick, valid until the next call.
   [[nodiscard]] const Telemetry& latest() noexcept { return loop_.latest(); }
 

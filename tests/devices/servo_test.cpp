@@ -6,17 +6,23 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <thread>
+#include <utility>
 
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
+#include "palpate/engine/loop/haptic_thread.h"
 #include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/scenes.h"
 
 namespace palpate::servo_test {
 
 namespace {
+
+using Catch::Matchers::Contains;
 
 constexpr double kDt = 1e-3;
 
@@ -239,6 +245,38 @@ TEST_CASE("a servo refuses invalid rates and limits and does not allocate in a t
   DeviceInfo weak = arm();
   weak.limits.peak = 0.0;
   CHECK_THROWS_AS(Servo(weak, 1000.0), DeviceError);
+}
+
+TEST_CASE("a servo and a thread refuse a coupling that their arm does not render stably",
+          "[servo]") {
+  DeviceInfo weak = arm();
+  weak.max_stiffness = 100.0;
+  weak.max_damping = 0.2;
+  const auto with = [](const CouplingParams& coupling, std::optional<TransferSpec> varying = {}) {
+    GraphSpec graph = test::ballSpec();
+    graph.stiffness = std::move(varying);
+    return std::shared_ptr(makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}}, coupling));
+  };
+  const auto ramp = [](double most) {
+    TransferSpec curve(TransferFunction::piecewise({{-0.01, 50.0}, {0.0, most}}));
+    curve.factors[0].by = "ball";
+    return curve;
+  };
+  Servo servo(weak, 1.0 / kDt);
+  test::TestDevice device;
+  device.about.max_stiffness = 100.0;
+  HapticThread thread(device);
+  CHECK_THROWS_WITH(thread.publish(with({500.0, 0.0})), Contains("use at most 100 N/m"));
+  CHECK_THROWS_WITH(
+      servo.publish(with({500.0, 0.0})),
+      Contains("arm: the scene's coupling stiffness, 500 N/m,") && Contains("use at most 100 N/m"));
+  CHECK_THROWS_WITH(servo.publish(with({100.0, 0.5})), Contains("use at most 0.2 N s/m"));
+  CHECK_THROWS_WITH(servo.publish(with({100.0, 0.0}, ramp(101.0))),
+                    Contains("use at most 100 N/m"));
+  CHECK_NOTHROW(servo.publish(with({100.0, 0.0}, ramp(100.0))));
+  CHECK_NOTHROW(servo.publish(with({100.0, 0.2})));
+  CHECK_NOTHROW(servo.publish(nullptr));
+  CHECK(press(servo) == Vec3::Zero());
 }
 
 }  // namespace palpate::servo_test

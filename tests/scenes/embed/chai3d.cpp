@@ -4,9 +4,12 @@
 #include <cstdio>
 
 #include "ball.h"
-#include "palpate/devices/arm/servo.h"
 
-// The arm's limits, from CHAI3D. Both use metres, newtons and z up.
+// CHAI3D uses metres and newtons, with x towards the user, y right, z up. palpate has x right, y
+// away from the user, z up.
+const palpate::Mat3 kFromArm = (palpate::Mat3() << 0, 1, 0, -1, 0, 0, 0, 0, 1).finished();
+
+// The arm's limits, from CHAI3D.
 palpate::DeviceInfo infoOf(chai3d::cGenericHapticDevice& device) {
   const chai3d::cHapticDeviceInfo known = device.getSpecifications();
   palpate::DeviceInfo info;
@@ -23,11 +26,11 @@ void updateHaptics(chai3d::cGenericHapticDevice& device, palpate::Servo& servo, 
   chai3d::cVector3d position;
   palpate::HandState hand;
   if (device.getPosition(position)) {
-    hand.position = {position.x(), position.y(), position.z()};
+    hand.position = kFromArm * palpate::Vec3(position.x(), position.y(), position.z());
   } else {
     hand.fault = palpate::Fault::kStale;
   }
-  const palpate::Vec3 force = servo.tick(hand, dt);
+  const palpate::Vec3 force = kFromArm.transpose() * servo.tick(hand, dt);
   device.setForce(chai3d::cVector3d(force.x(), force.y(), force.z()));
 }
 
@@ -35,8 +38,9 @@ int main(int argc, char**) try {
   // With an argument, as in the test, the loop runs in virtual time. With an arm, keep `real` true.
   const bool real = argc < 2;
   chai3d::cGenericHapticDevice device;
-  palpate::Servo servo(infoOf(device), 1000.0, real);
-  servo.publish(ball());
+  const palpate::DeviceInfo info = infoOf(device);
+  palpate::Servo servo(info, 1000.0, real);
+  servo.publish(ball(info));
   chai3d::cPrecisionClock clock;
   double last = clock.getCurrentTimeSeconds();
   for (int i = 0; i <= 639; ++i) {

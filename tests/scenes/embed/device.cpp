@@ -1,20 +1,33 @@
 // A user's own device. See docs/embed.md.
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <csignal>
+#include <cstddef>
 #include <cstdio>
+#include <fcntl.h>
 #include <thread>
+#include <unistd.h>
 
 #include "ball.h"
 
 // Stands for a driver: an arm that moves down at 10 mm/s to 38 mm above the ball's centre.
 struct Driver {
+  Driver() = default;
+  Driver(const Driver&) = delete;
+  Driver& operator=(const Driver&) = delete;
+  ~Driver() { close(port); }
+
   bool counts(int out[3], double& age) {
     age = 0.0;
     out[0] = out[1] = 0;
     out[2] = std::max(4200 - ticks_++, 3800);
     return true;
   }
-  bool currents(const double /*amperes*/[3]) { return true; }
+  bool currents(const double amperes[3]) {
+    return write(port, amperes, 3 * sizeof *amperes) == 3 * sizeof *amperes;
+  }
+  const int port = open("/dev/null", O_WRONLY | O_CLOEXEC);
 
  private:
   int ticks_ = 0;
@@ -47,18 +60,36 @@ class MyArm final : public palpate::Device {
     if (!driver_.currents(amperes)) fault_ = palpate::Fault::kWrite;
   }
 
+  // Returns the message with which a guardian switches the force off.
+  palpate::ZeroForce zeroForce() const noexcept override {
+    palpate::ZeroForce zero;
+    zero.descriptor = driver_.port;
+    zero.bytes = kNoCurrent;
+    return zero;
+  }
+
  private:
+  static constexpr std::array<std::byte, 3 * sizeof(double)> kNoCurrent{};  // three times 0.0
+
   Driver& driver_;
   palpate::DeviceInfo info_;
   palpate::Fault fault_ = palpate::Fault::kNone;
 };
 
+volatile std::sig_atomic_t interrupted = 0;
+
 int main() try {
+  palpate::Guardian guardian;  // before any thread starts
+  guardian.catchSignals(&interrupted);
   Driver driver;
   MyArm arm(driver);
-  palpate::HapticThread hand(arm);  // 1 kHz, until it is destroyed
-  hand.publish(ball());
-  while (hand.latest().tick < 500) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  palpate::LoopParams params;
+  params.watch = guardian.watch(arm.zeroForce());
+  palpate::HapticThread hand(arm, params);  // 1 kHz, until it is destroyed
+  hand.publish(ball(arm.info()));
+  while (hand.latest().tick < 500 && interrupted == 0) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
   std::printf("%s: proxy at %.0f mm\n", arm.info().name.c_str(),
               1e3 * hand.latest().report.proxy.z());
 } catch (const palpate::Error& e) {

@@ -3,7 +3,6 @@
 #include <cstdio>
 
 #include "ball.h"
-#include "palpate/devices/arm/servo.h"
 
 // OpenHaptics uses millimetres, with x right, y up, z towards the user. palpate uses metres, with z
 // up.
@@ -11,10 +10,13 @@ const palpate::Mat3 kFromArm = (palpate::Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).f
 
 palpate::DeviceInfo infoOfArm() {
   HDdouble peak = 0.0;
+  HDdouble stiffness = 0.0;  // [N/mm]
   hdGetDoublev(HD_NOMINAL_MAX_FORCE, &peak);
+  hdGetDoublev(HD_NOMINAL_MAX_STIFFNESS, &stiffness);
   palpate::DeviceInfo info;
   info.name = "openhaptics";
   info.limits.peak = peak;
+  info.max_stiffness = 1e3 * stiffness;
   return info;
 }
 
@@ -37,8 +39,9 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
 int main(int argc, char**) try {
   // With an argument, as in the test, the loop runs in virtual time. With an arm, keep `real` true.
   const bool real = argc < 2;
-  palpate::Servo servo(infoOfArm(), 1000.0, real);
-  servo.publish(ball());
+  const palpate::DeviceInfo info = infoOfArm();
+  palpate::Servo servo(info, 1000.0, real);
+  servo.publish(ball(info));
   for (int i = 0; i <= 639; ++i) onServo(&servo);
   std::printf("openhaptics: force %.2f N, fault: %s\n", hd_shape::sent[1],
               palpate::wordFor(servo.latest().fault));

@@ -12,6 +12,7 @@ enum : HDenum {
   HD_CURRENT_POSITION,
   HD_CURRENT_FORCE,
   HD_NOMINAL_MAX_FORCE,
+  HD_NOMINAL_MAX_STIFFNESS,
   HD_INSTANTANEOUS_UPDATE_RATE,
   HD_CALLBACK_CONTINUE,
 };
@@ -35,6 +36,9 @@ inline void hdGetDoublev(HDenum what, HDdouble* out) {
       break;
     case HD_NOMINAL_MAX_FORCE:
       *out = 3.3;
+      break;
+    case HD_NOMINAL_MAX_STIFFNESS:
+      *out = 0.5;  // [N/mm]
       break;
     default:
       *out = 1000.0;
