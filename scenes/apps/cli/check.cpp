@@ -418,7 +418,8 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
       std::function<void(double)> progress = showProgress("measuring");
       const OrderedJson out = report(spec, built);
       progress = nullptr;
-      if (const OrderedJson& room = out["coupling"]["room"]; swingsUp(room)) {
+      if (const OrderedJson& room = out["coupling"]["room"];
+          !room.is_null() && (swingsUp(room) || exceedsDevice(room))) {
         complain("check: " + roomWords(room));
       }
       if (*json) {

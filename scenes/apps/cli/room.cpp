@@ -33,6 +33,7 @@ OrderedJson roomFor(const DeviceInfo& device, double rate, const CouplingParams&
   json["rate"] = rate;
   json["stiffness"] = coupling.stiffness;
   json["damping"] = coupling.damping;
+  json["most"] = device.max_stiffness;
   json["passive"] = room.passive;
   json["stable"] = finite(room.stable);
   json["hand"] = {{"stiffness", kRelaxed.stiffness}, {"damping", kRelaxed.damping}};
@@ -48,6 +49,10 @@ bool swingsUp(const OrderedJson& room) {
          room["stiffness"].get<double>() > room["stable"].get<double>();
 }
 
+bool exceedsDevice(const OrderedJson& room) {
+  return room["stiffness"].get<double>() > room["most"].get<double>();
+}
+
 std::string roomWords(const OrderedJson& room) {
   const auto newtons = [&](const char* key) { return rounded(room[key].get<double>()) + " N/m"; };
   const std::string asked = newtons("stiffness");
@@ -55,6 +60,12 @@ std::string roomWords(const OrderedJson& room) {
   // A recording names a simulated arm "mouse" or "igtl" if the mouse or 3D Slicer leads the arm.
   const bool simulated = name == "simulated" || name == "mouse" || name == "igtl";
   const std::string arm = simulated ? "the simulated arm" : name;
+  const bool device_limits =
+      room["stable"].is_null() || room["most"].get<double>() < room["stable"].get<double>();
+  if (exceedsDevice(room) && device_limits) {
+    return fmt::format("stiffness {}: more than {} may have: use at most {}", asked, arm,
+                       newtons("most"));
+  }
   if (swingsUp(room)) {
     return fmt::format(
         "stiffness {}: unstable on {}, even while held: use {}", asked, arm,
@@ -64,9 +75,10 @@ std::string roomWords(const OrderedJson& room) {
   if (room["stiffness"].get<double>() <= passive) {
     return fmt::format("stiffness {}: stable on {}, held or released", asked, arm);
   }
+  std::string held = room["stable"].is_null() ? "no limit" : "limit " + newtons("stable");
+  if (device_limits) held += "; palpate allows at most " + newtons("most");
   return fmt::format("stiffness {}: stable on {} while held ({}); may oscillate when released ({})",
-                     asked, arm,
-                     room["stable"].is_null() ? "no limit" : "limit " + newtons("stable"),
+                     asked, arm, held,
                      passive > 0.0 ? "limit " + newtons("passive") : "at any stiffness");
 }
 

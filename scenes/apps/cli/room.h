@@ -17,6 +17,8 @@ namespace palpate::cli {
 /// Returns true if the coupling is unstable even while a relaxed hand holds the arm. In this and
 /// the next functions, `room` is a result of roomFor(), but not null.
 [[nodiscard]] bool swingsUp(const OrderedJson& room);
+/// Returns true if the coupling is stiffer than DeviceInfo::max_stiffness.
+[[nodiscard]] bool exceedsDevice(const OrderedJson& room);
 /// Returns advice about the coupling: a sentence without a full stop.
 [[nodiscard]] std::string roomWords(const OrderedJson& room);
 /// Returns the limits on which roomWords bases its advice.

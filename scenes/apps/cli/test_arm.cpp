@@ -226,6 +226,7 @@ OrderedJson roomOf(const SelfTestResult& result, const Arm& arm) {
     first = false;
   }
   for (const double step : arm.steps()) known.step += step;
+  info.max_stiffness = arm.traits().stiffness;  // an untested arm has a lower limit
   return roomFor(info, kRate, {arm.traits().stiffness, 0.0});
 }
 
@@ -313,7 +314,9 @@ void sayMeasured(const Tested& tested, const Arm& arm) {
 }
 
 void complainOf(const Tested& tested) {
-  for (const std::string& problem : tested.result.problems) complain("devices: " + problem);
+  if (tested.fault == Fault::kNone && tested.not_ready.empty()) {
+    for (const std::string& problem : tested.result.problems) complain("devices: " + problem);
+  }
   if (tested.fault != Fault::kNone) {
     complain(fmt::format("devices: the test ended early: {}: {}", wordsFor(tested.fault),
                          remedyFor(tested.fault)));
