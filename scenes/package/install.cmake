@@ -50,7 +50,10 @@ if(NOT PALPATE_ENGINE_ONLY)
     DESTINATION ${CMAKE_INSTALL_DOCDIR}/programs COMPONENT doc
     PATTERN c_test.sh EXCLUDE PATTERN shapes EXCLUDE)
   install(FILES ${PROJECT_SOURCE_DIR}/scenes/bindings/python/session.py
+                ${PROJECT_SOURCE_DIR}/scenes/apps/first_tick.cpp
     DESTINATION ${CMAKE_INSTALL_DOCDIR}/programs COMPONENT doc)
+  install(CODE "set(folder \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_DOCDIR}\")" COMPONENT doc)
+  install(SCRIPT ${here}/installed_links.cmake COMPONENT doc)
   install(FILES ${here}/palpate-limits.conf
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   # A user runs this script once, to make keys for sites.

@@ -70,6 +70,21 @@ class Pages(unittest.TestCase):
             for line in complaints:
                 self.assertRegex(line, complaint)
 
+    def test_links_of_the_installed_pages_lead_to_installed_files(self):
+        readme, = self.prefix.rglob("doc/palpate/README.md")
+        pages = [readme, *readme.parent.rglob("book/**/*.md")]
+        self.assertGreater(len(pages), 40)
+        links = []
+        for page in pages:
+            text = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
+            for target in re.findall(r"\]\(([^)\s#]+)", text):
+                if not re.match("[a-z]+:", target):
+                    links.append(target)
+                    self.assertTrue((page.parent / target).exists(), f"{page}: {target}")
+        for kept in ("book/felt.png", "book/embed.md", "programs/first_tick.cpp", "../programs/embed/device.cpp",
+                     "../programs/session.py", "../plugins/openhaptics.cpp", "../README.md"):
+            self.assertIn(kept, links)
+
     def test_the_commands_of_the_page_your_ct_succeed(self):
         self.run_page("your_ct.md", r"174696 active voxels", r"density_body: this grid marks the region of",
                       r"contact +skin: .* touch", r"contact +bone: .* touch",  # feel

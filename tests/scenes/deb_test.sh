@@ -54,7 +54,7 @@ for page in index.md interfaces.md charts/view.png; do holds palpate-doc "./usr/
 for each in sample.c plugin.h answer.h newest.h openhaptics.cpp dhd.cpp nifalcon.cpp known_arms.json; do
     holds palpate-doc "./usr/share/doc/palpate/plugins/$each"
 done
-for each in embed/host.c host/main.cpp host_engine/main.cpp session.py; do
+for each in embed/host.c host/main.cpp host_engine/main.cpp session.py first_tick.cpp; do
     holds palpate-doc "./usr/share/doc/palpate/programs/$each"
 done
 [ "$(dpkg-deb -f palpate-doc_*.deb Architecture)" = all ] || fail "palpate-doc is for one architecture"

@@ -93,9 +93,16 @@ fi
 # A C host finds the header and the library. With sanitizers the host would have to link them, too.
 shared=$(dirname "$(find "$place/usr" -name libpalpate_c.so)")
 if ! ldd "$shared/libpalpate_c.so" | grep libasan >/dev/null; then
-    "${CC:-cc}" -std=c99 -Wall -Wextra -Wpedantic -Werror -Iusr/include "$here/embed/host.c" -o host \
-        -L"$shared" -lpalpate_c
-    LD_LIBRARY_PATH=$shared ./host bodies.vdb | grep "at most 0" >/dev/null
+    "${CC:-cc}" -std=c99 -Wall -Wextra -Wpedantic -Werror -Iusr/include "$here/embed/host.c" -fsyntax-only
+    # The command of docs/embed.md, with its options for a prefix P.
+    page=$(tr '\n' ' ' <"$here/../../docs/embed.md")
+    build=$(grep -o 'cc -std=c99 host\.c -lpalpate_c' <<<"$page")
+    prefix=$(grep -oe '-IP/include -LP/lib -Wl,-rpath,P/lib' <<<"$page")
+    prefix=${prefix//P\/lib/$shared}
+    cp "$(find usr -path '*/programs/embed/host.c')" .
+    # shellcheck disable=SC2086
+    $build ${prefix//P\/include/$place/usr/include}
+    ./a.out bodies.vdb | grep "at most 0" >/dev/null
 fi
 module=$(find usr -name 'palpate.*.so')
 if [ -n "$module" ]; then

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # Installs the .debs with apt on an empty Debian of this release, made by debootstrap: packages_test.sh BUILD. Then
-# imports and feels a head, and steps it from Python. Prints minutes and megabytes. Exits with 77 without root,
+# imports and feels a head, and steps it from Python. Prints minutes and megabytes, and compares the megabytes with
+# docs/packages.md. Exits with 77 without root,
 # debootstrap or mricron-data; fails without the network. For ./test.sh --long.
 set -euo pipefail
 [ "$(id -u)" -eq 0 ] && command -v debootstrap >/dev/null || { echo "packages: needs root and debootstrap"; exit 77; }
 image=/usr/share/mricron/templates/ch2.nii.gz
 [ -f $image ] || { echo "packages: needs mricron-data"; exit 77; }
+pages=$(cd "$(dirname "$0")/../../docs" && pwd)
 place=$(mktemp -d)
 root=$place/root
 debs=$place/debs
@@ -15,7 +17,15 @@ cleanup() {
     rm -rf --one-file-system "$place"
 }
 trap cleanup EXIT
-megabytes() { du -sm --one-file-system "$root" | cut -f1; }
+megabytes() { du -sk --one-file-system "$root" | awk '{ printf "%.1f", $1 / 1024 }'; }
+wrong=""
+# Compares a package's size [MB] with the number in the last column of docs/packages.md, to 10 % and its rounding.
+compare() {
+    local listed
+    listed=$(awk -F'|' -v name=" \`$1\` " '$2 == name { print $4 + 0 }' "$pages/packages.md")
+    awk -v a="$2" -v b="$listed" 'BEGIN { d = a - b; exit !((d < 0 ? -d : d) <= 0.1 * b + 0.05) }' ||
+        wrong+="packages: $1: $2 MB, but docs/packages.md states $listed MB"$'\n'
+}
 quietly() { "$@" >>"$place/log" 2>&1 || { tail -40 "$place/log"; exit 1; }; }
 
 (cd "$1" && quietly cpack -G DEB -B "$debs")
@@ -34,13 +44,20 @@ echo "empty $PRETTY_NAME: $(megabytes) MB, $((SECONDS - since)) s"
 mount -t proc proc "$root/proc"
 quietly chroot "$root" apt-get -qq update
 install() {
-    local before since=$SECONDS
+    local before size since=$SECONDS
     before=$(megabytes)
     cp "$debs/$1"_*.deb "$root/"
     quietly chroot "$root" env DEBIAN_FRONTEND=noninteractive \
         apt-get -qq install -y --no-install-recommends "./$(basename "$debs/$1"_*.deb)"
     quietly chroot "$root" apt-get clean
-    echo "$1: $(($(megabytes) - before)) MB with what it needs, $((SECONDS - since)) s"
+    size=$(awk -v a="$(megabytes)" -v b="$before" 'BEGIN { printf "%.1f", a - b }')
+    # The table states the sizes of the last three packages without dependencies.
+    case $1 in
+        palpate-haply | palpate-doc | libpalpate-dev)
+            size=$(chroot "$root" dpkg-query -W -f '${Installed-Size}' "$1" | awk '{ printf "%.1f", $1 / 1024 }') ;;
+    esac
+    echo "$1: $size MB, $((SECONDS - since)) s"
+    compare "$1" "$size"
 }
 install palpate
 [ -n "$(chroot "$root" getent group realtime)" ]
@@ -85,4 +102,6 @@ hand = palpate.Scene.load("/head.vdb").hand()
 forces = [hand.step(0, 0, 0.06 - 2e-5 * i) for i in range(2000)]
 print("python: at most", round(max(f[2] for f in forces), 2), "N")
 assert max(f[2] for f in forces) > 0.1'
-echo "packages: installed, imported, felt, stepped"
+for package in palpate-haply palpate-doc libpalpate-dev; do install "$package"; done
+[ -z "$wrong" ] || { printf '%s' "$wrong"; exit 1; }
+echo "packages: installed, imported, felt, stepped, sizes as documented"
