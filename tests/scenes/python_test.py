@@ -596,6 +596,8 @@ def test_a_balance_from_python_equals_that_of_palpate_solve():
      "scene"),
     (lambda: palpate.Scene.parse({**SCENE, "modes": [{**SKIN, "strenght": 1}]}, {"ball": ball()}),
      palpate.SceneError, "scene: /modes/0/strenght"),
+    (lambda: palpate.Scene.parse({**SCENE, "volumes": {"bal": {}}}, {"ball": ball()}), palpate.SceneError,
+     "scene: /volumes/bal"),
     (lambda: palpate.Volume.load("/no/such.vdb"), palpate.VolumeError, "/no/such.vdb"),
     (lambda: palpate.volume(np.zeros((3, 3))), palpate.VolumeError, "values"),
     (lambda: palpate.volume(np.zeros((3, 3, 3)), name="flat"), palpate.VolumeError, "flat"),

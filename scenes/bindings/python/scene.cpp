@@ -69,6 +69,13 @@ std::string withVolumes(const std::string& text, const Volumes& volumes) {
     Json& words = listed.emplace(name, Json::object()).first.value();
     if (words.is_object()) words.emplace("file", name);
   }
+  for (const auto& [name, words] : listed.items()) {
+    if (!words.is_object() || words.contains("file")) continue;
+    std::string given;
+    for (const auto& [one, volume] : volumes) given += (given.empty() ? "" : ", ") + one;
+    throw SceneError("scene: /volumes/" + name, "it has no \"file\", and volumes= does not have it",
+                     "pass it in volumes= (given: " + given + "), or add \"file\"");
+  }
   return scene.dump();
 }
 
