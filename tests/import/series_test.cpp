@@ -112,6 +112,25 @@ TEST_CASE("the time steps of an NRRD file are read for every position of the tim
     checkSteps(*reader);
     CHECK(reader->times() == std::vector<double>{0.0, 0.25, 0.5});
   }
+  SECTION("3D Slicer states the times of a sequence in a list") {
+    const auto times_of = [&](const std::string& list) {
+      auto reader = openNrrd(
+          folder.write("a.seq.nrrd",
+                       nrrd("2 3 4 3",
+                            "kinds: space space space list\nunits: \"mm\" \"mm\" \"mm\" \"s\"\n"
+                            "axis 3 index type:=numeric\naxis 3 index values:=" +
+                                list + "\n\n"),
+                       last));
+      checkSteps(*reader);
+      CHECK(reader->timeUnit() == 1.0);
+      return reader->times();
+    };
+    CHECK(times_of("0 0.1 0.5") == std::vector<double>{0.0, 0.1, 0.5});
+    // Lists that do not have a number for each step are ignored.
+    for (const char* list : {"0 0.1", "0 0.1 0.5 1", "a b c", "0 0.1 0.5x"}) {
+      CHECK(times_of(list) == std::vector<double>{0.0, 1.0, 2.0});
+    }
+  }
   SECTION("the time axis is last and each step has its own file") {
     for (int s = 0; s < kSteps; ++s) {
       const auto begin = last.begin() + static_cast<std::ptrdiff_t>(s) * kPoints;

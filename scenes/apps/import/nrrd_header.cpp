@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <sstream>
@@ -139,6 +140,20 @@ std::string lowered(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return text;
+}
+
+std::optional<std::vector<double>> indexValuesOf(const NrrdHeader& header, int axis,
+                                                 std::size_t count) {
+  const auto pair = header.pairs.find(fmt::format("axis {} index values", axis));
+  if (pair == header.pairs.end()) return std::nullopt;
+  std::istringstream words(pair->second);
+  std::vector<double> values;
+  for (double value = 0.0; values.size() < count && words >> value;) {
+    if (!std::isfinite(value)) return std::nullopt;
+    values.push_back(value);
+  }
+  const bool complete = values.size() == count && (words >> std::ws).eof();
+  return complete ? std::optional(std::move(values)) : std::nullopt;
 }
 
 NrrdHeader readNrrdHeader(const fs::path& file) {

@@ -2,6 +2,7 @@
 /// other fields.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -32,6 +33,11 @@ struct NrrdHeader {
 /// Reads the header of `file`. Throws VolumeError if it is damaged or names no data file. Does not
 /// check that data files exist.
 [[nodiscard]] NrrdHeader readNrrdHeader(const std::filesystem::path& file);
+
+/// Returns the index values of an axis, such as the times of a sequence by 3D Slicer ("axis 3 index
+/// values:=0 0.1 0.5"). Returns no value unless the header has `count` finite numbers there.
+[[nodiscard]] std::optional<std::vector<double>> indexValuesOf(const NrrdHeader& header, int axis,
+                                                               std::size_t count);
 
 [[nodiscard]] std::string lowered(std::string text);
 

@@ -73,23 +73,12 @@ class NrrdReader final : public Reader {
     if (meaning_ == Meaning::kScalar) {
       segments_ = segmentsIn(header.pairs, series_ < 0 ? 1 : axisAt(series_).size, notes_);
     }
+    // The layers of a segmentation are not steps.
+    if (series_ >= 0 && !segments_) times_ = timesOf(header);
     data_.emplace(request_, std::move(header.parts), nrrd_.get(), state_.get());
   }
 
-  [[nodiscard]] std::vector<double> times() const override {
-    std::vector<double> times;
-    // The layers of a segmentation are not steps.
-    if (series_ < 0 || segments_) return times;
-    const NrrdAxisInfo& axis = axisAt(series_);
-    double step = axis.spacing;
-    if (!AIR_EXISTS(step) && nrrd_->spaceDim == 4) step = axis.spaceDirection[3];
-    if (!AIR_EXISTS(step) || step == 0.0) step = 1.0;
-    const double start = AIR_EXISTS(axis.min) ? axis.min : 0.0;
-    for (std::size_t i = 0; i < axis.size; ++i) {
-      times.push_back(start + step * static_cast<double>(i));
-    }
-    return times;
-  }
+  [[nodiscard]] std::vector<double> times() const override { return times_; }
 
   [[nodiscard]] std::optional<double> timeUnit() const override {
     if (series_ < 0) return std::nullopt;
@@ -294,6 +283,20 @@ class NrrdReader final : public Reader {
                                  airEnumStr(nrrdKind, guessed_)));
     rest.erase(rest.begin());
     return rest;
+  }
+
+  [[nodiscard]] std::vector<double> timesOf(const NrrdHeader& header) const {
+    const NrrdAxisInfo& axis = axisAt(series_);
+    if (auto stated = indexValuesOf(header, series_, axis.size)) return std::move(*stated);
+    double step = axis.spacing;
+    if (!AIR_EXISTS(step) && nrrd_->spaceDim == 4) step = axis.spaceDirection[3];
+    if (!AIR_EXISTS(step) || step == 0.0) step = 1.0;
+    const double start = AIR_EXISTS(axis.min) ? axis.min : 0.0;
+    std::vector<double> times;
+    for (std::size_t i = 0; i < axis.size; ++i) {
+      times.push_back(start + step * static_cast<double>(i));
+    }
+    return times;
   }
 
   // ------------------------------------------------------------------ the data
@@ -517,6 +520,7 @@ class NrrdReader final : public Reader {
   Meaning meaning_ = Meaning::kScalar;
   /// Labels of each layer, along the axis series_; no value unless the file is a segmentation.
   std::optional<std::vector<std::vector<Label>>> segments_;
+  std::vector<double> times_;
   std::vector<char> whole_;
   std::vector<std::string> notes_;
 };
