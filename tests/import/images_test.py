@@ -416,6 +416,7 @@ class Nrrd(Case):
         self.assertIn('segment 3 "far" keeps no name: its layer "4" is not one of the 1', notes)
         for option, value in (("--smooth", "1"), ("--voxel", "0.5"), ("--tolerance", "1")):
             self.refused(path, "must not be blended", option, value)
+        self.refused(path, "--bricks: labels has labels, which must not be blended", "--bricks", out=self.dir / "bricks")
 
     def test_each_layer_of_a_segmentation_becomes_a_grid_of_labels(self):
         values = [[(i + j + k) % 3, int(i > 1), 0] for i, j, k in INDICES]

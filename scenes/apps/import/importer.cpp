@@ -151,6 +151,8 @@ void checkNotBlended(const Options& options, const Array& array) {
          "omit this option: the mode of a label has its own \"smooth\"");
   refuse(options.voxel > 0.0 && !options.iso, "--voxel", "omit this option");
   refuse(options.tolerance.value_or(0.0) > 0.0, "--tolerance", "omit this option");
+  // The coarse levels have means, and a scene cannot select labels in bricks.
+  refuse(options.bricks && !options.iso, "--bricks", "omit this option");
 }
 
 Imported fromImage(const Options& options, const Piece& whole, Array array,
@@ -333,8 +335,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
   if (step.modality == Modality::kCt) text(guess::kMetaModality, "CT");
   if (step.modality == Modality::kMr) text(guess::kMetaModality, "MR");
-  // A scene cannot select labels in bricks, and the manifest has little space for their names.
-  if (!imported.level_set && !options.bricks) insertLabels(grid, imported.labels);
+  if (!imported.level_set) insertLabels(grid, imported.labels);
   if (imported.axial) grid.insertMeta(guess::kMetaAxial, openvdb::BoolMetadata(true));
   if (grid.isType<openvdb::Vec3SGrid>()) {
     grid.setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);
