@@ -61,7 +61,7 @@ int brick(const BrickWords& words) {
 
 void addBrick(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
-      "brick", "Writes a volume as bricks in several levels, even if it is larger than memory");
+      "brick", "Writes a volume as bricks in several levels; needs memory for the whole grid");
   auto words = std::make_shared<BrickWords>();
   verb->add_option("FILE", words->file, "The .vdb to read")->required();
   verb->add_option("OUT", words->out, "The output folder; an interrupted export in it resumes")
