@@ -46,6 +46,7 @@ std::int64_t nowNs() noexcept {
 struct Loaded {
   std::shared_ptr<const Volume> volume;
   FieldPtr field;
+  std::string why_empty;  ///< The frame's name and the reason why it has no data.
 };
 
 std::shared_ptr<const Volume> emptyLike(const Volume& first) {
@@ -83,8 +84,12 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
   Loaded out;
   try {
     out.volume = loadVolume(request.file, request.grid, options);
-  } catch (const NoDataError&) {
+  } catch (const NoDataError& e) {
     if (first == nullptr) throw;
+    const std::string file = request.file.string();
+    const std::string subject = e.subject();
+    out.why_empty =
+        (subject.starts_with(file) ? subject : file + ": " + subject) + ": " + e.reason();
     out.volume = emptyLike(*first);
   }
   const GridInfo& is = out.volume->info();
@@ -405,7 +410,9 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
                              : loadFrame(frames_[i], placement, sampling, first_.get());
     if (i == 0) first_field_ = next.field;
     if (isEmpty(next)) {
+      constexpr std::size_t kMostNamed = 3;
       ++empty_;
+      if (first_empty_.size() < kMostNamed) first_empty_.push_back(next.why_empty);
     } else {
       const FieldFrame& frame = frameOf(next.field);
       frame_.bounds.extend(frame.bounds.lower);

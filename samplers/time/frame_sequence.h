@@ -100,6 +100,8 @@ class FrameSequence {
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
   /// Returns the times of the frames.
   [[nodiscard]] const FrameTimes& times() const noexcept { return when_; }
+  /// Returns the names of the first frames without data, at most 3, with the reason.
+  [[nodiscard]] const std::vector<std::string>& firstEmpty() const noexcept { return first_empty_; }
   /// Returns SequenceParams::waits.
   [[nodiscard]] bool waits() const noexcept { return params_.waits; }
 
@@ -170,6 +172,7 @@ class FrameSequence {
   std::shared_ptr<const Volume> first_;
   FieldPtr first_field_;
   std::uint64_t empty_ = 0;
+  std::vector<std::string> first_empty_;
   FieldFrame frame_;
   std::unique_ptr<Shared> shared_;
   std::unique_ptr<Loader> loader_;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/library/frames.h"
@@ -116,9 +117,11 @@ void noteSequences(const SceneSpec& spec, BuiltScene& built) {
                       pathIn(spec, "/volumes/" + name + "/frames")));
     }
     if (state.empty > 0) {
-      built.notes.push_back(fmt::format("{}: {} of the sequence's {} frames have no data",
-                                        pathIn(spec, "/volumes/" + name + "/frames"), state.empty,
-                                        state.frames));
+      const std::vector<std::string>& first = sequence->firstEmpty();
+      built.notes.push_back(fmt::format(
+          "{}: {} of the sequence's {} frames have no data, and play as background: {}{}",
+          pathIn(spec, "/volumes/" + name + "/frames"), state.empty, state.frames,
+          fmt::join(first, "; "), state.empty > first.size() ? "; and others" : ""));
     }
     const std::uint64_t needed =
         std::min(sequence->neededFor(std::abs(built.play.speed)), state.frames);

@@ -175,7 +175,8 @@ class Scenes(Case):
         self.assertEqual([len(r["grids"]) for r in reports], [1, 0, 1])
         self.assertIn("a scene plays it as background", reports[1]["notes"][-1])
         self.assertEqual(self.checked["volumes"]["a"]["frames"]["count"], 3)
-        self.assertIn("1 of the sequence's 3 frames have no data", self.told)
+        self.assertIn("1 of the sequence's 3 frames have no data, and play as background: ", self.told)
+        self.assertRegex(self.told, r"out_0001\.vdb: it does not have a grid")
 
     def test_frames_of_unlike_kinds_are_refused_by_name(self):
         arrays = [{"s": range(27)}, {"s": [float(i % 5) for i in range(81)]}]

@@ -713,6 +713,9 @@ TEST_CASE("a frame without active voxels plays as background", "[samplers][seque
   for (VolumeRequest& frame : frames) frame.grid = "ball";
   const auto sequence = sequenceOf(frames, 1.0);
   CHECK(sequence->state().empty == 2);
+  REQUIRE(sequence->firstEmpty().size() == 2);
+  CHECK_THAT(sequence->firstEmpty()[0], Contains("frame_0.vdb") && Contains("no active voxel"));
+  CHECK_THAT(sequence->firstEmpty()[1], Contains("frame_2.vdb: there is no grid \"ball\""));
   CHECK(sequence->first()->info().active_voxels > 0);
   const Player player(sequence);
   for (const double empty : {0.0, 2.0}) {
@@ -735,6 +738,8 @@ TEST_CASE("a frame whose file has no grid plays as background", "[samplers][sequ
   writeVdb(frames[1].file, {});
   const auto sequence = sequenceOf(frames, 1.0);
   CHECK(sequence->state().empty == 1);
+  REQUIRE(sequence->firstEmpty().size() == 1);
+  CHECK_THAT(sequence->firstEmpty()[0], Contains("frame_1.vdb: it does not have a grid"));
   CHECK_FALSE(Player(sequence).settled(1.0, Vec3(0.0042, 0.0, 0.0)).inside);
   CHECK_THROWS_WITH(sequenceOf({frames[1]}, 1.0),
                     Contains("frame_1.vdb") && Contains("does not have a grid"));

@@ -76,6 +76,20 @@ TEST_CASE("the surface of a volume with frames follows the play time", "[scene][
   CHECK(ball.scene->parts.empty());
 }
 
+TEST_CASE("a note names the frames without data", "[scene][sequence]") {
+  const TemporaryFolder folder;
+  writeBalls(folder.path());
+  const auto other = makeBall(11.0, 1.0);
+  other->setName("other");
+  writeVdb(folder / "ball_002.vdb", {other});
+  Json scene = ballScene();
+  scene["volumes"]["ball"]["grid"] = "ball";
+  const BuiltScene ball = built(scene, folder.path());
+  REQUIRE(ball.notes.size() == 1);
+  CHECK_THAT(ball.notes[0], Contains("1 of the sequence's 6 frames have no data") &&
+                                Contains("ball_002.vdb: there is no grid \"ball\""));
+}
+
 TEST_CASE("a scene's play settings are read, checked and completed with defaults",
           "[scene][sequence]") {
   const TemporaryFolder folder;
