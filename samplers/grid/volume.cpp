@@ -201,8 +201,8 @@ class VdbFile {
     if (!std::filesystem::is_regular_file(status)) {
       throw VolumeError(path.string(), "it is not a file",
                         std::filesystem::is_directory(status)
-                            ? "give a .vdb file, or first import DICOM or OpenFOAM: palpate import "
-                              "FOLDER OUT.vdb"
+                            ? "give a .vdb file; import DICOM, slices, Zarr and OpenFOAM first: "
+                              "palpate import FOLDER OUT.vdb"
                             : "give a .vdb file");
     }
     steady_.emplace(path);

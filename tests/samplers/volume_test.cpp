@@ -157,7 +157,7 @@ TEST_CASE("a missing file, a folder or a file of another format is refused in on
   std::ofstream(folder / "text.vdb") << "this is no volume at all, just text\n";
   std::ofstream(folder / "empty.vdb");
   CHECK_THAT(refusal(folder / "none.vdb"), Contains("no such file"));
-  CHECK_THAT(refusal(folder.path()), Contains("not a file"));
+  CHECK_THAT(refusal(folder.path()), Contains("not a file") && Contains("slices, Zarr"));
   CHECK_THAT(refusal(folder / "text.vdb"), Contains("not a .vdb file"));
   CHECK_THAT(refusal(folder / "empty.vdb"), Contains("not a .vdb file"));
   CHECK(refusal(folder / "text.vdb").find('\n') == std::string::npos);
