@@ -62,15 +62,24 @@ struct WantedLabel {
   std::optional<Vec3> colour;
 };
 
-/// Returns the value and the colour of a label; no value for an unknown name.
-std::optional<WantedLabel> findLabel(const LabelKey& key, const std::vector<Label>& labels) {
+/// Returns the value and the colour of a label; no value for an unknown name. Throws VolumeError
+/// for a name of two values.
+std::optional<WantedLabel> findLabel(const LabelKey& key, const std::vector<Label>& labels,
+                                     const std::string& where) {
   const auto* value = std::get_if<double>(&key);
   const auto* name = std::get_if<std::string>(&key);
+  const Label* found = nullptr;
   for (const Label& label : labels) {
-    if (value != nullptr ? label.value == *value : label.name == *name) {
-      return WantedLabel{label.value, label.colour};
+    if (value != nullptr ? label.value != *value : label.name != *name) continue;
+    if (found == nullptr) found = &label;
+    if (label.value != found->value) {
+      throw VolumeError(where,
+                        "the labels " + labelNumber(found->value) + " and " +
+                            labelNumber(label.value) + " both have the name \"" + *name + "\"",
+                        "give the value of the label instead of its name");
     }
   }
+  if (found != nullptr) return WantedLabel{found->value, found->colour};
   return value != nullptr ? std::optional<WantedLabel>({*value, std::nullopt}) : std::nullopt;
 }
 
@@ -147,7 +156,7 @@ std::shared_ptr<const Volume> makeLabelMask(const std::shared_ptr<const Volume>&
       };
       std::vector<WantedLabel> wanted;
       for (const LabelKey& label : labels) {
-        const std::optional<WantedLabel> found = findLabel(label, from.labels);
+        const std::optional<WantedLabel> found = findLabel(label, from.labels, where);
         if (!found) refuse(label);
         wanted.push_back(*found);
       }

@@ -39,8 +39,9 @@ inline constexpr double kMaskSigma = 1.0;
 /// @param sigma   Standard deviation, 0 to kMostSmooth [voxels, along each axis of the lattice].
 /// @return        Mask with 32 bits per voxel, and the colour of the first label. Throws
 /// VolumeError
-///                for a vector or a level set, and for a label without a voxel; the error lists the
-///                labels of the grid. Slow: reads every value, in parallel.
+///                for a vector or a level set, for a name of two labels, and for a label without a
+///                voxel; the last error lists the labels of the grid. Slow: reads every value, in
+///                parallel.
 [[nodiscard]] std::shared_ptr<const Volume> makeLabelMask(
     const std::shared_ptr<const Volume>& volume, const std::vector<LabelKey>& labels,
     double sigma = kMaskSigma);

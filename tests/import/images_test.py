@@ -8,6 +8,7 @@ import json
 import math
 import os
 import random
+import re
 import struct
 import sys
 import tempfile
@@ -417,6 +418,18 @@ class Nrrd(Case):
         for option, value in (("--smooth", "1"), ("--voxel", "0.5"), ("--tolerance", "1")):
             self.refused(path, "must not be blended", option, value)
         self.refused(path, "--bricks: labels has labels, which must not be blended", "--bricks", out=self.dir / "bricks")
+
+    def test_info_suggests_a_label_that_a_scene_can_use(self):
+        def suggested(*names):
+            segments = [f"Segment{n}_{field}" for n, name in enumerate(names)
+                        for field in (f"Name:={name}", f"LabelValue:={n + 1}")]
+            path = self.write("a.seg.nrrd", nrrd("space: RAS", DIRECTIONS, ORIGIN, *segments, kind="uchar"), "\n",
+                              bytes((i + j + k) % 3 for i, j, k in INDICES))
+            done = process.run([str(BIN / "palpate"), "info", str(self.convert(path))], capture_output=True, text=True,
+                               timeout=120)
+            return re.search(r"such as (.*)", done.stdout)[1]
+        self.assertEqual(json.loads("{" + suggested('le "ber"') + "}"), {"label": 'le "ber"'})
+        self.assertEqual(suggested("lung", "lung"), '"label": 1')
 
     def test_each_layer_of_a_segmentation_becomes_a_grid_of_labels(self):
         values = [[(i + j + k) % 3, int(i > 1), 0] for i, j, k in INDICES]

@@ -177,6 +177,11 @@ TEST_CASE("an unknown label is refused in one line that lists those that exist",
   CHECK(refusalOf(named, {"liver"}) == "made");
   CHECK(makeLabelMask(named, {"liver", 2.0})->info().colour == Vec3(0.8, 0.5, 0.25));
   CHECK_FALSE(makeLabelMask(named, {2.0})->info().colour);
+  insertLabels(*grid, {{1.0, "lung", std::nullopt}, {2.0, "lung", std::nullopt}});
+  const auto twice = makeVolume(*grid);
+  CHECK_THAT(refusalOf(twice, {"lung"}),
+             Contains("labels 1 and 2 both have the name \"lung\": give the value"));
+  CHECK(refusalOf(twice, {2.0}) == "made");
   // Values that are not whole numbers are not labels.
   const auto image =
       labelGrid(12, [](const openvdb::Vec3d& p) { return static_cast<float>(0.3 * p.x()); });

@@ -1,5 +1,8 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -12,10 +15,17 @@
 namespace palpate::cli {
 namespace {
 
-/// Returns the key of a mode for this label.
-std::string labelled(const Label& label) {
-  return label.name.empty() ? fmt::format("\"label\": {}", label.value)
-                            : fmt::format("\"label\": \"{}\"", label.name);
+/// Returns the key of a mode for the first label: its name, or its value if the name is empty or
+/// also that of another label.
+std::string firstLabelled(const std::vector<Label>& labels) {
+  const Label& first = labels.front();
+  const bool by_name =
+      !first.name.empty() && std::none_of(labels.begin(), labels.end(), [&](const Label& label) {
+        return label.name == first.name && label.value != first.value;
+      });
+  const OrderedJson key =
+      by_name ? OrderedJson(first.name) : OrderedJson(static_cast<std::int64_t>(first.value));
+  return "\"label\": " + key.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
 }
 
 OrderedJson describe(const Label& label) {
@@ -28,8 +38,7 @@ std::string feelOf(const GridInfo& grid) {
   if (!grid.refusal.empty()) return "not possible: " + grid.refusal;
   if (grid.vector) return "follow its lines; force along its vectors; viscosity by its magnitude";
   if (grid.grid_class == GridClass::kLevelSet) return "isosurface at 0, solid below";
-  if (!grid.labels.empty())
-    return "isosurface of a label, such as " + labelled(grid.labels.front());
+  if (!grid.labels.empty()) return "isosurface of a label, such as " + firstLabelled(grid.labels);
   return "surface and viscosity by its value; isosurface at a value you choose";
 }
 
