@@ -45,6 +45,12 @@ std::string remedyFor(const GridInfo& info, const GridT& grid) {
       return "name a grid of labels: the values of this grid are not a few whole numbers";
     }
     for (const double value : values) words.push_back(labelNumber(value));
+    // The background is a label too if it stands for a structure, as in an image without air.
+    if (const auto around = static_cast<double>(grid.background());
+        values.count(around) == 0 && std::floor(around) == around &&
+        std::abs(around) <= kMostLabel) {
+      words.push_back("the background " + labelNumber(around));
+    }
   }
   std::string text = "choose from ";
   for (std::size_t i = 0; i < std::min(words.size(), kMostListedLabels); ++i) {

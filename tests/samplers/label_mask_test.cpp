@@ -169,6 +169,7 @@ TEST_CASE("an unknown label is refused in one line that lists those that exist",
              Contains("no voxel with the label 9") && Contains("choose from 1, 2, 7"));
   CHECK_THAT(refusalOf(makeVolume(*grid), {"liver"}), Contains("choose from 1, 2, 7"));
   CHECK_THAT(refusalOf(makeVolume(*grid), {0.0, 1.0, 2.0, 7.0}), Contains("no surface"));
+  CHECK_THAT(refusalOf(makeVolume(*grid), {9.0}), Contains("7, the background 0"));
   insertLabels(*grid, {{1.0, "liver", Vec3(0.8, 0.5, 0.25)}, {4.0, "spleen", std::nullopt}});
   const auto named = makeVolume(*grid);
   CHECK_THAT(refusalOf(named, {1.0, "kidney"}), Contains("no voxel with the label kidney") &&
