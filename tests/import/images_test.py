@@ -884,6 +884,9 @@ class Nifti(Case):
         more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
         path = self.write("a.nii", nifti((4, 5, 6, 2), *SHORT, step=2.5), more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        self.assertNotIn("time step", self.notes(path))
+        path = self.write("a.nii", nifti((4, 5, 6, 2), *SHORT), more)
+        self.assertIn("no valid time step (pixdim[4]): a step of 1 is assumed", self.notes(path))
         path = self.write("a.nii", nifti((4, 5, 6, 1), *SHORT), SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 

@@ -160,12 +160,15 @@ class NiftiReader final : public Reader {
     classify();
     weigh();
     findDirections();
+    if (series_ && !hasStep()) {
+      notes_.emplace_back("the header has no valid time step (pixdim[4]): a step of 1 is assumed");
+    }
   }
 
   [[nodiscard]] std::vector<double> times() const override {
     std::vector<double> times;
     if (!series_) return times;
-    const double step = std::isfinite(header_.step) && header_.step > 0.0 ? header_.step : 1.0;
+    const double step = hasStep() ? header_.step : 1.0;
     const double start = std::isfinite(header_.start) ? header_.start : 0.0;
     for (std::int64_t i = 0; i < header_.size[4]; ++i) {
       times.push_back(start + step * static_cast<double>(i));
@@ -216,6 +219,7 @@ class NiftiReader final : public Reader {
   }
 
   [[nodiscard]] bool isDisplacement() const { return request_.as == "displacement"; }
+  [[nodiscard]] bool hasStep() const { return std::isfinite(header_.step) && header_.step > 0.0; }
   [[nodiscard]] bool hasForm() const { return header_.sform > 0 || header_.qform > 0; }
 
   /// Returns the map from ITK's vectors, which are along LPS in mm, to RAS in the file's unit.
