@@ -11,6 +11,8 @@
 #include <sstream>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <utility>
+#include <vector>
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/descriptor.h"
@@ -122,6 +124,7 @@ std::optional<HttpKey> findHttpKey(const HttpOrigin& origin) {
   if (file == nullptr || *file == '\0') return std::nullopt;
   std::istringstream lines(readSecret(file));
   std::optional<HttpKey> found;
+  std::vector<std::pair<HttpOrigin, int>> earlier;
   std::string line;
   for (int number = 1; std::getline(lines, line); ++number) {
     if (line.empty() || line.front() == '#') continue;
@@ -133,7 +136,13 @@ std::optional<HttpKey> findHttpKey(const HttpOrigin& origin) {
              "write https://HOST basic NAME PASSWORD, or https://HOST bearer TOKEN, with single "
              "spaces and Unix line ends");
     }
-    if (!found && *to == origin) found = key;
+    for (const auto& [other, its_number] : earlier) {
+      if (*to != other) continue;
+      refuse(file, which + " has another key for the server of line " + std::to_string(its_number),
+             "remove one of these lines");
+    }
+    earlier.emplace_back(*to, number);
+    if (*to == origin) found = key;
     if (to->scheme == "http" && !isThisMachine(*to)) {
       refuse(file, which + " has a key for http, which does not encrypt it", "use https");
     }

@@ -33,8 +33,8 @@ struct HttpKey {
 /// server, such as https://server:8443. A password may contain spaces. Empty lines and lines that
 /// begin with # are skipped. Throws VolumeError, without any text of the file, in these cases: the
 /// file cannot be read or has more than 64 kB; another user owns it or has permissions for it; a
-/// line is invalid; a key would be sent over http to another machine. It checks the lines of all
-/// servers.
+/// line is invalid; two lines are for one server; a key would be sent over http to another machine.
+/// It checks the lines of all servers.
 [[nodiscard]] std::optional<HttpKey> findHttpKey(const HttpOrigin& origin);
 
 }  // namespace palpate

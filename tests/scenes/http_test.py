@@ -295,6 +295,8 @@ class Wrong(Case):
             self.assertNotIn("secret", said)
         self.keys("http://10.0.0.9 bearer secret")
         self.refused(address, "line 1 has a key for http, which does not encrypt it")
+        self.keys("https://a bearer secret", "https://b bearer x", "HTTPS://A:443 basic name secret")
+        self.refused(address, "line 3 has another key for the server of line 1: remove one of these lines")
         self.keys("x" * 70000)
         self.refused(address, "it has more than 64 kB")
         os.environ["PALPATE_HTTP_KEYS"] = str(self.dir / "none")
