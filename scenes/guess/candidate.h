@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "palpate/scenes/guess/analysis.h"
 #include "palpate/scenes/guess/guess.h"
@@ -17,7 +18,8 @@ enum class Kind : std::uint8_t {
   kLevelSet,
   kHounsfield,
   kMagnetic,  ///< An image of magnetic resonance.
-  kLabels,
+  kSegments,  ///< Labels that the metadata states.
+  kLabels,    ///< Values that resemble labels.
   kDistance,
   kScalar,  ///< A scalar of no other kind.
   kDirections,
@@ -31,7 +33,8 @@ struct Candidate {
   std::string name;
   ScalarAnalysis scalar;
   VectorAnalysis vector;
-  double score = 0.0;  ///< Score of a scalar; higher scores come first.
+  std::vector<Label> segments;  ///< Labels of a scalar's metadata, as segmentsOf() returns them.
+  double score = 0.0;           ///< Score of a scalar; higher scores come first.
   Kind kind = Kind::kOther;
   std::string seen;
 

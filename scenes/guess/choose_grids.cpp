@@ -288,6 +288,15 @@ void leaveInnerLabels(const Candidate& c, Draft& draft) {
                  "isosurface at 0.5");
 }
 
+/// Notes the labels of a segmentation that have no mode, because they are not among its largest.
+void leaveSmallLabels(const Candidate& c, std::size_t most, Draft& draft) {
+  if (c.segments.size() <= most || c.kind != Kind::kSegments) return;
+  draft.leaveOut(fmt::format("{} of the {} labels of {}", c.segments.size() - most,
+                             c.segments.size(), c.shownName()),
+                 fmt::format("only the {} largest labels get a surface", most),
+                 "add modes with other labels, which palpate info lists");
+}
+
 const Candidate* bodyIn(const std::vector<Candidate>& candidates, const Candidate& image) {
   for (const Candidate& c : candidates) {
     if (c.kind != Kind::kBody) continue;
@@ -336,7 +345,8 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
       continue;
     }
     const auto same = [&](const Candidate* o) {
-      return isLike(*c->input, *o->input, Likeness::kLinear);
+      const bool are_labels = c->kind == Kind::kSegments && o->kind == Kind::kSegments;
+      return !are_labels && isLike(*c->input, *o->input, Likeness::kLinear);
     };
     const Candidate* like = flow != nullptr && isShownBy(*flow, *c) ? flow : nullptr;
     const auto found = std::find_if(chosen.begin(), chosen.end(), same);
@@ -355,6 +365,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
     const std::size_t most = std::min(kMostModes, draft.freeModes() - (more ? 1 : 0));
     addModes(candidates, *chosen[i], most, draft);
     leaveInnerLabels(*chosen[i], draft);
+    leaveSmallLabels(*chosen[i], most, draft);
   }
 }
 

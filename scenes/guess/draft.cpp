@@ -14,6 +14,7 @@ std::string lineOf(const Json& mode) {
   std::string line = mode["name"].get<std::string>() + ": " + mode["mode"].get<std::string>() +
                      " of " + mode["of"].get<std::string>();
   if (mode.contains("value")) line += " at " + inlined(mode["value"]);
+  if (mode.contains("label")) line += " at label " + inlined(mode["label"]);
   return line + ": " + mode["description"].get<std::string>();
 }
 

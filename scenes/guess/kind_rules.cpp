@@ -2,6 +2,7 @@
 #include <array>
 #include <cctype>
 #include <span>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -15,6 +16,7 @@ struct Evidence {
   const SuggestInput& input;
   const ScalarAnalysis& scalar;
   const VectorAnalysis& vector;
+  const std::vector<Label>& segments;
   GuessFor stated;
 };
 
@@ -100,6 +102,9 @@ bool isHounsfieldStated(const Evidence& e) {
 bool isOpen(const Evidence& e) {
   return e.stated == GuessFor::kAnything || e.stated == GuessFor::kFibres;
 }
+bool isSegmentation(const Evidence& e) {
+  return (isOpen(e) || e.stated == GuessFor::kLabels) && !e.segments.empty();
+}
 bool isStatedAsCt(const Evidence& e) {
   return e.stated == GuessFor::kCt || e.input.modality == Modality::kCt;
 }
@@ -174,6 +179,8 @@ bool hasOneBoundary(const Evidence& e) {
 }
 
 constexpr std::array kScalarRules{
+    KindRule{isSegmentation, Kind::kSegments,
+             "{values}: {segments} labels, according to the file's metadata"},
     KindRule{isConstantScalar, Kind::kConstant, "nearly all values are equal"},
     // First, rules for the user's --for.
     KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, set by --for cfd"},
@@ -218,17 +225,17 @@ std::string rangeOf(const Candidate& c) {
 
 std::string explain(const char* why, const Candidate& c) {
   const std::vector<float>& speed = c.vector.speed;
-  return fmt::format(fmt::runtime(why), fmt::arg("type", c.input->grid->valueType()),
-                     fmt::arg("unit", c.unit()), fmt::arg("values", rangeOf(c)),
-                     fmt::arg("labels", c.scalar.distinct.size()),
-                     fmt::arg("boundaries", c.scalar.boundaries.size()),
-                     fmt::arg("slowest", speed.empty() ? 0.0 : shown(speed.front())),
-                     fmt::arg("fastest", speed.empty() ? 0.0 : shown(speed.back())));
+  return fmt::format(
+      fmt::runtime(why), fmt::arg("type", c.input->grid->valueType()), fmt::arg("unit", c.unit()),
+      fmt::arg("values", rangeOf(c)), fmt::arg("labels", c.scalar.distinct.size()),
+      fmt::arg("segments", c.segments.size()), fmt::arg("boundaries", c.scalar.boundaries.size()),
+      fmt::arg("slowest", speed.empty() ? 0.0 : shown(speed.front())),
+      fmt::arg("fastest", speed.empty() ? 0.0 : shown(speed.back())));
 }
 
 /// Applies the first rule whose conditions hold. Returns false if none does.
 bool decide(std::span<const KindRule> rules, GuessFor stated, Candidate& c) {
-  const Evidence evidence{*c.input, c.scalar, c.vector, stated};
+  const Evidence evidence{*c.input, c.scalar, c.vector, c.segments, stated};
   for (const KindRule& rule : rules) {
     if (!rule.holds(evidence)) continue;
     c.kind = rule.kind;
@@ -252,6 +259,7 @@ void classify(Candidate& candidate, GuessFor stated) {
     decide(kVectorRules, stated, candidate);
   } else {
     candidate.scalar = analyseScalar(*candidate.input);
+    candidate.segments = segmentsOf(*candidate.input);
     decide(kScalarRules, stated, candidate);
   }
 }

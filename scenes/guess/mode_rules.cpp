@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <iterator>
 #include <optional>
 #include <utility>
@@ -155,6 +156,18 @@ void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
                              "The highest label alone: no other label is above it."));
 }
 
+/// Adds the surface of each label of a segmentation. A firm push passes from one to the next.
+void addSegments(const Candidate& c, std::vector<Json>& modes) {
+  for (const Label& label : c.segments) {
+    const bool by_name = !label.name.empty();
+    const Json key = by_name ? Json(label.name) : Json(static_cast<std::int64_t>(label.value));
+    modes.push_back(
+        makeMode(by_name ? label.name : fmt::format("{} label {}", c.name, shown(label.value)),
+                 "isosurface", c.name, {{"label", key}}, c.segments.size() > 1 ? kYielding : kFirm,
+                 "The surface of this label, smoothed by one voxel."));
+  }
+}
+
 void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
   const bool above = c.scalar.positive_inside;
   modes.push_back(isosurface(c.name, c.name, 0.0, above, kFirm,
@@ -176,6 +189,7 @@ constexpr std::array kModeRules{
     ModeRule{Kind::kHounsfield, addHounsfieldTissue},
     ModeRule{Kind::kMagnetic, addSignalSkin},
     ModeRule{Kind::kMagnetic, addSignalTissue},
+    ModeRule{Kind::kSegments, addSegments},
     ModeRule{Kind::kLabels, addLowestLabel},
     ModeRule{Kind::kLabels, addHighestLabel},
     ModeRule{Kind::kDistance, addDistanceSurface},

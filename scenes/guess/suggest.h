@@ -53,7 +53,9 @@ inline constexpr const char* kMetaAxial = "axial";
 /// - CT in Hounsfield units, stated by the file's metadata or suggested by the values of air and
 ///   tissue: the skin at -300, bone near 300, and a drag in the soft tissue between them;
 /// - MR: the surface of the skin at a low value, and a drag that depends on the signal;
-/// - labels: whole numbers in constant regions, in which any two labels can be neighbours. An
+/// - labels that the metadata state, as those of a segmentation: the surface of each of the largest
+///   labels, as far as modes are free (four of the first grid, one of a second);
+/// - other labels: whole numbers in constant regions, in which any two labels can be neighbours. An
 ///   isosurface separates all labels below it from all labels above it, so only the lowest and the
 ///   highest label get a surface;
 /// - the distance to a surface: an isosurface at 0. Its solid is below 0, unless nearly all faces

@@ -1,9 +1,18 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <set>
+#include <string>
+#include <type_traits>
 #include <utility>
 
+#include "palpate/samplers/grid/labels.h"
+#include "palpate/scenes/guess/sampling.h"
 #include "palpate/scenes/guess/scalar_parts.h"
+#include "palpate/scenes/guess/scene_json.h"
 
 namespace palpate::guess {
 
@@ -62,6 +71,50 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
     }
   }
   scalar.distinct = std::move(distinct);
+}
+
+std::vector<Label> segmentsOf(const SuggestInput& input) {
+  if (!input.isScalar()) return {};
+  const std::vector<Label> all = labelsIn(*input.grid);
+  std::map<double, std::uint64_t> voxels;
+  for (const Label& label : all) voxels[label.value] = 0;
+  if (all.empty()) return {};
+  withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+    const auto& grid = static_cast<const G&>(*input.grid);
+    std::uint64_t others = 0;
+    std::uint64_t* count = &others;
+    auto last = std::numeric_limits<double>::quiet_NaN();
+    for (auto it = grid.cbeginValueOn(); it; ++it) {
+      const auto value = static_cast<double>(*it);
+      if (value != last) {
+        last = value;
+        const auto found = std::isnan(value) ? voxels.end() : voxels.find(value);
+        count = found == voxels.end() ? &others : &found->second;
+      }
+      *count += it.getVoxelCount();
+    }
+    voxels.erase(static_cast<double>(grid.background()));
+    return 0;
+  });
+  std::map<std::string, std::set<double>> named;
+  for (const Label& label : all) named[label.name].insert(label.value);
+  const auto is_usable = [&named](const std::string& name) {
+    const std::string text = Json(name).dump(-1, ' ', false, Json::error_handler_t::replace);
+    return Json::parse(text) == name && named.at(name).size() == 1;
+  };
+  std::vector<std::pair<std::uint64_t, Label>> sized;
+  for (const Label& label : all) {
+    const auto found = voxels.find(label.value);
+    const std::uint64_t count = found == voxels.end() ? 0 : std::exchange(found->second, 0);
+    if (count == 0) continue;
+    sized.emplace_back(count, label);
+    if (!is_usable(label.name)) sized.back().second.name.clear();
+  }
+  std::stable_sort(sized.begin(), sized.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::vector<Label> segments;
+  for (auto& [count, label] : sized) segments.push_back(std::move(label));
+  return segments;
 }
 
 std::optional<float> noDataOf(const std::vector<float>& sorted, double least) {

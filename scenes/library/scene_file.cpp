@@ -149,6 +149,7 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
         spec.notes.push_back(files[f].string() + ": skipped: " + left);
       }
       for (auto& [name, volume] : one.volumes) {
+        if (volume.mask) continue;  // made of a volume at load
         const auto is_it = [&grid = volume.grid](const GuessVolume& v) { return v.grid == grid; };
         const auto found = std::find_if(volumes.begin(), volumes.end(), is_it);
         if (found != volumes.end()) volume.volume = found->volume;

@@ -431,6 +431,28 @@ class Nrrd(Case):
         self.assertEqual(json.loads("{" + suggested('le "ber"') + "}"), {"label": 'le "ber"'})
         self.assertEqual(suggested("lung", "lung"), '"label": 1')
 
+    def test_the_scene_of_a_segmentation_has_a_mode_for_each_segment_and_loads(self):
+        fields = ("space: RAS", "kinds: list domain domain domain", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+                  "Segment0_Name:=organ", "Segment0_LabelValue:=1", "Segment0_Layer:=0", "Segment1_Name:=tumour",
+                  "Segment1_LabelValue:=2", "Segment1_Layer:=0", "Segment2_Name:=vessel", "Segment2_LabelValue:=1",
+                  "Segment2_Layer:=1")
+
+        def layers(i, j, k):
+            inside = min(i, j, k) > 2 and max(i, j, k) < 17
+            return (2 if (i - 9) ** 2 + (j - 9) ** 2 + (k - 9) ** 2 < 9 else int(inside)), int(inside and i < 7)
+        values = bytes(v for k in range(20) for j in range(20) for i in range(20) for v in layers(i, j, k))
+        path = self.write("a.seg.nrrd", nrrd(*fields, kind="uchar", sizes="2 20 20 20"), "\n", values)
+        for words, name in (((), "out.vdb"), (("--time", "all"), "out_0000.vdb")):
+            scene = self.dir / "scene.json"
+            self.report(path, "--scene", str(scene), *words)
+            modes = json.loads(scene.read_text())["modes"]
+            self.assertEqual([(m["name"], m["of"], m["label"]) for m in modes], [
+                ("organ", "labels_0", "organ"), ("tumour", "labels_0", "tumour"), ("vessel", "labels_1", "vessel")])
+            done = process.run([str(BIN / "palpate"), "check", str(scene)], capture_output=True, text=True, timeout=120)
+            self.assertEqual((done.returncode, done.stderr), (0, ""))
+            for file in (scene, self.dir / name):
+                file.unlink()
+
     def test_each_layer_of_a_segmentation_becomes_a_grid_of_labels(self):
         values = [[(i + j + k) % 3, int(i > 1), 0] for i, j, k in INDICES]
         segments = ("Segment0_Name:=a", "Segment0_LabelValue:=1", "Segment0_Layer:=0", "Segment1_Name:=b",

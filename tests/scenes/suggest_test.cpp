@@ -17,6 +17,8 @@
 #include <tbb/global_control.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks/write_bricks.h"
+#include "palpate/samplers/grid/labels.h"
 #include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/components.h"
 #include "palpate/scenes/library/build_scene.h"
@@ -864,6 +866,104 @@ TEST_CASE("labels get surfaces at isovalues if isovalues can separate them", "[g
     CHECK(only(body, "isosurface")["value"].get<double>() == Approx(0.5).margin(0.1));
     CHECK(only(body, "isosurface")["solid"] == "above");
   }
+}
+
+TEST_CASE("each of the largest labels of a segmentation gets a surface", "[guess][labels]") {
+  // An organ of label 1 with a small tumour of label 2.
+  const Scalar organ = [](const Vec3d& p) {
+    return (p - Vec3d(5.0, 0.0, 0.0)).length() < 3.0 ? 2.0F : (p.length() < 14.0 ? 1.0F : 0.0F);
+  };
+  const SuggestInput input = scalar(organ, 32, "labels");
+  const auto grid = std::const_pointer_cast<openvdb::GridBase>(input.grid);
+  insertLabels(*grid, {{2.0, "tumour \"T1\"", std::nullopt},
+                       {1.0, "organ", std::nullopt},
+                       {5.0, "nowhere", std::nullopt},
+                       {0.0, "air", std::nullopt}});
+  const Guess guess = suggest({"data.vdb", "", ""}, {input});
+  CAPTURE(guess.scene);
+  CHECK_THAT(guess.seen.at(0), Contains("2 labels, according to the file's metadata"));
+  CHECK(guess.left.empty());
+  const Json modes = Json::parse(guess.scene)["modes"];
+  REQUIRE(modes.size() == 2);
+  CHECK(modes[0]["label"] == "organ");
+  CHECK(modes[0]["name"] == "organ");
+  CHECK(modes[1]["label"] == "tumour \"T1\"");
+  CHECK(modes[0]["strength"] == 1.5);
+  CHECK_THAT(guess.made.at(0), Contains("organ: isosurface of labels at label \"organ\""));
+  // A name of two labels, and one that is not UTF-8, are replaced by the value.
+  insertLabels(
+      *grid,
+      {{2.0, "lung", std::nullopt}, {1.0, "\xff", std::nullopt}, {5.0, "lung", std::nullopt}});
+  const Json values = Json::parse(suggest({"data.vdb", "", ""}, {input}).scene)["modes"];
+  REQUIRE(values.size() == 2);
+  CHECK(values[0]["label"] == 1);
+  CHECK(values[0]["name"] == "labels label 1");
+  CHECK(values[1]["label"] == 2);
+  // A grid in which all active voxels have one label.
+  const SuggestInput full = scalar([](const Vec3d&) { return 3.0F; }, 16, "labels");
+  const auto block = openvdb::gridPtrCast<openvdb::FloatGrid>(full.grid->deepCopyGrid());
+  openvdb::tools::changeBackground(block->tree(), 0.0F);
+  insertLabels(*block, {{3.0, "block", std::nullopt}});
+  SuggestInput one = full;
+  one.grid = block;
+  const Json whole = Json::parse(suggest({"data.vdb", "", ""}, {one}).scene);
+  CHECK(only(whole, "isosurface")["label"] == "block");
+}
+
+TEST_CASE("a guess states how many labels of a segmentation have no surface", "[guess][labels]") {
+  const auto layer = [](const std::string& name, int shift) {
+    const SuggestInput input = scalar(
+        [shift](const Vec3d& p) {
+          if (std::abs(p.y()) > 8.0 || std::abs(p.z()) > 8.0) return 0.0F;
+          return static_cast<float>(1 + shift +
+                                    std::clamp(static_cast<int>(p.x() + 14.0) / 4, 0, 6));
+        },
+        32, name);
+    std::vector<Label> labels;
+    for (int n = 1; n < 9; ++n) labels.push_back({double(n), "part " + std::to_string(n), {}});
+    insertLabels(*std::const_pointer_cast<openvdb::GridBase>(input.grid), labels);
+    return input;
+  };
+  // The second layer is a linear function of the first one, but has other labels.
+  const Guess guess = suggest({"data.vdb", "", ""}, {layer("labels_0", 0), layer("labels_1", 1)});
+  CAPTURE(guess.scene);
+  const Json modes = Json::parse(guess.scene)["modes"];
+  REQUIRE(modes.size() == 5);
+  CHECK(modes[3]["of"] == "labels_0");
+  CHECK(modes[4]["of"] == "labels_1");
+  REQUIRE(guess.left.size() == 2);
+  CHECK_THAT(guess.left[0], Contains("3 of the 7 labels of labels_0: only the 4 largest"));
+  CHECK_THAT(guess.left[1], Contains("6 of the 7 labels of labels_1: only the 1 largest"));
+}
+
+TEST_CASE("the scene of a segmentation loads, also from a grid without a name and from bricks",
+          "[guess][labels]") {
+  const TemporaryFolder folder;
+  const std::string name = GENERATE("labels", "");
+  const SuggestInput input =
+      scalar([](const Vec3d& p) { return p.length() < 12.0 ? (p.x() < 0.0 ? 3.0F : 7.0F) : 0.0F; },
+             40, name);
+  const openvdb::GridBase::Ptr grid = input.grid->deepCopyGrid();
+  insertLabels(*grid, {{3.0, "left", std::nullopt}, {7.0, "right", std::nullopt}});
+  writeVdb(folder / "a.vdb", {grid});
+  const SceneSpec spec = openScene(folder / "a.vdb");
+  const BuiltScene built = buildScene(spec);
+  CHECK(built.notes.empty());
+  REQUIRE(spec.graph.modes.size() == 2);
+  for (const ModeSpec& mode : spec.graph.modes) {
+    const GridInfo& mask = built.volumes.at(mode.of)->info();
+    CHECK(mask.highest == Approx(1.0).margin(0.01));
+  }
+  std::ofstream(folder / "scene.json") << guessVdb(folder / "a.vdb").scene;
+  CHECK_NOTHROW(buildScene(readSceneFile(folder / "scene.json")));
+  // A folder of files is one scene.
+  writeVdb(folder / "b.vdb", {grid});
+  CHECK(buildScene(openScene(folder.path())).volumes.size() == 6);
+  // In bricks, no label can be selected.
+  (void)writeBricks(folder / "a.bricks", brickInput(loadVolume(folder / "a.vdb", name)));
+  const Json bricks = Json::parse(guessVdb(folder / "a.bricks").scene);
+  for (const Json& mode : bricks["modes"]) CHECK_FALSE(mode.contains("label"));
+  CHECK_NOTHROW(buildScene(openScene(folder / "a.bricks")));
 }
 
 TEST_CASE("labels in tiles without voxels get surfaces", "[guess]") {
