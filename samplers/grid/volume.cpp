@@ -25,6 +25,7 @@
 #include <tbb/task_arena.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/available_memory.h"
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/no_data_error.h"
 #include "palpate/samplers/grid/prepare.h"
@@ -48,6 +49,22 @@ void initialise() {
 
 std::array<std::string, 3> componentsOf(const std::string& name) {
   return {name + ".x", name + ".y", name + ".z"};
+}
+
+/// Returns the memory that a grid of numbers takes at least [bytes], by its metadata; 0: unknown.
+std::uint64_t leastMemoryOf(const openvdb::GridBase& header) {
+  using openvdb::GridBase;
+  using openvdb::Int64Metadata;
+  const auto memory = header.getMetadata<Int64Metadata>(GridBase::META_FILE_MEM_BYTES);
+  const auto voxels = header.getMetadata<Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
+  if (memory == nullptr || voxels == nullptr) return 0;
+  // Without tiles, the voxels take less than the tree. Volumes may share nodes of a tree.
+  const std::string type = header.valueType();
+  const double size = (type.ends_with('d') || type == "double" ? 8.0 : 4.0) *
+                      (type.starts_with("vec3") ? 3.0 : 1.0);
+  const double least =
+      std::min(static_cast<double>(memory->value()), size * static_cast<double>(voxels->value()));
+  return static_cast<std::uint64_t>(std::clamp(least, 0.0, 1e18));
 }
 
 /// Drops the pages of OpenVDB's memory maps of a file, so that memory does not hold both the file
@@ -250,13 +267,30 @@ class VdbFile {
 
   [[nodiscard]] std::shared_ptr<const Volume> load(const std::string& grid,
                                                    const LoadOptions& options) const {
-    std::string wanted = grid;
-    if (wanted.empty() && names_.size() == 1) wanted = names_.front();
-    if (wanted.empty() && names_.size() == 3 && vectors_.size() == 1) wanted = vectors_.front();
+    const std::string wanted = orOnly(grid);
     const bool there = known_.count(wanted) != 0 ||
                        std::find(vectors_.begin(), vectors_.end(), wanted) != vectors_.end();
     if (!there || (wanted.empty() && names_.size() > 1)) throwNoGrid(wanted);
     return feltFrom(prepared(wanted, options), path_.string() + ": grid \"" + wanted + "\"");
+  }
+
+  /// Returns the memory that a grid takes at least [bytes], by the file's metadata; 0 if the
+  /// metadata do not state it, and for unknown names. Not thread-safe.
+  [[nodiscard]] std::uint64_t leastMemory(const std::string& grid) const {
+    std::uint64_t sum = 0;
+    guarded([&] {
+      const std::string wanted = orOnly(grid);
+      const auto parts = componentsOf(wanted);
+      for (const std::string& name : known_.count(wanted) != 0
+                                         ? std::vector{wanted}
+                                         : std::vector(parts.begin(), parts.end())) {
+        if (known_.count(name) == 0 || !isNumberType(typeOf(name))) continue;
+        const openvdb::GridBase::Ptr header =
+            reader_->has(name) ? reader_->readMetadata(name) : file_->readGridMetadata(name);
+        sum += leastMemoryOf(*header);
+      }
+    });
+    return sum;
   }
 
   /// Prepares a grid, or a vector of three grids. The result may contain a refusal.
@@ -293,6 +327,13 @@ class VdbFile {
   }
 
  private:
+  /// Returns `grid`; if it is empty, the only grid of the file, or its only vector in three grids.
+  [[nodiscard]] std::string orOnly(const std::string& grid) const {
+    if (grid.empty() && names_.size() == 1) return names_.front();
+    if (grid.empty() && names_.size() == 3 && vectors_.size() == 1) return vectors_.front();
+    return grid;
+  }
+
   [[noreturn]] void throwTaken() const {
     throw VolumeError(path_.string(),
                       "another program waited to change the file, so palpate ended the load",
@@ -438,6 +479,35 @@ LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptio
   return result;
 }
 
+/// Throws VolumeError if grids need more memory than is available, as far as metadata state it.
+/// @param files  Files with the names of grids; without a name: all grids.
+void checkFits(
+    const std::vector<std::pair<std::filesystem::path, std::vector<std::string>>>& files) {
+  // Files that are smaller than this part of the memory are not opened twice.
+  constexpr double kMostCompressed = 20.0;
+  double stored = 0.0;
+  for (const auto& [path, grids] : files) {
+    std::error_code error;
+    const auto size = std::filesystem::file_size(path, error);
+    const auto loads = static_cast<double>(std::max<std::size_t>(grids.size(), 1));
+    if (!error) stored += loads * static_cast<double>(size);
+  }
+  if (kMostCompressed * stored <= availableMemory()) return;
+  std::vector<MemoryNeed> needs;
+  for (const auto& [path, grids] : files) {
+    try {
+      const VdbFile file(path);
+      for (const std::string& grid : grids.empty() ? file.listed() : grids) {
+        const std::string name = grid.empty() ? "" : ": grid \"" + grid + "\"";
+        needs.push_back({path.string() + name, file.leastMemory(grid)});
+      }
+    } catch (const VolumeError&) {
+      continue;  // the load reports this error
+    }
+  }
+  checkMemory(needs);
+}
+
 /// Runs inParallel isolated from other tasks, so that each thread has at most one open file.
 template <class Body>
 void inParallelAlone(std::size_t count, Body body) {
@@ -539,7 +609,13 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
   }
   std::vector<std::pair<const std::filesystem::path*, const std::vector<std::size_t>*>> files;
   files.reserve(by_path.size());
-  for (const auto& [path, file] : by_path) files.emplace_back(&path, &file.wanted);
+  std::vector<std::pair<std::filesystem::path, std::vector<std::string>>> grids;
+  for (const auto& [path, file] : by_path) {
+    files.emplace_back(&path, &file.wanted);
+    std::vector<std::string>& names = grids.emplace_back(path, std::vector<std::string>()).second;
+    for (const std::size_t i : file.wanted) names.push_back(requests[i].grid);
+  }
+  checkFits(grids);
 
   std::vector<LoadResult> results(requests.size());
   Together together(requests.size(), progress);
@@ -572,6 +648,9 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
 std::vector<FileResult> loadFiles(const std::vector<std::filesystem::path>& files,
                                   const std::function<void(double)>& progress) {
   std::vector<FileResult> results(files.size());
+  std::vector<std::pair<std::filesystem::path, std::vector<std::string>>> grids;
+  for (const std::filesystem::path& file : files) grids.push_back({file, {}});
+  checkFits(grids);
   Together together(files.size(), progress);
   inParallel(files.size(), [&](std::size_t f) {
     FileResult& result = results[f];

@@ -195,7 +195,9 @@ struct LoadResult {
 
 /// Loads volumes in parallel, and returns the results in the order of the requests. Loads equal
 /// requests only once, and opens each file only once. Calls `progress` with the joint progress,
-/// from 0 to 1, from any thread, one call at a time. `progress` must not use TBB.
+/// from 0 to 1, from any thread, one call at a time. `progress` must not use TBB. Throws
+/// VolumeError, before it loads, if the metadata of large files state that the volumes do not fit
+/// into memory.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);
@@ -208,7 +210,7 @@ struct FileResult {
   std::exception_ptr error;
 };
 
-/// Loads all grids of several files in parallel. For `progress` see loadVolumes.
+/// Loads all grids of several files in parallel. For `progress` and memory see loadVolumes.
 [[nodiscard]] std::vector<FileResult> loadFiles(
     const std::vector<std::filesystem::path>& files,
     const std::function<void(double done)>& progress = nullptr);

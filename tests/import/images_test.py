@@ -1086,6 +1086,23 @@ class Nifti(Case):
                          "a.nii.gz")
 
 
+class Memory(Case):
+    def test_volumes_that_exceed_the_memory_are_refused_before_they_are_loaded(self):
+        side, count = 128, 60
+        values = random.Random(7).randbytes(2 * side ** 3)
+        volume = self.convert(self.write("a.nrrd", nrrd(sizes=f"{side} {side} {side}"), "\n", values))
+        volumes = {f"v{n}": {"file": volume.name, "smooth": 0.1 + 0.01 * n, "place": {"unit": "mm"}} for n in range(count)}
+        mode = {"mode": "isosurface", "of": "v0", "value": 0, "strength": 1}
+        scene = self.write("s.json", json.dumps({"palpate": 1, "volumes": volumes, "modes": [mode]}))
+        done, line = refusal(self, self.dir, lambda: process.run(
+            ["bash", "-c", 'ulimit -v 450000; exec "$0" "$@"', str(BIN / "palpate"), "check", str(scene)],
+            capture_output=True, text=True, timeout=120))
+        need = round(4e-6 * side ** 3 * count)
+        self.assertRegex(line, rf"memory: {count} volumes need at least {need} MB, but [0-9]+ MB are available \(the "
+                               r"largest volume: .*out.vdb, 8 MB\): use smaller volumes")
+        self.assertEqual(done.returncode, 2)
+
+
 class FillValues(Case):
     """Imports of images with fill values that the header does not state."""
 

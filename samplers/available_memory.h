@@ -1,0 +1,24 @@
+/// Private to samplers: the memory that a load may take.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace palpate {
+
+/// Memory that a volume takes at least.
+struct MemoryNeed {
+  std::string volume;       ///< Name for messages.
+  std::uint64_t bytes = 0;  ///< 0: unknown.
+};
+
+/// Returns the memory that this process can still take [bytes]: the system's available memory and
+/// free swap space, or less by the limit of the address space (ulimit -v). Infinity if unknown.
+[[nodiscard]] double availableMemory();
+
+/// Throws VolumeError, with the sum and the largest volume, if the volumes need more than
+/// availableMemory().
+void checkMemory(const std::vector<MemoryNeed>& volumes);
+
+}  // namespace palpate
