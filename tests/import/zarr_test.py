@@ -21,7 +21,8 @@ SHAPE = (6, 5, 4)      # along z, y and x
 CHUNKS = (4, 3, 3)     # the last chunks along each axis are incomplete
 COLUMNS = images.IDENTITY
 ZERO = (0, 0, 0)
-CODES = {"u1": "B", "i1": "b", "u2": "H", "i2": "h", "u4": "I", "i4": "i", "u8": "Q", "i8": "q", "f4": "f", "f8": "d"}
+CODES = {"u1": "B", "i1": "b", "u2": "H", "i2": "h", "u4": "I", "i4": "i", "u8": "Q", "i8": "q", "f4": "f", "f8": "d",
+         "f2": "e", "c8": "Q"}
 
 
 def library(name):
@@ -135,6 +136,7 @@ class Zarr(images.Case):
         for dtype, order, separator in (
                 ("|u1", "C", None), ("|i1", "F", "."), ("<u2", "F", "/"), (">u2", "C", "/"), ("<i2", "C", "."),
                 (">i2", "F", "."), ("<u4", "C", None), (">i4", "F", "/"), ("<u8", "C", "."), (">i8", "C", "/"),
+                ("<f2", "C", "."), (">f2", "F", "/"),
                 ("<f4", "F", "."), (">f4", "C", None), ("<f8", "C", "/"), (">f8", "F", ".")):
             with self.subTest(dtype=dtype, order=order, separator=separator):
                 codec = CODECS[1] if dtype[1] == "f" else CODECS[0]
@@ -230,7 +232,7 @@ class Zarr(images.Case):
         for says, more in (
                 ("the array has filters, which palpate does not read: delta", {"filters": [{"id": "delta"}]}),
                 ("compressed by bz2, which palpate does not read", {"codec": ("bz2", zlib.compress)}),
-                ("(dtype) is <f2, which palpate does not read", {"of": lambda p: 0, "dtype": "<f2"}),
+                ("(dtype) is <c8, which palpate does not read", {"dtype": "<c8"}),
                 ("(dtype) is a structure", {"dtype": [["r", "<u1"]]}),
                 ("\"order\" is not C or F", {"order": "K"}),
                 ("\"fill_value\" is 70000, which is not a value", {"fill": 70000}),

@@ -14,6 +14,7 @@
 #include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks/half.h"
 #include "palpate/scenes/apps/import/grids.h"
 #include "palpate/scenes/apps/import/header_checks.h"
 #include "palpate/scenes/library/text_file.h"
@@ -31,10 +32,10 @@ struct ZarrType {
   Type type;
 };
 constexpr std::array kZarrTypes{
-    ZarrType{"b1", Type::kUint8},   ZarrType{"i1", Type::kInt8},   ZarrType{"u1", Type::kUint8},
-    ZarrType{"i2", Type::kInt16},   ZarrType{"u2", Type::kUint16}, ZarrType{"i4", Type::kInt32},
-    ZarrType{"u4", Type::kUint32},  ZarrType{"i8", Type::kInt64},  ZarrType{"u8", Type::kUint64},
-    ZarrType{"f4", Type::kFloat32}, ZarrType{"f8", Type::kFloat64}};
+    ZarrType{"b1", Type::kUint8},   ZarrType{"i1", Type::kInt8},    ZarrType{"u1", Type::kUint8},
+    ZarrType{"i2", Type::kInt16},   ZarrType{"u2", Type::kUint16},  ZarrType{"i4", Type::kInt32},
+    ZarrType{"u4", Type::kUint32},  ZarrType{"i8", Type::kInt64},   ZarrType{"u8", Type::kUint64},
+    ZarrType{"f2", Type::kFloat32}, ZarrType{"f4", Type::kFloat32}, ZarrType{"f8", Type::kFloat64}};
 
 /// Sets `to` to the number in `json`. Returns false if the type T cannot hold it.
 template <class T>
@@ -151,9 +152,10 @@ class ZarrayParser {
         });
     if (known == kZarrTypes.end()) {
       refuse(fmt::format("the type of the values (dtype) is {}, which palpate does not read", name),
-             "convert the values to integers of 8 to 64 bits, or to floats of 32 or 64 bits");
+             "convert the values to integers of 8 to 64 bits, or to floats of 16 to 64 bits");
     }
     layout.type = known->type;
+    layout.half = name.ends_with("f2");
     layout.big_endian = name[0] == '>';
   }
 
@@ -262,6 +264,18 @@ struct BoxCopy {
   }
 };
 
+/// Converts floats of 16 bits to floats of 32 bits.
+std::vector<char> widened(const std::vector<char>& halves) {
+  std::vector<char> out(2 * halves.size());
+  for (std::size_t i = 0; i + 1 < halves.size(); i += 2) {
+    std::uint16_t half = 0;
+    std::memcpy(&half, halves.data() + i, sizeof half);
+    const float value = floatOfHalf(half);
+    std::memcpy(out.data() + 2 * i, &value, sizeof value);
+  }
+  return out;
+}
+
 constexpr double kMostChunks = 4e6;
 
 /// Advances `index` to the next one in `box`, the last axis fastest.
@@ -326,7 +340,7 @@ void ZarrArray::refuse(const std::string& why, const std::string& remedy) const 
 }
 
 double ZarrArray::chunkBytes() const {
-  return productOf(layout_.chunks) * static_cast<double>(bytesOf(layout_.type));
+  return productOf(layout_.chunks) * static_cast<double>(layout_.storedBytes());
 }
 
 std::filesystem::path ZarrArray::nameOf(const std::vector<int>& index) const {
@@ -454,9 +468,10 @@ Values ZarrArray::read(const ZarrBox& whole, const ZarrBox& part, const Progress
       buffer.resize(static_cast<std::size_t>(chunkBytes()));
       readChunk(header_, nameOf(index), layout_.codec, held, buffer);
       if (layout_.big_endian != (std::endian::native == std::endian::big)) {
-        const auto width = bytesOf(layout_.type);
+        const auto width = layout_.storedBytes();
         swapBytes(buffer.data(), buffer.size() / width, width);
       }
+      if (layout_.half) buffer = widened(buffer);
       copyChunk(index, buffer.data(), part, values.as<char>());
     }
     return values;

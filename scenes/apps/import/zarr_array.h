@@ -28,6 +28,7 @@ struct ZarrLayout {
   std::vector<int> shape;   ///< Number of values along each axis, at least 1.
   std::vector<int> chunks;  ///< Number of values of a chunk along each axis.
   Type type = Type::kUint8;
+  bool half = false;  ///< True if chunks have floats of 16 bits, which become kFloat32.
   bool big_endian = false;
   bool fortran = false;  ///< True if the first axis varies fastest in a chunk, else the last axis.
   ZarrCodec codec = ZarrCodec::kNone;
@@ -35,6 +36,9 @@ struct ZarrLayout {
   /// Value of missing chunks, in its first bytes, in the byte order of this machine.
   alignas(8) std::array<char, 8> fill{};
   std::string fill_text;  ///< Value of missing chunks, as text for notes.
+
+  /// Returns the size of a value in a chunk [bytes].
+  [[nodiscard]] std::size_t storedBytes() const { return half ? 2 : bytesOf(type); }
 };
 
 /// Parses the content of a file .zarray, and checks its sizes. Throws VolumeError, which names
