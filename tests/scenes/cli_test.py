@@ -261,6 +261,19 @@ class Parts(Case):
         os.remove(picture)
         self.assertNotIn("crowded", words.stdout)
 
+    @unittest.skipUnless(os.environ.get("PALPATE_LONG"), "takes 3 GB of memory: only with test.sh --long")
+    def test_a_scene_of_a_million_instances_is_checked_in_4_gb_of_memory(self):
+        scene = self.dir / "million.json"
+        with open(scene, "w", encoding="utf-8") as out:
+            out.write('{"palpate": 1, "volumes": {"v": {"file": "bodies.vdb", "grid": "cloud", "instances": [')
+            places = ((n % 100 / 1e3, n // 100 % 100 / 1e3, n // 10000 / 1e3) for n in range(10 ** 6))
+            out.write(",".join(f'{{"scale": 1e-6, "translate": [{x}, {y}, {z}]}}' for x, y, z in places))
+            out.write(']}}, "modes": [{"mode": "isosurface", "of": "v", "value": 0.3, "strength": 1}]}')
+        done = process.run(["bash", "-c", 'ulimit -v 4000000; exec "$0" "$@"', PALPATE, "check", str(scene), "--json"],
+                           capture_output=True, text=True, timeout=600)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        self.assertEqual(json.loads(done.stdout)["parts"], 10 ** 6)
+
     def test_too_many_parts_at_one_place_are_reported(self):
         scene = self.strew("heap", 200, 0.01, 0.1)
         done = run("feel", scene, "--seconds", 5, "--json")
