@@ -59,7 +59,7 @@ Vec3 press(Servo& servo, int ticks = 2000) {
 }  // namespace
 
 TEST_CASE("a servo gives force only after a scene is published", "[servo]") {
-  Servo servo(arm(), 1.0 / kDt);
+  Servo servo(arm(), 1.0 / kDt, false);
   CHECK(press(servo, 100) == Vec3::Zero());
   servo.publish(ball());
   const Vec3 force = press(servo);
@@ -69,7 +69,7 @@ TEST_CASE("a servo gives force only after a scene is published", "[servo]") {
 }
 
 TEST_CASE("a servo's force grows over half a second after a fault", "[servo]") {
-  Servo servo(arm(), 1.0 / kDt);
+  Servo servo(arm(), 1.0 / kDt, false);
   servo.publish(ball());
   (void)press(servo);
   servo.cut();
@@ -93,7 +93,7 @@ TEST_CASE("a servo's force grows over half a second after a fault", "[servo]") {
 
 TEST_CASE("a servo cuts the force on a late call or an arm fault and keeps it cut", "[servo]") {
   const auto faultOf = [](const HandState& hand, double dt) {
-    Servo servo(arm(), 1.0 / kDt);
+    Servo servo(arm(), 1.0 / kDt, false);
     servo.publish(ball());
     (void)press(servo);
     CHECK(servo.tick(hand, dt) == Vec3::Zero());
@@ -123,7 +123,7 @@ TEST_CASE("a servo's force fades while a held arm's position is frozen and retur
   for (const bool hand_on_it : {true, false}) {
     DeviceInfo info = arm();
     info.hand = hand_on_it;
-    Servo servo(info, 1.0 / kDt);
+    Servo servo(info, 1.0 / kDt, false);
     servo.publish(ball());
     (void)press(servo);
     HandState same;
@@ -144,7 +144,7 @@ TEST_CASE("a servo's force fades while a held arm's position is frozen and retur
 
 TEST_CASE("a servo's force fades if the arm reports that it stands still", "[servo]") {
   for (const double still : {1.0, std::numeric_limits<double>::quiet_NaN()}) {
-    Servo servo(arm(), 1.0 / kDt);
+    Servo servo(arm(), 1.0 / kDt, false);
     servo.publish(ball());
     (void)press(servo);
     HandState hand;
@@ -162,7 +162,7 @@ TEST_CASE("a servo's force fades if the arm reports that it stands still", "[ser
 
 TEST_CASE("a servo reports a late fault if its clock has stopped", "[servo]") {
   for (const double dt : {0.0, -1e-3, 1e-6, 1e-320, std::numeric_limits<double>::quiet_NaN()}) {
-    Servo servo(arm(), 1.0 / kDt);
+    Servo servo(arm(), 1.0 / kDt, false);
     servo.publish(ball());
     (void)press(servo);
     HandState hand;
@@ -181,7 +181,7 @@ TEST_CASE("a servo reports a late fault if its clock has stopped", "[servo]") {
 TEST_CASE("an invalid time step does not increase a servo's force", "[servo]") {
   for (const double dt : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN(),
                           std::numeric_limits<double>::infinity()}) {
-    Servo servo(arm(), 1.0 / kDt);
+    Servo servo(arm(), 1.0 / kDt, false);
     servo.publish(ball());
     const double before = press(servo).norm();
     HandState deeper;
@@ -232,7 +232,7 @@ TEST_CASE("a tick of a servo that takes too long is a fault only in real time", 
 }
 
 TEST_CASE("a servo refuses invalid rates and limits and does not allocate in a tick", "[servo]") {
-  Servo servo(arm(), 1.0 / kDt);
+  Servo servo(arm(), 1.0 / kDt, false);
   servo.publish(ball());
   {
     const test::CountScope scope;
@@ -262,7 +262,7 @@ TEST_CASE("a servo and a thread refuse a coupling that their arm does not render
     curve.factors[0].by = "ball";
     return curve;
   };
-  Servo servo(weak, 1.0 / kDt);
+  Servo servo(weak, 1.0 / kDt, false);
   test::TestDevice device;
   device.about.max_stiffness = 100.0;
   HapticThread thread(device);
