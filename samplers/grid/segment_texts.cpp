@@ -16,16 +16,16 @@ std::optional<std::array<double, N>> numbersOf(const std::string& text) {
   std::array<double, N> numbers{};
   const char* at = text.data();
   const char* const end = at + text.size();
-  const auto skipSpaces = [&] {
+  const auto skip_spaces = [&] {
     while (at != end && (*at == ' ' || *at == '\t')) ++at;
   };
   for (double& number : numbers) {
-    skipSpaces();
+    skip_spaces();
     const auto [rest, error] = std::from_chars(at, end, number);
     if (error != std::errc() || !std::isfinite(number)) return std::nullopt;
     at = rest;
   }
-  skipSpaces();
+  skip_spaces();
   return at == end ? std::optional(numbers) : std::nullopt;
 }
 

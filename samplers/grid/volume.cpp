@@ -649,6 +649,7 @@ std::vector<FileResult> loadFiles(const std::vector<std::filesystem::path>& file
                                   const std::function<void(double)>& progress) {
   std::vector<FileResult> results(files.size());
   std::vector<std::pair<std::filesystem::path, std::vector<std::string>>> grids;
+  grids.reserve(files.size());
   for (const std::filesystem::path& file : files) grids.push_back({file, {}});
   checkFits(grids);
   Together together(files.size(), progress);
