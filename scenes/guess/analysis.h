@@ -70,6 +70,7 @@ struct ScalarAnalysis {
 /// Returns the labels in the metadata of a scalar grid that have active voxels, largest first.
 /// Omits the value of the background, which surrounds the others. Removes a name that a scene
 /// cannot use: of two labels, or not UTF-8. Reads all active voxels if the metadata have labels.
+/// Returns no labels of a volume in bricks.
 [[nodiscard]] std::vector<Label> segmentsOf(const SuggestInput& input);
 
 /// Returns true if a mode can use the values: they have a boundary, a spread, or are a distance.

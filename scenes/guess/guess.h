@@ -28,6 +28,7 @@ struct Guess {
 struct GuessVolume {
   std::string grid;                      ///< Name of the grid, as gridNames returns it.
   std::shared_ptr<const Volume> volume;  ///< Not null.
+  bool bricks = false;                   ///< True if the volume is in bricks.
 };
 
 /// Names that the scene uses.

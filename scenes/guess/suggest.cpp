@@ -57,6 +57,7 @@ SuggestInput inputFrom(const GuessVolume& given) {
                       parts[i].data);
   };
   input.called = given.grid;
+  input.bricks = given.bricks;
   input.grid = base(0);
   if (parts.size() == 3) {
     input.y = base(1);

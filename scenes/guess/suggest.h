@@ -20,6 +20,7 @@ struct SuggestInput {
   Modality modality = Modality::kUnknown;
   std::string value_unit;  ///< Unit of the values, such as "HU"; empty: unknown.
   bool axial = false;      ///< True if vectors v and -v mean the same, as for fibres.
+  bool bricks = false;     ///< True for a volume in bricks, in which modes cannot select labels.
   /// True if `y` or `z` has another transform than `grid`; then the vector is not analysed.
   bool apart = false;
   /// True for an image: its inactive voxels have the value of the background, and the edge of the

@@ -74,7 +74,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 }
 
 std::vector<Label> segmentsOf(const SuggestInput& input) {
-  if (!input.isScalar()) return {};
+  if (!input.isScalar() || input.bricks) return {};
   const std::vector<Label> all = labelsIn(*input.grid);
   std::map<double, std::uint64_t> voxels;
   for (const Label& label : all) voxels[label.value] = 0;

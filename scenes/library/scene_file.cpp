@@ -104,7 +104,7 @@ GuessVolume coarselyOf(const std::filesystem::path& place) {
   const std::unique_ptr<BrickSource> source = openBricks(place);
   const BrickManifest& manifest = source->manifest();
   const auto coarsest = static_cast<std::int32_t>(manifest.levels().size() - 1);
-  return {manifest.info().name, loadBricks(*source, coarsest, place.string())};
+  return {manifest.info().name, loadBricks(*source, coarsest, place.string()), true};
 }
 
 std::filesystem::path withoutSlash(const std::filesystem::path& folder) {
