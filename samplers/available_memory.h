@@ -14,7 +14,8 @@ struct MemoryNeed {
 };
 
 /// Returns the memory that this process can still take [bytes]: the system's available memory and
-/// free swap space, or less by the limit of the address space (ulimit -v). Infinity if unknown.
+/// free swap space, or less by the limit of the address space (ulimit -v). Ignores other limits,
+/// such as those of a container. Infinity if unknown.
 [[nodiscard]] double availableMemory();
 
 /// Throws VolumeError, with the sum and the largest volume, if the volumes need more than

@@ -483,7 +483,8 @@ LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptio
 /// @param files  Files with the names of grids; without a name: all grids.
 void checkFits(
     const std::vector<std::pair<std::filesystem::path, std::vector<std::string>>>& files) {
-  // Files that are smaller than this part of the memory are not opened twice.
+  // A file is assumed to grow by at most this factor. If the files then fit, they are not opened
+  // twice.
   constexpr double kMostCompressed = 20.0;
   double stored = 0.0;
   for (const auto& [path, grids] : files) {

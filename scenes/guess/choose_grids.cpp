@@ -293,7 +293,8 @@ void leaveSmallLabels(const Candidate& c, std::size_t most, Draft& draft) {
   if (c.segments.size() <= most || c.kind != Kind::kSegments) return;
   draft.leaveOut(fmt::format("{} of the {} labels of {}", c.segments.size() - most,
                              c.segments.size(), c.shownName()),
-                 fmt::format("only the {} largest labels get a surface", most),
+                 most == 1 ? "only the largest label gets a surface"
+                           : fmt::format("only the {} largest labels get a surface", most),
                  "add modes with other labels, which palpate info lists");
 }
 

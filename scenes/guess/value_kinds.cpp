@@ -93,7 +93,8 @@ std::vector<Label> segmentsOf(const SuggestInput& input) {
       }
       *count += it.getVoxelCount();
     }
-    voxels.erase(static_cast<double>(grid.background()));
+    const auto background = static_cast<double>(grid.background());
+    if (!std::isnan(background)) voxels.erase(background);
     return 0;
   });
   std::map<std::string, std::set<double>> named;
@@ -113,6 +114,7 @@ std::vector<Label> segmentsOf(const SuggestInput& input) {
   std::stable_sort(sized.begin(), sized.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   std::vector<Label> segments;
+  segments.reserve(sized.size());
   for (auto& [count, label] : sized) segments.push_back(std::move(label));
   return segments;
 }

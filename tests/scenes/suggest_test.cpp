@@ -933,7 +933,7 @@ TEST_CASE("a guess states how many labels of a segmentation have no surface", "[
   CHECK(modes[4]["of"] == "labels_1");
   REQUIRE(guess.left.size() == 2);
   CHECK_THAT(guess.left[0], Contains("3 of the 7 labels of labels_0: only the 4 largest"));
-  CHECK_THAT(guess.left[1], Contains("6 of the 7 labels of labels_1: only the 1 largest"));
+  CHECK_THAT(guess.left[1], Contains("6 of the 7 labels of labels_1: only the largest label"));
 }
 
 TEST_CASE("the scene of a segmentation loads, also from a grid without a name and from bricks",

@@ -108,7 +108,9 @@ vtkSmartPointer<vtkImageData> feltCloud(vtkImageData& values, vtkPiecewiseFuncti
                         for (std::size_t m = 0; m < masks.size() && share > 0.0; ++m) {
                           const ScalarSample sample = masks[m].field->sample(p, caches[m]);
                           const TransferFunction& curve = *masks[m].curve;
-                          share *= sample.inside ? curve(sample.value) / curve.highest() : 0.0;
+                          const double most = curve.highest();
+                          const bool acts = sample.inside && most > 0.0;
+                          share *= acts ? curve(sample.value) / most : 0.0;
                         }
                         out[2 * i] = in[i];
                         out[2 * i + 1] = static_cast<unsigned short>(kMost * share);

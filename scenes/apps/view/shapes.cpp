@@ -113,7 +113,7 @@ std::vector<Mask> masksOf(const Graph& graph, const Transfer& strength, int own,
   std::vector<Mask> masks;
   for (const Transfer::Factor& factor : strength.factors) {
     const int read = factor.scalar == own ? -1 : scalarFieldOf(graph, factor.scalar);
-    if (read < 0 || !(factor.curve.highest() > 0.0)) continue;
+    if (read < 0) continue;
     const auto by = static_cast<std::size_t>(read);
     const ScalarField& field = *graph.scalar_fields[by];
     if (graph.scalar_motions[by] != motion || field.attends()) continue;
