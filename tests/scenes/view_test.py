@@ -757,19 +757,6 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_the_keys_fit_into_a_small_window(self):
-        self.env.update(PALPATE_VIEW_WIDTH="640", PALPATE_VIEW_HEIGHT="480")
-        feel = self.start("--seconds", "900")
-        window = self.window()
-        # Without a window manager, keys go to the window at the pointer, which another test may have moved out of it.
-        self.do("mousemove", "--window", window, 200, 200)
-        self.keys(window, "question")
-        left, bottom, right, top = self.until("the keys", lambda told: told["help"])["help"]
-        self.assertGreater(right - left, 150)
-        self.assertTrue(0 <= left and 0 <= bottom and right <= 340 and top <= 480, (left, bottom, right, top))
-        self.close(window)
-        self.ends_well(feel)
-
     def test_a_recorded_hand_is_shown_at_the_requested_speed(self):
         (self.dir / "path.csv").write_text(
             "t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n900,0.01,-0.034,0.01\n",
@@ -951,9 +938,21 @@ class Drawn(Window):
 
 
 class Lost(Window):
-    """Tests in which the window, the display or the loop fails. This class is a separate CTest entry, because it waits
-    more than it computes. Its scene has no surface, so that it draws fast."""
+    """Tests in which the window, the display or the loop fails, and of the keys. No two windows are open at once, so
+    that xdotool finds the right one. This class is a separate CTest entry, because it waits more than it computes.
+    Its scene has no surface, so that it draws fast."""
     SCENE = {**SCENE, "modes": SCENE["modes"][1:]}
+
+    def test_the_keys_fit_into_a_small_window(self):
+        self.env.update(PALPATE_VIEW_WIDTH="640", PALPATE_VIEW_HEIGHT="480")
+        feel = self.start("--seconds", "900")
+        window = self.window()
+        self.keys(window, "question")
+        left, bottom, right, top = self.until("the keys", lambda told: told["help"])["help"]
+        self.assertGreater(right - left, 150)
+        self.assertTrue(0 <= left and 0 <= bottom and right <= 340 and top <= 480, (left, bottom, right, top))
+        self.close(window)
+        self.ends_well(feel)
 
     def test_without_memory_for_a_window_the_loop_continues(self):
         self.write_scene(SCENE)  # a surface needs more than this memory
