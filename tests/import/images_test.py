@@ -403,7 +403,8 @@ class Nrrd(Case):
         segments = ("Segment0_ID:=a", "Segment0_Name:=liver", "Segment0_LabelValue:=7",
                     "Segment0_Color:=0.5 0.25 1", "Segment0_Layer:=0", "Segment1_Name:=body: all",
                     "Segment1_LabelValue:=2", "Segment1_Color:=1 0 0 red", "Segment1_Tags:=T2022:=x|",
-                    "Segment2_Name:=lost", "Segment2_LabelValue:=two", "Segment3_Name:=far", "Segment3_Layer:=4", "Other:=1")
+                    "Segment2_Name:=lost", "Segment2_LabelValue:=two", "Segment3_Name:=far", "Segment3_Layer:=4",
+                    "Other:=1")
         header = nrrd("space: RAS", DIRECTIONS, ORIGIN, *segments, kind="uchar")
         path = self.write("a.seg.nrrd", header, "\n", bytes(label(*p) for p in INDICES))
         out = self.convert(path)
@@ -417,7 +418,8 @@ class Nrrd(Case):
         self.assertIn('segment 3 "far" keeps no name: its layer "4" is not one of the 1', notes)
         for option, value in (("--smooth", "1"), ("--voxel", "0.5"), ("--tolerance", "1")):
             self.refused(path, "must not be blended", option, value)
-        self.refused(path, "--bricks: labels has labels, which must not be blended", "--bricks", out=self.dir / "bricks")
+        self.refused(path, "--bricks: labels has labels, which must not be blended", "--bricks",
+                     out=self.dir / "bricks")
 
     def test_info_suggests_a_label_that_a_scene_can_use(self):
         def suggested(*names):
@@ -464,7 +466,8 @@ class Nrrd(Case):
         self.holds(out, "labels_0", IDENTITY, (0, 0, 0), lambda i, j, k: (i + j + k) % 3)
         self.holds(out, "labels_1", IDENTITY, (0, 0, 0), lambda i, j, k: int(i > 1))
         self.assertEqual(self.labels(out), {
-            "labels_0": [{"label": 1, "name": "a"}, {"label": 2, "name": "b"}], "labels_1": [{"label": 1, "name": "c"}]})
+            "labels_0": [{"label": 1, "name": "a"}, {"label": 2, "name": "b"}],
+            "labels_1": [{"label": 1, "name": "c"}]})
         self.assertIn("labels_2: skipped", self.notes(path))
         # Older versions of Slicer write a layer for each segment, and no label values.
         old = ("Segment0_Name:=a", "Segment1_Name:=b")
@@ -1091,7 +1094,8 @@ class Memory(Case):
         side, count = 128, 60
         values = random.Random(7).randbytes(2 * side ** 3)
         volume = self.convert(self.write("a.nrrd", nrrd(sizes=f"{side} {side} {side}"), "\n", values))
-        volumes = {f"v{n}": {"file": volume.name, "smooth": 0.1 + 0.01 * n, "place": {"unit": "mm"}} for n in range(count)}
+        volumes = {f"v{n}": {"file": volume.name, "smooth": 0.1 + 0.01 * n, "place": {"unit": "mm"}}
+                   for n in range(count)}
         mode = {"mode": "isosurface", "of": "v0", "value": 0, "strength": 1}
         scene = self.write("s.json", json.dumps({"palpate": 1, "volumes": volumes, "modes": [mode]}))
         done, line = refusal(self, self.dir, lambda: process.run(

@@ -324,13 +324,12 @@ wait
 
     def test_an_impossible_camera_or_slice_is_refused_in_one_line(self):
         picture = ("--picture", "still.png")
-        for words, said in ((("--camera", "above", *picture), r'--camera: "above" is not a side of the scene: use front, '
-                             "back, left, right, top, bottom"),
-                            (("--camera", "left"), r"--camera: it applies only to a picture: add --picture FILE\.png, or "
-                             "press v in the window"),
+        still_only = r"it applies only to a picture: add --picture FILE\.png, or press "
+        for words, said in ((("--camera", "above", *picture),
+                             '--camera: "above" is not a side of the scene: use front, back, left, right, top, bottom'),
+                            (("--camera", "left"), f"--camera: {still_only}v in the window"),
                             (("--slice", "w", *picture), '--slice: "w" is not an axis: use x, y, z, all'),
-                            (("--slice", "x"), r"--slice: it applies only to a picture: add --picture FILE\.png, or press "
-                             "s in the window")):
+                            (("--slice", "x"), f"--slice: {still_only}s in the window")):
             done = self.still(*words, status=2)
             self.assertRegex(done.stderr, f"^palpate: {said}\n$")
         subprocess.run([PALPATE, "make", "wind-tunnel", "wind.vdb", "--voxel", "0.02"], cwd=self.dir, check=True,
