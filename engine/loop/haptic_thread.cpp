@@ -52,9 +52,11 @@ void HapticThread::stop() noexcept {
 
 bool HapticThread::stopWithin(double seconds) noexcept {
   quit_.store(true, std::memory_order_relaxed);
-  const std::int64_t last = nowNs() + std::llround(1e9 * seconds);
-  constexpr std::int64_t kLook = 1'000'000;
-  while (running() && nowNs() < last) sleepUntil(nowNs() + kLook);
+  // Counts the looks, because a stopped process must not lose its patience with its own thread.
+  constexpr std::int64_t kLook = 1'000'000;  // [ns]
+  for (auto looks = std::llround(1e9 * seconds / kLook); running() && looks > 0; --looks) {
+    sleepUntil(nowNs() + kLook);
+  }
   if (running()) return false;
   stop();
   return true;

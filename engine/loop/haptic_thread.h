@@ -71,8 +71,9 @@ class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   /// Writes zero force and ends the thread. Further calls have no effect.
   void stop() noexcept;
-  /// Acts like stop(), but waits at most about `seconds`. Returns false if the thread has not ended
-  /// by then, because its device or a mode does not return. The destructor would wait for it.
+  /// Acts like stop(), but waits at most about `seconds`; 0 only requests the end. Returns false if
+  /// the thread has not ended by then. If its device or a mode does not return, it never ends, and
+  /// the destructor would wait for it forever.
   [[nodiscard]] bool stopWithin(double seconds) noexcept;
   /// Returns false after the thread has ended: by stop(), or when the device ends (Device::ended).
   [[nodiscard]] bool running() const noexcept { return running_.load(std::memory_order_acquire); }

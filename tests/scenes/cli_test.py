@@ -888,6 +888,8 @@ class Feel(Case):
                     self.assertAlmostEqual(told["force"]["size"], hand["most"]["force"], delta=1e-3)
         felt = json.loads(run("feel", recording, "--device", f"replay:{recording}", "--json").stdout)
         explains(self, felt)
+        self.refused("explain", ball, "--device", f"replay:{recording}@1", "--until", 0.5,
+                     says="--until: no tick is at this time; the next is at 1 s: give this time")
         os.remove(recording)
 
     @suite.smoke
@@ -898,6 +900,7 @@ class Feel(Case):
         self.assertTrue(lines[1].startswith("because "), lines)
         self.assertIn(f"time      {felt['most']['time']:g} s", lines)
         self.refused("explain", ball, "--until", 11, says="--until: the run ends after")
+        self.refused("explain", ball, "--until", 5000, "--seconds", 5000, says="ticks are more than 2000000: give an")
         self.refused("explain", ball, "--until", -1, says="--until: -1 s is not in 0 to 1000000 s")
         self.refused("explain", ball, "--until", 1, "--at", "0,0,0", says="give either --until, or --at and --push")
         self.refused("explain", ball, "--until", 1, "--device", "mouse", says="mouse")

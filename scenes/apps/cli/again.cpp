@@ -97,7 +97,10 @@ std::string explainLine(const std::string& scene, const std::string& recording, 
 bool repeats(const Run& run, std::size_t h) {
   const FeelOptions& options = run.options;
   if (run.hands[h]->log.felt.scenes() > 1) return false;
-  if (options.realtime) return !options.record.empty();
+  if (options.realtime) {
+    const auto& recorder = run.hands[h]->recorder;
+    return recorder != nullptr && recorder->lost() == 0;
+  }
   return std::all_of(options.devices.begin(), options.devices.end(), [](const std::string& d) {
     return isSimulated(d) || isPath(d) || isReplay(d);
   });

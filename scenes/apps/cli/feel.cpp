@@ -161,7 +161,20 @@ void limitTicks(Run& run) {
                             std::llround(options.seconds.value_or(kFeelSeconds) * options.rate));
   if (!options.until) return;
   run.ticks = std::min(run.ticks, ticksUntil(*run.hands[0]->device, *options.until, options.rate));
+  // The explanation keeps all ticks in memory.
+  constexpr std::int64_t kMostTicks = 2'000'000;
+  if (run.ticks > kMostTicks) {
+    throw Error("--until", fmt::format("{} ticks are more than {}", run.ticks, kMostTicks),
+                "give an earlier time, or a replay that begins later (replay:FILE@SECONDS)");
+  }
   run.hands[0]->log.kept.emplace();
+}
+
+/// Returns Telemetry::scene of a recording's first tick that has a scene; 0 if none has one.
+std::uint64_t firstScene(const Recording& recording) {
+  std::int64_t i = 0;
+  while (i < recording.size() && recording.tick(i).scene == 0) ++i;
+  return i < recording.size() ? recording.tick(i).scene : 0;
 }
 
 /// Explains the last tick of the first hand.
@@ -173,11 +186,20 @@ int explainLast(const Run& run, const BuiltScene& built) {
     throw Error("--until", fmt::format("the run ends after {} s", rounded(kept.time)),
                 "give at most this time, or a larger --seconds");
   }
-  if (kept.scene == 0 || kept.edited) {
+  if (kept.time > *run.options.until + 1.0 / run.options.rate + kTimeGrid) {
+    throw Error("--until",
+                fmt::format("no tick is at this time; the next is at {} s", rounded(kept.time)),
+                "give this time");
+  }
+  const auto* const again = dynamic_cast<const ReplayDevice*>(hand.device.get());
+  const bool another = again != nullptr && isRecording(run.options.scene) && kept.scene != 0 &&
+                       kept.scene != firstScene(again->recording());
+  const bool edited = kept.edited || another;
+  if (kept.scene == 0 || edited) {
     throw Error(
         "--until",
-        kept.edited ? "the scene was edited before this time" : "no scene had arrived by this time",
-        kept.edited ? "give an earlier time" : "give a later time");
+        edited ? "the scene was edited before this time" : "no scene had arrived by this time",
+        edited ? "give an earlier time" : "give a later time");
   }
   Opened opened{run.spec, run.spec, built};
   if (!built.scene->parts.empty()) narrow(opened, kept.near, run.cache, complainOf);

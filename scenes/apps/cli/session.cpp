@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstdlib>
 #include <thread>
 
 #include <fmt/format.h>
@@ -79,17 +78,20 @@ class OnTime {
     hand_.log.expect(*scene, dials);
     thread_->publish(scene);
   }
-  void end() {
+  /// Waits for the end of the loop. Returns false if the loop stands still.
+  [[nodiscard]] bool ends() {
     constexpr double kPatience = 1.0;  // [s]
-    if (!thread_->stopWithin(kPatience)) {
-      complain(
-          name_ +
-          ": the loop stands still, because the arm's driver or a mode does not return: palpate "
-          "ends without its files: run a plug-in in its own process (--device plugin:NAME)");
-      std::_Exit(kEndedEarly);
+    if (thread_->stopWithin(kPatience)) {
+      // Without forget(), the guardian could overwrite the profile's final output.
+      if (watch_.heart != nullptr) guardian_.forget(watch_);
+      return true;
     }
-    // Without forget(), the guardian could overwrite the profile's final output.
-    if (watch_.heart != nullptr) guardian_.forget(watch_);
+    complain(name_ +
+             ": the loop stands still, because the arm's driver or a mode does not return: palpate "
+             "ends without its files: run a plug-in in its own process (--device plugin:NAME)");
+    return false;
+  }
+  void end() {
     hand_.drain();
     const std::int64_t lost = hand_.log.lost();
     if (lost > 0) {
@@ -438,7 +440,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     hands.push_back(std::make_unique<OnTime>(run, h, guardian, clock));
     threads.push_back(&hands.back()->thread());
   }
-  Keys keys(threads, clock, playedTimes(run.fetched));
+  std::optional<Keys> keys(std::in_place, threads, clock, playedTimes(run.fetched));
   const Obeyed obeyed(run.igtl, threads);  // before the first force
   for (HapticThread* thread : threads) thread->publish(run.scene);
   constexpr auto kLook = std::chrono::milliseconds(10);
@@ -463,7 +465,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     if (shared) run.sites->hear(*watcher);
     if (const auto built = watcher->look()) {
       run.fetched.now(*built);
-      keys.play(playedTimes(run.fetched));
+      keys->play(playedTimes(run.fetched));
       // If an edit does not change the scene's playback, the user's own changes of the playback
       // remain.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
@@ -475,6 +477,13 @@ void runOnTime(Run& run, Guardian& guardian) {
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }
     if (shared) run.sites->tell(*watcher);
+  }
+  for (const auto& hand : hands) (void)hand->thread().stopWithin(0.0);
+  bool ended = true;
+  for (const auto& hand : hands) ended = hand->ends() && ended;
+  if (!ended) {
+    keys.reset();  // restores the terminal
+    endWithoutFiles(kEndedEarly);
   }
   for (const auto& hand : hands) hand->end();
 }

@@ -55,11 +55,16 @@ void forgetPartial(const std::filesystem::path& file) {
   }
 }
 
-/// Signal handler: calls only async-signal-safe functions.
-void endNow(int /*signal*/) {
+/// Async-signal-safe.
+void removePartials() noexcept {
   for (const auto& place : partials) {
     if (const char* file = place.load()) unlink(file);
   }
+}
+
+/// Signal handler: calls only async-signal-safe functions.
+void endNow(int /*signal*/) {
+  removePartials();
   constexpr std::string_view kClear = "\r\x1b[K";
   constexpr std::string_view kSaid = "palpate: interrupted: unfinished output was not written\n";
   if (line_shown) (void)!write(STDERR_FILENO, kClear.data(), kClear.size());
@@ -291,6 +296,11 @@ void checkOutputsApart(const std::vector<std::string>& outputs,
       throw Error(output, "it is an input of this run", "write to another file");
     }
   }
+}
+
+void endWithoutFiles(int status) noexcept {
+  removePartials();
+  _exit(status);
 }
 
 void endAtInterrupts() noexcept {

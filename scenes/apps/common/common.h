@@ -99,6 +99,9 @@ class WholeFile {
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs);
 
+/// Removes uncommitted files, and ends the program without destructors.
+[[noreturn]] void endWithoutFiles(int status) noexcept;
+
 /// Lets SIGINT, SIGTERM and SIGHUP remove uncommitted files and end the program with kInterrupted.
 void endAtInterrupts() noexcept;
 /// Lets SIGINT, SIGTERM and SIGHUP only set `interrupted`, so that the program can finish its work.

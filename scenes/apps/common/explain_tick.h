@@ -25,7 +25,8 @@ struct RunTick {
 };
 
 /// Explains the last tick of a run, at `time` [s]. Repeats all ticks with a hand of these limits,
-/// so that the force is the run's force.
+/// so the force is the run's force. In a scene with parts it may differ: the limiter's heat and
+/// tank then lack the contacts with parts that `opened` leaves out.
 [[nodiscard]] Explained explainRun(const Opened& opened, std::span<const RunTick> ticks,
                                    const ForceLimits& limits, double time);
 
