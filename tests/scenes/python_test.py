@@ -470,7 +470,7 @@ except palpate.Error as e:
 
 
 @pytest.mark.parametrize("work", [
-    "palpate.volume(values, smooth=16)",
+    "palpate.volume(values, smooth=32)",
     "s.fields['ball'].sample(np.zeros((20000000, 3)))",
     "s.run([(0, 0, 0, 0.05), (8000, 0, 0, 0.05)])",
 ])
@@ -478,7 +478,7 @@ def test_ctrl_c_ends_a_long_call(work):
     # Measures the thread's processor time after the interruption, which does not depend on the machine's load.
     told = alone(f"""
 s = scene()
-values = np.random.default_rng(1).normal(size=(112, 112, 112)).astype("f4")
+values = np.random.default_rng(1).normal(size=(160, 160, 160)).astype("f4")
 own = time.pthread_getcpuclockid(threading.get_ident())
 pressed = []
 def press():
@@ -499,7 +499,7 @@ except KeyboardInterrupt:
 
 @pytest.mark.parametrize("after", [0.0, 0.01, 0.05, 0.2])
 @pytest.mark.parametrize("work", [
-    "palpate.volume(values, smooth=16)",
+    "palpate.volume(values, smooth=32)",
     "s.fields['ball'].sample(np.zeros((20000000, 3)))",
     "s.run([(0, 0, 0, 0.05), (8000, 0, 0, 0.05)])",
 ])
