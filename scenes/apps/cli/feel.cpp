@@ -170,13 +170,6 @@ void limitTicks(Run& run) {
   run.hands[0]->log.kept.emplace();
 }
 
-/// Returns Telemetry::scene of a recording's first tick that has a scene; 0 if none has one.
-std::uint64_t firstScene(const Recording& recording) {
-  std::int64_t i = 0;
-  while (i < recording.size() && recording.tick(i).scene == 0) ++i;
-  return i < recording.size() ? recording.tick(i).scene : 0;
-}
-
 /// Explains the last tick of the first hand.
 int explainLast(const Run& run, const BuiltScene& built) {
   if (interrupted != 0) return kInterrupted;

@@ -124,13 +124,8 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
 /// Error if the recording lacks this scene.
 const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
   const auto& scenes = recording.scenes();
-  std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;
-  for (std::int64_t i = 0; i < recording.size(); ++i) {
-    const std::uint64_t felt = recording.tick(i).scene;
-    if (felt == 0) continue;
-    id = felt;
-    break;
-  }
+  std::uint64_t id = firstScene(recording);
+  if (id == 0 && !scenes.empty()) id = scenes.front().id;
   const auto found = std::find_if(scenes.begin(), scenes.end(),
                                   [&](const RecordedScene& scene) { return scene.id == id; });
   if (found == scenes.end()) {
@@ -157,6 +152,13 @@ void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
 }
 
 }  // namespace
+
+std::uint64_t firstScene(const Recording& recording) {
+  for (std::int64_t i = 0; i < recording.size(); ++i) {
+    if (const std::uint64_t id = recording.tick(i).scene; id != 0) return id;
+  }
+  return 0;
+}
 
 SceneInput openSceneInput(const std::string& scene) {
   if (!isRecording(scene)) return openWithText(scene, showProgress("loading"));

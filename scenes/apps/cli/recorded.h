@@ -42,6 +42,9 @@ struct SceneAgain {
   std::shared_ptr<const Scene> scene;
   std::string text;
 };
+/// Returns Telemetry::scene of a recording's first tick with a scene; 0 if each tick lacks a scene.
+[[nodiscard]] std::uint64_t firstScene(const Recording& recording);
+
 /// Scenes by the ids in a recording's ticks.
 using ScenesById = std::map<std::uint64_t, SceneAgain>;
 /// Builds all scenes of a recording for the recorded device. `first` is the built scene of the
