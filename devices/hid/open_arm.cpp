@@ -322,7 +322,7 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
             ? ": palpate cannot store the test of an arm without a serial number and a port"
             : ": run palpate devices --test " +
                   nameLike(parseArmName(name).value_or(ArmName{}), chosen.arm, profile);
-    asked.say(fmt::format("{}: limited to {} N and {} N/m, because it is untested{}",
+    asked.say(fmt::format("{}: limited to at most {} N and {} N/m, because it is untested{}",
                           arm.device->info().name, kUntestedForce, kUntestedStiffness, test));
   }
   if (asked.say && good && !identity.numbered) {

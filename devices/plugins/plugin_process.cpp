@@ -26,6 +26,7 @@
 namespace palpate {
 namespace {
 
+constexpr auto kLongPreparation = std::chrono::seconds(3);
 constexpr double kEnds = 1.0;  // [s] for a process to end after a request
 // [s]: if a process's haptic thread makes no pass for this time, the process hangs.
 constexpr double kHung = 0.5;
@@ -85,10 +86,21 @@ struct Life {
     control_there = OwnedDescriptor();
     zero_there = OwnedDescriptor();
     const std::string name = "plugin:" + file.stem().string();
+    const auto begun = std::chrono::steady_clock::now();
+    bool told = false;
+    const auto stops = [&] {
+      if (say && !told && std::chrono::steady_clock::now() - begun > kLongPreparation) {
+        told = true;
+        say(name +
+            ": its arm is not ready yet: follow the messages of the plug-in, or end with "
+            "Ctrl-C");
+      }
+      return stop && stop();
+    };
     std::optional<DeviceError> error;
     bool known = false;
     const PluginAnswer heard =
-        receivePluginMessages(control.get(), *child, 0.0, stop, [&](const PluginMessage& message) {
+        receivePluginMessages(control.get(), *child, 0.0, stops, [&](const PluginMessage& message) {
           if (message.kind == PluginMessage::kSay && say) say(name + ": " + message.text());
           if (message.kind == PluginMessage::kFailed) error = pluginErrorOf(message);
           if (message.kind == PluginMessage::kPlugin) version = pluginLinesOf(message)[1];
@@ -421,7 +433,7 @@ OpenedArm openPluginArm(const std::string& name, const ArmHost& asked) {
         asked.tests            ? ""
         : identity.own.empty() ? ": palpate cannot store the test of an arm without a serial number"
                                : ": run palpate devices --test " + known + "@" + identity.own;
-    asked.say(fmt::format("{}: limited to {} N and {} N/m, because it is untested{}", name,
+    asked.say(fmt::format("{}: limited to at most {} N and {} N/m, because it is untested{}", name,
                           kUntestedForce, kUntestedStiffness, test));
   }
   return arm;

@@ -1,10 +1,13 @@
 #include "palpate/scenes/apps/cli/feel.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <future>
 #include <limits>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -200,6 +203,32 @@ int explainLast(const Run& run, const BuiltScene& built) {
   return sayExplained(explainRun(opened, kept.ticks, limits, kept.time), run.options.json);
 }
 
+/// Closes the arms at the end of a scope. If a plug-in in this process does not return, ends the
+/// program.
+class ClosesArms {
+ public:
+  explicit ClosesArms(Hands& hands) : hands_(hands) {}
+  ClosesArms(const ClosesArms&) = delete;
+  ClosesArms& operator=(const ClosesArms&) = delete;
+  ~ClosesArms() {
+    std::promise<void> closed;
+    std::thread watcher([until = closed.get_future()] {
+      constexpr auto kPatience = std::chrono::seconds(5);
+      if (until.wait_for(kPatience) == std::future_status::ready) return;
+      complain(
+          "feel: the arm does not close, because its driver does not return: palpate ends: "
+          "run a plug-in in its own process (--device plugin:NAME)");
+      endWithoutFiles(kEndedEarly);
+    });
+    hands_.clear();
+    closed.set_value();
+    watcher.join();
+  }
+
+ private:
+  Hands& hands_;
+};
+
 }  // namespace
 
 int feel(FeelOptions options) {
@@ -247,6 +276,7 @@ int feel(FeelOptions options) {
 
   Outputs outputs(options);
   Hands hands;
+  const ClosesArms closes(hands);
   for (std::size_t h = 0; h < devices.size(); ++h) {
     hands.push_back(std::make_unique<Hand>(
         std::move(devices[h]), *built.scene, options, placeOf(options.trace, h),

@@ -267,12 +267,13 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
     for (const auto& hand : hands) {
       if (solid.empty()) solid = hand->log.felt.inside();
     }
-    complain(solid.empty()
-                 ? "feel: the hand felt no force: it touched no active mode: run palpate check to "
-                   "see where the volumes are"
-                 : fmt::format("feel: the hand felt no force: it began inside the solid of {}, and "
-                               "a surface holds only a hand that comes from outside: begin outside",
-                               Legible(solid).text()));
+    const std::string verb = run.options.window ? "view" : "feel";
+    complain(verb + ": the hand felt no force: " +
+             (solid.empty()
+                  ? "it touched no active mode: run palpate check to see where the volumes are"
+                  : fmt::format("it began inside the solid of {}, and a surface holds only a hand "
+                                "that comes from outside: begin outside",
+                                Legible(solid).text())));
   }
   if (cut_short || interrupted != 0) return kInterrupted;
   return statusOf(run, nothing, lost, kept);

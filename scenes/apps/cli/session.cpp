@@ -58,7 +58,7 @@ class OnTime {
     }
     told_still_ = still;
     // At less than half of the requested force, a surface feels too soft.
-    const bool weak = now.input.given < 0.5;
+    const bool weak = now.fault == Fault::kNone && now.input.given < 0.5;
     if (weak && !told_weak_) {
       complain(name_ +
                ": the motors give less than half of the requested force, because they are too weak "
@@ -68,12 +68,19 @@ class OnTime {
     if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
       plugging_ = another.version;
       guardian_.renew(watch_, another);
-      complain(name_ + ": the arm is connected again: press Enter when the hand is ready");
+      constexpr auto kSeldom = std::chrono::seconds(2);
+      const auto at = std::chrono::steady_clock::now();
+      if (at - told_plugged_ > kSeldom) {
+        told_plugged_ = at;
+        complain(name_ + ": the arm is connected again: press Enter when the hand is ready");
+      }
     }
-    stood_ = now.tick == last_tick_ ? stood_ + 1 : 0;
+    stood_ = thread_->running() && now.tick == last_tick_ ? stood_ + 1 : 0;
     last_tick_ = now.tick;
-    return thread_->running() && now.tick < run_.ticks && stood_ < kStanding;
+    return thread_->running() && now.tick < run_.ticks;
   }
+  /// Returns true if the last looks found no new tick.
+  [[nodiscard]] bool stands() const { return stood_ >= kStanding; }
   void feel(const std::shared_ptr<const Scene>& scene, const std::vector<LiveDial>& dials) {
     hand_.log.expect(*scene, dials);
     thread_->publish(scene);
@@ -130,6 +137,7 @@ class OnTime {
   Guardian& guardian_;
   LoopWatch watch_;
   std::uint32_t plugging_ = 1;
+  std::chrono::steady_clock::time_point told_plugged_;
   /// Calls of look() without a new tick after which the loop stands still: about 3 s.
   static constexpr int kStanding = 300;
   int stood_ = 0;
@@ -423,6 +431,70 @@ void runAgain(const Run& run, const ScenesById& scenes) {
   }
 }
 
+/// Shows the ticks of the hands and publishes edited scenes, until the run ends.
+void watchHands(Run& run, const std::vector<std::unique_ptr<OnTime>>& hands,
+                const std::vector<HapticThread*>& threads, std::optional<Watcher>& watcher,
+                PlayClock& clock, Keys& keys) {
+  const bool shared = run.sites != nullptr && run.sites->share();
+  constexpr auto kLook = std::chrono::milliseconds(10);
+  constexpr int kWatch = 25;  // The scene file is checked for changes once per this number of polls
+  // If ticks are late, a run takes longer, at most by this time.
+  constexpr double kExtra = 5.0;  // [s]
+  const auto begun = std::chrono::steady_clock::now();
+  const std::chrono::duration<double> longest(static_cast<double>(run.ticks) / run.options.rate +
+                                              kExtra);
+  std::chrono::steady_clock::time_point next_image;
+  bool feeling = true;
+  for (int looks = 0; feeling && interrupted == 0; ++looks) {
+    std::this_thread::sleep_for(kLook);
+    if (std::chrono::steady_clock::now() - begun > longest) return;
+    feeling = false;
+    for (const auto& hand : hands) {
+      feeling = hand->look() || feeling;
+      if (hand->stands()) return;
+    }
+    if (run.sites != nullptr) run.sites->tellNews();
+    if (run.window != nullptr) {
+      const Asked asked = run.window->look(threads);
+      if (asked.closed || run.window->lost()) break;
+      if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
+      run.window->tellRefused(watcher->refused());
+    }
+    if (run.igtl != nullptr) serve(*run.igtl, hands, *watcher, next_image);
+    if (looks % kWatch != 0) continue;
+    run.fetched.tellTroubles();
+    if (!watcher) continue;
+    if (shared) run.sites->hear(*watcher);
+    if (const auto built = watcher->look()) {
+      run.fetched.now(*built);
+      keys.play(playedTimes(run.fetched));
+      // If an edit does not change the scene's playback, the user's own changes of the playback
+      // remain.
+      if (!(built->play == run.play)) clock.steer(run.play = built->play);
+      record(run, *built, *watcher);
+      run.edited = EditedScene{watcher->spec(), *built};
+      const CouplingParams coupling = stiffestCoupling(watcher->spec());
+      if (coupling.stiffness > run.stiffest.stiffness) run.stiffest = coupling;
+      if (run.igtl != nullptr) run.igtl->expect(*built);
+      for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
+    }
+    if (shared) run.sites->tell(*watcher);
+  }
+}
+
+/// Ends the loops of all hands. If one stands still, prints `error` and ends the program, because
+/// the destructor of its HapticThread would wait forever.
+void endLoops(const std::vector<std::unique_ptr<OnTime>>& hands, std::optional<Keys>& keys,
+              const std::string& error = {}) {
+  for (const auto& hand : hands) (void)hand->thread().stopWithin(0.0);
+  bool ended = true;
+  for (const auto& hand : hands) ended = hand->ends() && ended;
+  if (ended) return;
+  if (!error.empty()) complain(error);
+  keys.reset();  // restores the terminal
+  endWithoutFiles(kEndedEarly);
+}
+
 void runOnTime(Run& run, Guardian& guardian) {
   std::vector<const Device*> devices;
   for (const auto& hand : run.hands) devices.push_back(hand->device.get());
@@ -443,48 +515,13 @@ void runOnTime(Run& run, Guardian& guardian) {
   std::optional<Keys> keys(std::in_place, threads, clock, playedTimes(run.fetched));
   const Obeyed obeyed(run.igtl, threads);  // before the first force
   for (HapticThread* thread : threads) thread->publish(run.scene);
-  constexpr auto kLook = std::chrono::milliseconds(10);
-  constexpr int kWatch = 25;  // The scene file is checked for changes once per this number of polls
-  std::chrono::steady_clock::time_point next_image;
-  bool feeling = true;
-  for (int looks = 0; feeling && interrupted == 0; ++looks) {
-    std::this_thread::sleep_for(kLook);
-    feeling = false;
-    for (const auto& hand : hands) feeling = hand->look() || feeling;
-    if (run.sites != nullptr) run.sites->tellNews();
-    if (run.window != nullptr) {
-      const Asked asked = run.window->look(threads);
-      if (asked.closed || run.window->lost()) break;
-      if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
-      run.window->tellRefused(watcher->refused());
-    }
-    if (run.igtl != nullptr) serve(*run.igtl, hands, *watcher, next_image);
-    if (looks % kWatch != 0) continue;
-    run.fetched.tellTroubles();
-    if (!watcher) continue;
-    if (shared) run.sites->hear(*watcher);
-    if (const auto built = watcher->look()) {
-      run.fetched.now(*built);
-      keys->play(playedTimes(run.fetched));
-      // If an edit does not change the scene's playback, the user's own changes of the playback
-      // remain.
-      if (!(built->play == run.play)) clock.steer(run.play = built->play);
-      record(run, *built, *watcher);
-      run.edited = EditedScene{watcher->spec(), *built};
-      const CouplingParams coupling = stiffestCoupling(watcher->spec());
-      if (coupling.stiffness > run.stiffest.stiffness) run.stiffest = coupling;
-      if (run.igtl != nullptr) run.igtl->expect(*built);
-      for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
-    }
-    if (shared) run.sites->tell(*watcher);
+  try {
+    watchHands(run, hands, threads, watcher, clock, *keys);
+  } catch (const std::exception& error) {
+    endLoops(hands, keys, error.what());
+    throw;
   }
-  for (const auto& hand : hands) (void)hand->thread().stopWithin(0.0);
-  bool ended = true;
-  for (const auto& hand : hands) ended = hand->ends() && ended;
-  if (!ended) {
-    keys.reset();  // restores the terminal
-    endWithoutFiles(kEndedEarly);
-  }
+  endLoops(hands, keys);
   for (const auto& hand : hands) hand->end();
 }
 

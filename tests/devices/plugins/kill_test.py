@@ -77,8 +77,9 @@ class Kill(unittest.TestCase):
                        check=True, stdout=subprocess.DEVNULL)
 
     @contextlib.contextmanager
-    def felt(self, serial, place="plugin", seconds=60):
-        """Yields an arm, a program that runs with it, and the process of the plug-in, if it has one."""
+    def felt(self, serial, place="plugin", seconds=60, others=()):
+        """Yields an arm, a program that runs with it, and the process of the plug-in, if it has one. `others` are
+        further arguments."""
         file = self.folder / "arm"
         file.unlink(missing_ok=True)   # a plug-in that hangs still uses its arm's file
         file.write_bytes(bytes(ctypes.sizeof(Arm)))
@@ -86,16 +87,17 @@ class Kill(unittest.TestCase):
             memory = mmap.mmap(handle.fileno(), ctypes.sizeof(Arm))
         arm = Arm.from_buffer(memory)
         arm.position[2] = 0.045   # [m]; the surface is at 0.033
-        others = processes()
+        before = processes()
         environment = dict(os.environ, PALPATE_PLUGINS=str(self.plugins), PALPATE_ODD_ARM=str(file),
                            HOME=str(self.folder))
         program = subprocess.Popen([PALPATE, "feel", self.folder / "two.vdb", "--realtime",
-                                    "--device", f"{place}:odd@{serial}", "--seconds", str(seconds)],
+                                    "--device", f"{place}:odd@{serial}", *others,
+                                    "--seconds", str(seconds)],
                                    env=environment, stdout=subprocess.DEVNULL,
                                    stderr=subprocess.PIPE, start_new_session=True)
         try:
             self.assertTrue(until(lambda: arm.reads > 200, 30), "it never begins")
-            ours = processes() - others
+            ours = processes() - before
             self.assertEqual(len(ours), int(place == "plugin"))
             yield arm, program, ours
         finally:
@@ -203,6 +205,18 @@ class Kill(unittest.TestCase):
                 self.assertIn(b"the loop stands still, because the arm's driver or a mode does not return",
                               program.communicate(timeout=20)[1])
                 self.assertEqual(program.returncode, 1)
+
+    def test_a_run_ends_although_a_plugin_in_its_process_does_not_close(self):
+        with self.felt("unclosed", "plugin-inside", 1) as (arm, program, _):
+            arm.trouble = 1
+            self.assertIn(b"the arm does not close", program.communicate(timeout=30)[1])
+            self.assertEqual((program.returncode, arm.closes), (1, 1))
+
+    def test_a_run_of_two_hands_ends_if_one_arm_does_not_return(self):
+        with self.felt("inside", "plugin-inside", 120, ["--device", "simulated"]) as (arm, program, _):
+            arm.trouble = 1
+            self.assertIn(b"the loop stands still", program.communicate(timeout=60)[1])
+            self.assertEqual(program.returncode, 1)
 
 
 for name in SIGNALS:

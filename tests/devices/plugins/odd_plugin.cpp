@@ -64,7 +64,7 @@ int facts(palpate_plugin_device* device, palpate_plugin_facts* out) {
   out->damping = 5.0;
   out->workspace_radius = 0.1;
   out->rate = 1000.0;
-  out->watchdog = odd.kind == "inside" ? 0.05 : 0.0;
+  out->watchdog = odd.kind == "inside" || odd.kind == "unclosed" ? 0.05 : 0.0;
   out->resolution = 1e-5;
   out->joints = 3;
   out->buttons = 2;
@@ -157,6 +157,7 @@ void stop(palpate_plugin_device* device) {
 void closeOdd(palpate_plugin_device* device) {
   Odd* odd = &oddOf(device);
   ++odd->arm->closes;
+  if (odd->is("unclosed")) hang();
   delete odd;
 }
 
@@ -177,10 +178,10 @@ const void* deviceExtension(palpate_plugin_device* /*device*/, const char* name)
 
 int find(palpate_plugin_found* found, int room) {
   constexpr const char* kSerials[] = {
-      "good",      "mute",  "held",   "fast",   "limitless", "inside", "unhomed",   "slow",
-      "stillborn", "crash", "abort",  "exit",   "hang",      "gone",   "nothing",   "dead",
-      "jump",      "nan",   "vast",   "future", "hot",       "open",   "unpowered", "long",
-      "stuck",     "warm",  "refuse", "stack",  "deadlock"};
+      "good",      "mute",  "held",   "fast",   "limitless", "inside",  "unhomed",   "slow",
+      "stillborn", "crash", "abort",  "exit",   "hang",      "gone",    "nothing",   "dead",
+      "jump",      "nan",   "vast",   "future", "hot",       "open",    "unpowered", "long",
+      "stuck",     "warm",  "refuse", "stack",  "deadlock",  "unclosed"};
   int count = 0;
   for (const char* serial : kSerials) {
     if (count < room) {
