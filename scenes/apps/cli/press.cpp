@@ -76,8 +76,7 @@ struct ModePressed {
   double held = 0.0;              ///< Largest load on the way in or out [N].
   bool ready = false;             ///< True after the mode has held in a tick without yielding.
   std::optional<Yield> yield;     ///< First yield after `ready` has become true.
-  std::optional<double> let_go;   ///< Depth of the hand at which the load ends after the yield [m].
-  int gap = 0;                    ///< Number of ticks without load from `let_go` on.
+  std::optional<double> let_go;   ///< Depth at which the load last ends after the yield [m].
 };
 
 class Curve {
@@ -137,30 +136,20 @@ class Curve {
       mode.touched = row.depth;
       // A yield within a tick before the contact does not count if the mode then carries a load.
       mode.yield.reset();
-      mode.let_go.reset();
-      mode.gap = 0;
     }
     // A surface that the proxy has passed in this tick is not among the loads at the tick's end.
     const bool gone = yielded && !carries;
     const bool yields = gone || (carries && holdOf(loads) == Hold::kYields);
-    if (yields && mode.ready && !mode.yield) {
+    const bool counts = gone || mode.held >= kLoad;
+    if (yields && counts && mode.ready && !mode.yield) {
       mode.yield = Yield{row.depth, row.proxy_depth, std::nullopt, row.force_along, mode.held};
       if (!gone) mode.yield->force = totalOf(bearersOf(loads)).norm();
     }
     mode.ready = mode.ready || !yields;
-    followGap(mode, carries, row.depth);
-  }
-
-  /// Sets `let_go` if the load has ended. A shorter gap than kGap is not a release.
-  static void followGap(ModePressed& mode, bool carries, double depth) {
-    constexpr int kGap = 5;  // [ticks]
-    if (!mode.yield) return;
-    if (!carries) {
-      if (!mode.let_go) mode.let_go = depth;
-      ++mode.gap;
-    } else if (mode.gap < kGap) {
+    if (carries) {
       mode.let_go.reset();
-      mode.gap = 0;
+    } else if (mode.yield && !mode.let_go) {
+      mode.let_go = row.depth;
     }
   }
 
