@@ -236,6 +236,20 @@ def growing_ball(folder, play):
             "modes": [SKIN]}
 
 
+@pytest.mark.parametrize("kind", ["sequence", "bricks"])
+def test_an_explanation_of_a_sequence_or_of_bricks_equals_that_of_palpate_explain(tmp_path, kind):
+    scene = growing_ball(tmp_path, {"from": 0.1})
+    if kind == "bricks":
+        program("brick", tmp_path / "ball_0.vdb", tmp_path / "ball.bricks")
+        del scene["play"]
+        scene["volumes"]["ball"] = {"file": str(tmp_path / "ball.bricks"), "place": {"scale": 0.001}}
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(scene))
+    told = json.loads(program("explain", file, "--at", "0.012,0,0", "--push", "-0.006,0,0", "--json"))
+    assert told["force"]["size"] > 0.1
+    assert palpate.Scene.load(file).explain((0.012, 0, 0), (-0.006, 0, 0)) == told
+
+
 def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
     scene = growing_ball(tmp_path, {"from": 0.1, "speed": 0.5})
     hand = np.zeros((401, 3))

@@ -176,6 +176,8 @@ class PyScene {
   [[nodiscard]] SceneSpec loaded() const {
     SceneSpec spec = spec_;
     for (auto& [name, volume] : spec.volumes) {
+      // For these, built_ has only the first frame or the coarsest level.
+      if (built_.sequences.count(name) != 0 || built_.windows.count(name) != 0) continue;
       if (const auto found = built_.volumes.find(name); found != built_.volumes.end()) {
         volume.volume = found->second;
       }
