@@ -108,8 +108,9 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
              const LoopWatch& watch = {});
 
   // Functions for the scene thread.
-  /// Publishes the scene for the next ticks. Frees old scenes in this call, never in a tick. Does
-  /// not call checkCoupling().
+  /// Publishes the scene for the next ticks. If its shape differs from the present scene's
+  /// (Scene::shape), the force becomes zero and an engagement begins. Frees old scenes in this call,
+  /// never in a tick. Does not call checkCoupling().
   void publish(std::shared_ptr<const Scene> scene) noexcept;
   /// Returns the newest tick, valid until the next call. Only one thread may read.
   [[nodiscard]] const Telemetry& latest() noexcept {

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <string>
 
@@ -86,6 +87,26 @@ TEST_CASE("a host program in C gets the force of a scene and keeps the scene if 
   const test::CountScope scope;
   (void)host.tick(0.04);
   CHECK(test::CountScope::counts().allocations == 0);
+}
+
+TEST_CASE("the force of a host program in C stays on if a reload changes only a strength", "[c]") {
+  const Host host;
+  const std::filesystem::path file = std::filesystem::path(host.file()).parent_path() / "ball.json";
+  char error[200];
+  const auto load = [&](double strength) {
+    std::ofstream(file)
+        << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.1}}},
+      "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "solid": "below", "strength": )"
+        << strength << "}]}";
+    return palpate_reload(host.hand, file.c_str(), error, sizeof error);
+  };
+  REQUIRE(load(3.0) == 0);
+  (void)host.press();
+  double force = 0.0;
+  for (int i = 0; i < 100; ++i) force = host.tick(0.04).force[2];
+  CHECK(force > 0.1);
+  REQUIRE(load(2.5) == 0);
+  CHECK(host.tick(0.04).force[2] == Approx(force).epsilon(1e-6));
 }
 
 TEST_CASE("a host program in C that ticks in virtual time gets a late fault only from its own time",

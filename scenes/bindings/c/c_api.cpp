@@ -14,6 +14,7 @@
 #include "palpate/engine/version.h"
 #include "palpate/scenes/apps/common/explain_tick.h"
 #include "palpate/scenes/library/brick_places.h"
+#include "palpate/scenes/library/scene_cache.h"
 #include "palpate/scenes/library/scene_file.h"
 
 // NOLINTBEGIN(readability-identifier-naming): C's names
@@ -24,6 +25,7 @@ struct palpate_hand {
   palpate::DeviceInfo arm;
   double rate;
   std::filesystem::path path;  // absolute, because the host may change its working directory
+  palpate::SceneCache cache;   // lets the force stay on if only numbers of the scene change
   palpate::Servo servo;
 };
 
@@ -65,7 +67,7 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path
 
 /// Builds a scene. Publishes only a complete scene.
 void load(palpate_hand& hand, const std::filesystem::path& path) {
-  auto scene = palpate::buildScene(specFor(hand, path)).scene;
+  auto scene = palpate::buildScene(specFor(hand, path), nullptr, &hand.cache).scene;
   hand.path = palpate::absolutePlace(path);
   hand.servo.publish(std::move(scene));
 }

@@ -36,7 +36,7 @@ typedef struct palpate_felt {
 /** A scene and a hand in it. */
 typedef struct palpate_hand palpate_hand;
 
-/** Returns the version of palpate, such as "0.2.0". */
+/** Returns the version of palpate, such as "0.3.0". */
 const char* palpate_version(void);
 
 /** Returns limits that all common desktop arms can render, with `hand` set: 3.3 N, 500 N/m. */
@@ -59,7 +59,10 @@ palpate_hand* palpate_load_virtual(const char* path, const palpate_arm* arm, dou
                                    char* error, size_t size);
 
 /** Loads another scene for the same hand. The present scene stays active until the new scene is
- *  complete, and also if the call fails. Another thread may call palpate_tick at the same time.
+ *  complete, and also if the call fails. If `path` is a scene file that differs from the present
+ *  one only in numbers, such as a strength, the force stays on. Otherwise the force is zero at
+ *  first, and grows again within 1.5 s.
+ *  Another thread may call palpate_tick at the same time.
  *  Call this function from the thread that called palpate_load.
  *  @return  0, or -1 if the call fails. */
 int palpate_reload(palpate_hand* hand, const char* path, char* error, size_t size);

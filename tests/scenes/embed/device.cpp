@@ -46,11 +46,13 @@ class MyArm final : public palpate::Device {
 
   const palpate::DeviceInfo& info() const noexcept override { return info_; }
 
-  // Returns the newest position and its age. Must neither allocate nor wait.
+  // Returns the newest position, its age, and a fault of this call or of write(). Must neither
+  // allocate nor wait.
   palpate::HandState read() noexcept override {
     palpate::HandState hand;
     int counts[3] = {0, 0, 0};
-    if (!driver_.counts(counts, hand.age)) hand.fault = palpate::Fault::kGone;
+    if (!driver_.counts(counts, hand.age)) fault_ = palpate::Fault::kGone;
+    hand.fault = fault_;
     hand.position = palpate::Vec3(counts[0], counts[1], counts[2]) * 1e-5;  // 10 um per count
     return hand;
   }
@@ -90,8 +92,10 @@ int main() try {
   while (hand.latest().tick < 500 && interrupted == 0) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
-  std::printf("%s: proxy at %.0f mm\n", arm.info().name.c_str(),
-              1e3 * hand.latest().report.proxy.z());
+  const palpate::Telemetry& last = hand.latest();
+  std::printf("%s: proxy at %.0f mm, fault: %s\n", arm.info().name.c_str(),
+              1e3 * last.report.proxy.z(), palpate::wordFor(last.fault));
+  return last.fault == palpate::Fault::kNone ? 0 : 1;
 } catch (const palpate::Error& e) {
   std::fprintf(stderr, "device: %s\n", e.what());
   return 2;
