@@ -155,6 +155,10 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
 }
 
 void check(const VoxelArray& array) {
+  if (array.values == nullptr) {
+    throw VolumeError(array.name, "it has no values: its address is null",
+                      "set VoxelArray::values to the address of value (0, 0, 0)");
+  }
   for (std::size_t a = 0; a < 3; ++a) {
     if (array.size[a] >= 1 && array.size[a] <= kMostAlong) continue;
     throw VolumeError(array.name,

@@ -19,7 +19,8 @@ struct VoxelArray {
   /// Storage type of a scalar, or of a vector's component: 32 or 64 bits.
   enum class Type : std::uint8_t { kFloat, kDouble };
 
-  /// Address of value (0, 0, 0), with any alignment. The array is read during the call only.
+  /// Address of value (0, 0, 0), not null, with any alignment. The array is read during the call
+  /// only.
   const void* values = nullptr;
   Type type = Type::kFloat;  ///< Type of the numbers in the array, and in the grid made from it.
   bool vector = false;       ///< True if a value has the components x, y and z, in this order.
@@ -40,10 +41,10 @@ struct VoxelArray {
 };
 
 /// Copies the values, and checks them as loadVolume checks a file. Throws VolumeError, with the
-/// array's name, in these cases. A size is not within 1 to 2^31 - 1. The axes do not span a volume,
-/// are too small for OpenVDB, or are not finite. The origin or the background is not finite, or
-/// vectors have a background. All values equal the background. Or loadVolume would reject the
-/// values. Slow: reads every value, in parallel.
+/// array's name, in these cases. `values` is null. A size is not within 1 to 2^31 - 1. The axes do
+/// not span a volume, are too small for OpenVDB, or are not finite. The origin or the background is
+/// not finite, or vectors have a background. All values equal the background. Or loadVolume would
+/// reject the values. Slow: reads every value, in parallel.
 [[nodiscard]] std::shared_ptr<const Volume> makeVolume(const VoxelArray& array,
                                                        const LoadOptions& options = {});
 

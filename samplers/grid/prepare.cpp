@@ -331,9 +331,12 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
     info.voxel = part.linear.colwise().norm().transpose();
     if (info.active_voxels > 0) info.bounds = boundsOf(active.as_read, part);
   }
-  if (const auto source = base->getMetadata<openvdb::StringMetadata>("source")) {
-    info.source = source->value();
-  }
+  const auto text = [&](const char* key) {
+    const auto found = base->getMetadata<openvdb::StringMetadata>(key);
+    return found ? found->value() : std::string();
+  };
+  info.source = text("source");
+  info.description = text("description");
   info.labels = labelsIn(*base);
   info.refusal = refusalOf(*base, info, affine, parts);
   out.grid = std::make_unique<Volume::Grid>();

@@ -95,6 +95,7 @@ struct GridInfo {
   std::vector<Label> labels;
   std::optional<Vec3> colour;  ///< Colour of a mask's surface (makeLabelMask), as in Label.
   std::string source;          ///< File from which the grid was imported, as its metadata state.
+  std::string description;     ///< Description of the data, as the grid's metadata state it.
   std::string refusal;         ///< "reason: remedy" if the grid cannot be used, else empty.
 };
 

@@ -156,6 +156,9 @@ TEST_CASE("an unusable array is refused with its name", "[volume]") {
   VoxelArray array = viewOf(values);
   array.name = "mri";
   REQUIRE(refusal(array) == "no error");
+  VoxelArray null = array;
+  null.values = nullptr;
+  CHECK_THAT(refusal(null), Contains("mri: it has no values"));
   VoxelArray empty = array;
   empty.size[1] = 0;
   CHECK_THAT(refusal(empty), Contains("mri: it has 0 values along axis 2 of 3"));
