@@ -227,8 +227,12 @@ wait
                 "modes": [{"mode": "isosurface", "of": "ball", **key, "strength": 1}]}), encoding="utf-8")
             self.still("--device", "path:path.csv", "--picture", "still.png")
             blue.append(near(imread(self.dir / "still.png"), self.told()["pixels"]["centre"], (0.1, 0.2, 0.9), 10))
+            self.still("--device", "path:path.csv", "--picture", "still.png", "--slice", "all")
+            self.assertEqual(self.told()["legend"], ["slices of ball", "/modes/0"])
+            blue.append(near(imread(self.dir / "still.png"), self.told()["pixels"]["centre"], (0.1, 0.2, 0.9), 150))
         self.assertGreater(blue[0], 400)
-        self.assertEqual(blue[1], 0)
+        self.assertGreater(blue[1], 50)   # the label's line on slices of the labels
+        self.assertEqual(blue[2:], [0, 0])
 
     def test_a_volume_without_a_scene_is_drawn(self):
         self.scene = self.volumes / "ball.vdb"

@@ -357,8 +357,8 @@ void Shapes::addSurface(const Graph& graph, const IsosurfaceMode& mode, const st
   ++surfaces_;
   legend_.push_back({name, colour});
   legend_.back().body = true;
-  levels_.push_back(
-      {name, of.id(), level, has_own ? colour : kLines[levels_.size() % kLines.size()]});
+  const Colour line = has_own ? colour : kLines[levels_.size() % kLines.size()];
+  levels_.push_back({name, graph.scalar_fields[field], level, line, motion});
 }
 
 void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std::size_t field,

@@ -80,12 +80,13 @@ class Shapes {
   };
   /// Returns six letters; empty without a volume that has the space of a patient.
   [[nodiscard]] const std::vector<Letter>& letters() const noexcept { return letters_; }
-  /// A surface of the scene, which slices of its field show as a line.
+  /// A surface of the scene, which slices show as a line.
   struct Level {
-    std::string name;         ///< Name of its entry in the legend.
-    std::uint64_t field = 0;  ///< ScalarField::id()
+    std::string name;  ///< Name of its entry in the legend.
+    std::shared_ptr<const ScalarField> field;
     double value = 0.0;
-    Colour colour{};  ///< Colour of the line, visible on grey.
+    Colour colour{};   ///< Colour of the line, visible on grey.
+    MotionPtr motion;  ///< Null if the surface does not move.
   };
   [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
   /// Shows or hides surfaces and clouds, which would cover the slices, from the next detail() on.

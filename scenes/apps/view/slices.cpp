@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 
 #include <vtkMatrix4x4.h>
 #include <vtkPolyDataMapper.h>
@@ -13,6 +12,7 @@ namespace palpate::view {
 namespace {
 
 constexpr int kSide = 160;  ///< Number of points along each side of a slice.
+constexpr std::size_t kMostLines = 16;
 
 /// Returns true if the value `level` lies between a point of a slice and the next point to the
 /// right or above.
@@ -47,7 +47,7 @@ Slices::Slices(vtkRenderer& renderer, const std::string& planes) {
 }
 
 void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, double low,
-                  double high, const std::vector<Shapes::Level>& levels) {
+                  double high, const std::vector<Shapes::Level>& levels, double time) {
   const Box& box = field.frame().bounds;
   const Vec3 place = pose.toRest(at).cwiseMax(box.lower).cwiseMin(box.upper);
   auto matrix = vtkSmartPointer<vtkMatrix4x4>::New();
@@ -56,10 +56,6 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
     matrix->SetElement(i, 3, pose.translate[i]);
   }
   FieldCache cache;
-  field.reset(cache);
-  std::vector<Shapes::Level> own;
-  std::copy_if(levels.begin(), levels.end(), std::back_inserter(own),
-               [&](const Shapes::Level& level) { return level.field == field.id(); });
   std::vector<double> values(static_cast<std::size_t>(kSide) * kSide);
   for (int axis = 0; axis < 3; ++axis) {
     if (only_ >= 0 && axis != only_) continue;
@@ -77,23 +73,37 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
     slice.plane->SetOrigin(corner.x(), corner.y(), corner.z());
     slice.plane->SetPoint1(right.x(), right.y(), right.z());
     slice.plane->SetPoint2(top.x(), top.y(), top.z());
-    std::size_t next = 0;
-    for (int j = 0; j < kSide; ++j) {
-      for (int i = 0; i < kSide; ++i) {
-        const Vec3 p = corner + (i + 0.5) / kSide * across + (j + 0.5) / kSide * up;
-        values[next++] = field.sample(p, cache).value;
+    // Samples a field at the slice's points, which `place_of` moves to the rest of the field.
+    const auto sample = [&](const ScalarField& of, const auto& place_of) {
+      of.reset(cache);
+      std::size_t next = 0;
+      for (int j = 0; j < kSide; ++j) {
+        for (int i = 0; i < kSide; ++i) {
+          const Vec3 p = corner + (i + 0.5) / kSide * across + (j + 0.5) / kSide * up;
+          values[next++] = of.sample(place_of(p), cache).value;
+        }
       }
-    }
+    };
     auto* out = static_cast<unsigned char*>(slice.image->GetScalarPointer());
-    for (std::size_t at_point = 0; at_point < values.size(); ++at_point) {
-      const double value = values[at_point];
-      const double share = std::clamp((value - low) / (high - low), 0.0, 1.0);
-      Colour colour;
-      colour.fill(std::isfinite(value) ? share : 0.0);
-      for (const Shapes::Level& level : own) {
-        if (crosses(values, at_point, level.value)) colour = level.colour;
+    const auto paint = [&](std::size_t point, const Colour& colour) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        out[3 * point + c] = static_cast<unsigned char>(255.0 * colour[c]);
       }
-      for (const double c : colour) *out++ = static_cast<unsigned char>(255.0 * c);
+    };
+    sample(field, [](const Vec3& p) { return p; });
+    for (std::size_t point = 0; point < values.size(); ++point) {
+      const double share = std::clamp((values[point] - low) / (high - low), 0.0, 1.0);
+      Colour grey;
+      grey.fill(std::isfinite(share) ? share : 0.0);
+      paint(point, grey);
+    }
+    for (std::size_t n = 0; n < std::min(levels.size(), kMostLines); ++n) {
+      const Shapes::Level& level = levels[n];
+      const Pose of_level = level.motion ? level.motion->poseAbout(at, time) : Pose{};
+      sample(*level.field, [&](const Vec3& p) { return of_level.toRest(pose(p)); });
+      for (std::size_t point = 0; point < values.size(); ++point) {
+        if (crosses(values, point, level.value)) paint(point, level.colour);
+      }
     }
     slice.image->Modified();
     slice.actor->SetUserMatrix(matrix);

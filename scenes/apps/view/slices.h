@@ -24,9 +24,9 @@ class Slices {
   Slices(vtkRenderer& renderer, const std::string& planes);
 
   /// Draws a field in `pose` on planes through `at` [m]. The value `low` is black, and `high` is
-  /// white. The levels of this field are lines.
+  /// white. The first 16 levels are lines, where their volumes are at `time` [s].
   void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high,
-            const std::vector<Shapes::Level>& levels);
+            const std::vector<Shapes::Level>& levels, double time);
   void hide();
 
  private:

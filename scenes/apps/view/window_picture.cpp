@@ -52,7 +52,7 @@ void ViewWindow::drawSlices() {
     const Pose pose = volumes[i].motion ? volumes[i].motion->poseAbout(proxy, tick_.time) : Pose{};
     if (sliced_ == i) {
       slices_->show(*std::get<0>(volumes[i].field), pose, proxy, grey_.first, grey_.second,
-                    shapes_->levels());
+                    shapes_->levels(), tick_.time);
       drawn = true;
     }
     const auto* flow = std::get_if<std::shared_ptr<const VectorField>>(&volumes[i].field);
@@ -341,10 +341,9 @@ std::vector<std::string> ViewWindow::notes() const {
 std::vector<Shapes::Entry> ViewWindow::legend() const {
   std::vector<Shapes::Entry> legend = shapes_->legend();
   if (!sliced_) return legend;
-  // Slices replace surfaces and clouds. Surfaces of the sliced volume remain, as lines.
+  // Slices replace surfaces and clouds. Surfaces remain, as lines.
   const Shapes::Volume& volume = shapes_->volumes()[*sliced_];
   for (const Shapes::Level& level : shapes_->levels()) {
-    if (level.field != std::get<0>(volume.field)->id()) continue;
     for (Shapes::Entry& entry : legend) {
       if (entry.name != level.name || entry.high > entry.low) continue;
       entry.colour = level.colour;
