@@ -483,12 +483,13 @@ SelfTestResult SelfTest::result() const {
   const bool straight =
       std::none_of(result.axes.begin(), result.axes.end(),
                    [](const AxisResult& axis) { return axis.moved && axis.along <= kStraight; });
+  if (!straight) return result;
   for (int a = 0; a < 3; ++a) {
     AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
-    if (!axis.moved || axis.along <= kStraight) continue;
+    if (!axis.moved) continue;
     fitDelay(pushes(a), axis);
     const std::string trouble = fitTrouble(axis);
-    if (straight && !trouble.empty()) {
+    if (!trouble.empty()) {
       result.problems.push_back(std::string(params_.axes.name(a)) + ": " + trouble);
     }
   }
@@ -540,7 +541,8 @@ void SelfTest::checkDirection(std::size_t run, const std::string& where,
       "pushed to " + where + "," +
       (along_[run] < -kStraight
            ? " the arm moved the other way: change the sign of its motors' scale, or of its "
-             "encoders' scale (in a PID profile, of \"force\" or \"way\")"
+             "encoders' scale (in a PID profile, of \"force\" or \"way\"; in a plug-in, of this "
+             "axis in its force or its position)"
            : " the arm moved in another direction (the cosine to the push is " +
                  inWords(along_[run]) + ", not above " + inWords(kStraight) +
                  "): check whether motors are exchanged, or correct the geometry"));

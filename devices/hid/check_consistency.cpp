@@ -188,14 +188,6 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
                                     [](const HidJoint& j) { return j.to.has_value(); });
   if (profile.output) {
     const JsonNode limits = root.child("limits");
-    if (profile.limits.stale > 0.1) {
-      limits.child("stale").fail(fmt::format("{:g} s is more than 0.1 s", profile.limits.stale),
-                                 "use at most 0.1");
-    }
-    if (profile.limits.speed > 5.0) {
-      limits.child("speed").fail(fmt::format("{:g} m/s is more than 5 m/s", profile.limits.speed),
-                                 "use at most 5");
-    }
     if (profile.limits.continuous > profile.limits.force) {
       limits.child("continuous")
           .fail(fmt::format("{:g} N is more than the {:g} N of limits/force",

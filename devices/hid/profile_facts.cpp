@@ -151,7 +151,9 @@ ProfileFacts factsOf(const HidProfile& profile) {
     const double way = pose.jacobian[i].norm();
     const ReportField& from = profile.input[joint.from.report].fields[joint.from.field];
     if (from.type != ReportField::Type::kFloat) {
-      facts.step += way * std::abs(from.scale / joint.ratio);
+      const double step = way * std::abs(from.scale / joint.ratio);
+      facts.step += step;
+      facts.joint_step = std::max(facts.joint_step, step);
     }
     if (!joint.to) continue;
     const ReportField& to = profile.output->fields[*joint.to];

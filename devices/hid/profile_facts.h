@@ -30,6 +30,7 @@ struct ProfileFacts {
   double off = 0.0;
   /// Bound of the tip's travel if each joint's integer field moves by one count [m].
   double step = 0.0;
+  double joint_step = 0.0;  ///< Largest share of one joint in `step` [m].
   /// Motors in the order of their joints; a joint without a motor has no entry.
   std::vector<MotorFact> motors;
   Vec3 carried_W = Vec3::Zero();  ///< Force at the tip by which the motors carry the masses [N].

@@ -448,12 +448,14 @@ JsonObject<HidLimits> limitsRows() {
                .says("Largest growth of the force [N/s]. The default is 2000."),
            &HidLimits::slew)
       .may("stale",
-           jsonPositive().says("Largest age of a position [s]. If the newest position is older, "
-                               "the loop cuts the force. The default is 0.05."),
+           jsonPositiveUpTo(0.1, "seconds")
+               .says("Largest age of a position [s]. If the newest position is older, the loop "
+                     "cuts the force. The default is 0.05."),
            &HidLimits::stale)
       .may("speed",
-           jsonPositive().says("Largest speed [m/s]. Above it the loop brakes the arm; if the "
-                               "speed stays above it, the loop cuts the force. The default is 3."),
+           jsonPositiveUpTo(5.0, "m/s")
+               .says("Largest speed [m/s]. Above it the loop brakes the arm; if the speed stays "
+                     "above it, the loop cuts the force. The default is 3."),
            &HidLimits::speed)
       .may("continuous", jsonPositive().says("Force that the motors can hold indefinitely [N]."),
            &HidLimits::continuous)
@@ -552,7 +554,9 @@ const Table& table() {
         .may(
             "description", jsonText(),
             [](ProfileFile& file, std::string text) { file.profile.description = std::move(text); })
-        .may("firmware", jsonText(),
+        .may("firmware",
+             jsonText().says("What the firmware is, and when it takes the force off by itself. "
+                             "Required with `output` or `pid`."),
              [](ProfileFile& file, std::string text) { file.profile.firmware = std::move(text); })
         .need("match",
               jsonList(matchType(), "it is not a list of devices",

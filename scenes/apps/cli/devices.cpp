@@ -72,6 +72,7 @@ OrderedJson factsIn(const HidProfile& profile) {
   OrderedJson json;
   json["home"] = {facts.home_W.x(), facts.home_W.y(), facts.home_W.z()};
   json["step"] = facts.step;
+  json["joint_step"] = facts.joint_step;
   json["carries"] = toJson(facts.carried_W);
   json["moves"] = axisNames(axesWithin(facts.moves));
   json["drives"] = axisNames(axesWithin(facts.drives));
@@ -109,8 +110,9 @@ int show(const DevicesOptions& options) {
   say("  tip at the home position: ({}, {}, {}) m in the hand's world\n", rounded(facts.home_W.x()),
       rounded(facts.home_W.y()), rounded(facts.home_W.z()));
   if (facts.step > 0.0 && profile.rate_control == 0.0) {
-    say("  at the centre, one count of every joint moves the tip by at most {} mm\n",
-        rounded(1e3 * facts.step));
+    say("  at the centre, one count of a joint moves the tip by at most {} mm, one of every joint "
+        "by at most {} mm\n",
+        rounded(1e3 * facts.joint_step), rounded(1e3 * facts.step));
   }
   const ArmAxes moves = axesWithin(facts.moves);
   const ArmAxes drives = axesWithin(facts.drives);

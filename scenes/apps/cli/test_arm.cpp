@@ -298,7 +298,6 @@ void sayMeasured(const Tested& tested, const Arm& arm) {
   }
   for (std::size_t a = 0; a < 3; ++a) {
     const AxisResult& axis = r.axes[a];
-    if (axis.driven && !axis.pushed) continue;  // the arm fell, or the test ended early
     const std::string name = tested.axes.name(static_cast<int>(a));
     if (!axis.fitted) {
       say("{:<10} {}\n", name, axis.driven ? "not measured" : kNoMotor);
