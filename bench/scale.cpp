@@ -159,7 +159,9 @@ Vec3 freePlace(double time) {
 /// reach of the hand's paths.
 std::vector<Vec3> placesOf(std::size_t count) {
   std::mt19937_64 random(1);
-  std::uniform_real_distribution<double> uniform(-kRoom, kRoom);
+  // Beyond 10,000 volumes the room grows, so that the number of volumes near the hand stays equal.
+  const double room = kRoom * std::cbrt(std::max(1.0, 1e-4 * static_cast<double>(count)));
+  std::uniform_real_distribution<double> uniform(-room, room);
   constexpr double kApart = 0.06;  // [m] from the middle, because the hand stays within 35 mm of it
   // [m] from the free path. A ball has a radius of 2 cm, and its data reach 3 mm farther.
   constexpr double kFree = 0.03;
@@ -299,7 +301,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
   ordered_json rows = ordered_json::array();
   const std::vector<Vec3> way = wayAround(options.quick ? 4000 : 40000);
   const BuiltScene two = buildScene(sceneOf(ball, skin(), placesOf(2)));
-  for (const std::size_t count : {1, 2, 5, 10, 30, 100, 300, 1000, 3000, 10000}) {
+  for (const std::size_t count : {1, 2, 5, 10, 30, 100, 300, 1000, 3000, 10000, 100000, 1000000}) {
     bench::tell("placements: " + std::to_string(count));
     const SceneSpec spec = sceneOf(ball, skin(), placesOf(count));
     const double before = residentMemory();

@@ -45,7 +45,7 @@ def draw_number(rows, folder):
     build.set_ylabel("building the scene [ms]")
     for ax in (tick, memory, build):
         ax.set_xscale("log")
-        ax.set_xlabel("volumes placed in a room of 1 m")
+        ax.set_xlabel("volumes (up to 10,000: in 1 m³)")
     build.set_yscale("log")
     save(figure, folder, "scale_number")
 
