@@ -210,7 +210,7 @@ constexpr std::array kScalarRules{
     KindRule{always, Kind::kScalar, "{values}: {boundaries} boundaries between materials"},
 };
 
-/// Returns for example "whole numbers from 0 to 3" or "values from 0.1 to 2.5 Pa".
+/// Returns for example "values from 0.1 to 2.5 Pa (99.6 % of them)".
 std::string rangeOf(const Candidate& c) {
   const ScalarAnalysis& scalar = c.scalar;
   const bool whole = scalar.whole > kNearlyWhole && c.kind != Kind::kDistance;
@@ -219,7 +219,7 @@ std::string rangeOf(const Candidate& c) {
       scalar.no_data ? fmt::format(", {} marks missing data", shown(*scalar.no_data)) : "";
   const std::string common =
       scalar.common ? fmt::format(", {} in nearly all voxels", shown(*scalar.common)) : "";
-  return fmt::format("{} from {} to {}{}{}{}", whole ? "whole numbers" : "values", end(scalar.low),
+  return fmt::format("{} from {} to {}{} (99.6 % of them){}{}", whole ? "whole numbers" : "values", end(scalar.low),
                      end(scalar.high), c.unit(), no_data, common);
 }
 

@@ -410,7 +410,7 @@ Json vortexTube(const Candidate& flow) {
 Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity) {
   const double middle = percentile(flow.curl, 50.0);
   const double most = percentile(flow.curl, 95.0);
-  return drag("vortices", vorticity, {{rounded(middle, most), 0}, {rounded(most, most), 0.3}},
+  return drag("vorticity drag", vorticity, {{rounded(middle, most), 0}, {rounded(most, most), 0.3}},
               "A drag where the stream turns or shears. It is zero below the median of the "
               "vorticity.");
 }

@@ -322,7 +322,8 @@ void sayVolume(const std::string& name, const OrderedJson& volume) {
         rounded(frames["from"].get<double>()), rounded(frames["to"].get<double>()),
         frames["repeat"].get<bool>() ? ", repeated" : "", frames["in_memory"].get<std::uint64_t>());
   }
-  say("voxel {} mm, {} mm per unit of the file", rounded(1e3 * volume["voxel"].get<double>()),
+  say("voxel edge {} mm (the smallest), {} mm per unit of the file",
+      rounded(1e3 * volume["voxel"].get<double>()),
       rounded(1e3 * volume["metres_per_unit"].get<double>()));
   if (volume.contains("at_hand_origin")) {
     say("; 0, 0, 0 of the hand is {} of the file", vectorText(volume["at_hand_origin"]));

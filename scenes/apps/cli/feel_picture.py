@@ -24,7 +24,7 @@ from matplotlib.patheffects import Stroke, Normal  # noqa: E402
 from matplotlib.textpath import text_to_path  # noqa: E402
 
 # Positions and sizes on a page [in], from the left and from the top. They are the same for all contents.
-WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.2, 0.45, 0.45, 4.5, 3.0
+WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.4, 0.55, 0.45, 4.5, 3.0
 GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
 TITLE, TITLE_LINE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.14, 0.36, 0.4, 1.1, 0.15
 EVENT_LINE, EVENT_SIZE, EVENT_GAP = 0.1, 6, 0.03  # [in], font size, and gap beside events' names [in]
@@ -197,6 +197,7 @@ class Picture:
         space = self.data["space"]
         time = self.data["stands_at"]
         when = "" if time is None else f"; moving volumes are drawn at {time:.2f} s"
+        when += "; sequences: the first frame" if self.data["first_frame"] else ""
         if space["name"] == "hand":
             return "axes: the hand's space, z up" + when
         ratio = f"1 {self.unit or 'unit'} of the {space['name']} is {space['hand_mm']:.3g} mm of the hand"
@@ -234,7 +235,9 @@ class Picture:
         every = np.concatenate([s[np.isfinite(s)] for s in slices] or [np.zeros(0)])
         below, above = bool((every < low).any()), bool((every > high).any())
         extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
-        self.figure.colorbar(image, cax=bar, extend=extend.get((below, above), "neither"))
+        scale = self.figure.colorbar(image, cax=bar, extend=extend.get((below, above), "neither"))
+        scale.formatter.set_powerlimits((-3, 5))   # longer numbers would reach the next bar
+        scale.update_ticks()
         bar.set_ylabel(words(field["label"], field["unit"]), parse_math=False)
         for level in field["levels"]:
             if low < level["value"] < high:
@@ -350,6 +353,8 @@ class Picture:
             ax.plot(1e3 * rows[:, 0], rows[:, 1], color=colour, linestyle=style, linewidth=0.9, label=label)
         deepest = max(row[0] for row in press["in"] + press["out"])
         ax.set_xlim(0.0, 1e3 * deepest)
+        if not any(row[1] for row in press["in"] + press["out"]):
+            ax.set_ylim(0.0, 1.0)
         for depth, lines, level in self.events:
             # The names stand above the axes, so that no name covers a number or the curve.
             x, top = 1e3 * depth, 1.0 + EVENT_LINE * (level + len(lines)) / TIME
@@ -372,7 +377,7 @@ class Picture:
         for field in self.data["fields"]:
             for level in field["levels"]:
                 colour, style = self.levels[field["name"], level["mode"]]
-                value = amount(level["value"], field["unit"])
+                value = f"{level['value']:.6g} {field['unit']}".rstrip()
                 marks[f"{level['mode']}: {field['name']} = {value}"] = Line2D(
                     [], [], color=colour, linestyle=style, linewidth=1.0)
             longest = self.arrows.get(field["name"])

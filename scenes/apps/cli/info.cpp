@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include "palpate/devices/recording/recording.h"
+#include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/bricks.h"
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/scenes/apps/cli/bricks_told.h"
@@ -60,6 +62,7 @@ OrderedJson describe(const GridInfo& grid) {
   json["non_finite"] = grid.non_finite;
   for (const Label& label : grid.labels) json["labels"].push_back(describe(label));
   if (!grid.source.empty()) json["source"] = grid.source;
+  if (!grid.description.empty()) json["description"] = grid.description;
   json["can_be_felt"] = grid.refusal.empty();
   json["feel"] = feelOf(grid);
   return json;
@@ -71,10 +74,11 @@ std::string line(const Vec3& v) {
 
 void print(const GridInfo& grid) {
   say("{}\n", grid.name.empty() ? "(no name)" : grid.name);
-  say("  type      {}{}, {}\n", grid.type, grid.half ? " (stored as half)" : "",
-      wordFor(grid.grid_class));
-  say("  voxels    {} active, {} each, {} MB in memory\n", grid.active_voxels, line(grid.voxel),
-      rounded(static_cast<double>(grid.memory) / 1e6));
+  const bool known = grid.grid_class != GridClass::kUnknown;
+  say("  type      {}{}{}{}\n", grid.type, grid.half ? " (stored as half)" : "", known ? ", " : "",
+      known ? wordFor(grid.grid_class) : "");
+  say("  voxels    {} active, edges {} along i, j, k, {} MB in memory\n", grid.active_voxels,
+      line(grid.voxel), rounded(static_cast<double>(grid.memory) / 1e6));
   if (!grid.bounds.empty()) {
     const Vec3& a = grid.bounds.lower;
     const Vec3& b = grid.bounds.upper;
@@ -92,6 +96,7 @@ void print(const GridInfo& grid) {
   if (grid.was_local)
     say("  note      vectors are stored in index space and converted to world space\n");
   if (!grid.source.empty()) say("  from      {}\n", grid.source);
+  if (!grid.description.empty()) say("  about     {}\n", sentence(grid.description));
   say("  feel      {}\n", sentence(feelOf(grid)));
 }
 
@@ -123,6 +128,10 @@ void addInfo(CLI::App& app, std::function<int()>& body) {
   verb->callback([=, &body] {
     body = [=] {
       if (isBrickPlace(*file)) return infoOfBricks(*file, *json);
+      if (isRecording(*file)) {
+        throw Error(*file, "it is a recording",
+                    "run palpate convert for its ticks, or palpate feel with --device replay:FILE");
+      }
       const std::vector<GridInfo> grids = describeGrids(*file);
       if (*json) {
         OrderedJson out;

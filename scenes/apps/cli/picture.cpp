@@ -163,6 +163,9 @@ class Drawing {
       return built_.motions.count(name) != 0;
     });
     json["stands_at"] = moves ? OrderedJson(most_.time) : OrderedJson();
+    json["first_frame"] = std::any_of(names_.begin(), names_.end(), [this](const auto& name) {
+      return built_.sequences.count(name) != 0;
+    });
     json["extent"] = {toJson(frame_.bounds.lower), toJson(frame_.bounds.upper)};
     json["fields"] = OrderedJson::array();
     for (const std::string& name : names_) json["fields"].push_back(fieldOf(name));
@@ -311,7 +314,10 @@ class Drawing {
     const std::string ground = axial ? scalarBeside(name) : name;
     const bool magnitude = isVector(built_.fields.at(ground));
     const auto computed = built_.computed.find(ground);
-    const std::string called = computed == built_.computed.end() ? ground : computed->second.as;
+    // The text of a label's mask has no room at the colour scale.
+    const bool shown = computed != built_.computed.end() &&
+                       Legible(computed->second.as).text().size() <= kLongestText;
+    const std::string called = shown ? computed->second.as : ground;
     json["label"] = magnitude ? fmt::format("|{}|", cut(called)) : cut(called);
     json["unit"] = cut(unitOf(ground));
     json["vector_unit"] = cut(unitOf(name));
@@ -380,9 +386,8 @@ class Drawing {
 
   [[nodiscard]] std::string unitOf(const std::string& name) const {
     const auto derived = spec_.graph.fields.find(name);
-    if (derived != spec_.graph.fields.end() &&
-        derived->second.derivation != Derivation::kMagnitude) {
-      return {};
+    if (derived != spec_.graph.fields.end()) {
+      return derived->second.derivation == Derivation::kMagnitude ? unitOf(derived->second.of) : "";
     }
     const auto volume = volumeOf(name);
     return volume ? metadataOf(*volume).value_unit : "";

@@ -20,10 +20,18 @@ void addScene(CLI::App& app, std::function<int()>& body) {
                                               {"fibres", GuessFor::kFibres},
                                               {"labels", GuessFor::kLabels}};
   verb->add_option("FILE", *file, "A .vdb file, or a folder of bricks")->required();
-  verb->add_option("--for", *what, "Kind of data; replaces the automatic choice")
-      ->transform(CLI::CheckedTransformer(words, CLI::ignore_case)
-                      .description("{ct,mri,cfd,fibres,labels}"))
-      ->type_name("KIND");
+  const auto choose = [=](const std::string& word) {
+    const auto found = words.find(CLI::detail::to_lower(word));
+    if (found == words.end()) {
+      throw CLI::ValidationError(
+          "--for",
+          '"' + Legible(word).text() + "\" is not a kind: use ct, mri, cfd, fibres or labels");
+    }
+    *what = found->second;
+  };
+  verb->add_option_function<std::string>("--for", choose,
+                                         "Kind of data; replaces the automatic choice")
+      ->type_name("KIND:{ct,mri,cfd,fibres,labels}");
   verb->footer(
       "Examples:\n  palpate scene head.vdb > head.json\n"
       "  palpate scene atlas.vdb --for labels > atlas.json");
