@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Checks that no source includes a header of a higher folder and that no function is too long, and prints sizes.
+"""Checks that no source includes a header of a higher folder and that no file or function is too long.
 
-structure.py          checks; status 1 if an include is wrong, a function has more lines than LONGEST_FUNCTION, or
-                      install.cmake or Doxyfile lacks a folder of public headers
+structure.py          checks; status 1 if an include is wrong, a file or function has more lines than LONGEST_FILE or
+                      LONGEST_FUNCTION, or install.cmake or Doxyfile lacks a folder of public headers
 structure.py sizes    prints files and lines of each folder, the longest files and the longest functions
 """
 import re
@@ -92,7 +92,9 @@ def check():
                 faults.append(f"{source} includes {header}: {fault}")
         faults += [f"{source}:{at}: a function of {n} lines, and {LONGEST_FUNCTION} are allowed"
                    for at, n in functions(text) if n > LONGEST_FUNCTION]
-    print("\n".join(faults) or "structure: no include points up, no function is too long")
+        if (count := text.count("\n")) > LONGEST_FILE:
+            faults.append(f"{source}: a file of {count} lines, and {LONGEST_FILE} are allowed")
+    print("\n".join(faults) or "structure: no include points up, no file or function is too long")
     return 1 if faults else 0
 
 

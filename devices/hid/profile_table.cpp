@@ -555,8 +555,7 @@ const Table& table() {
             "description", jsonText(),
             [](ProfileFile& file, std::string text) { file.profile.description = std::move(text); })
         .may("firmware",
-             jsonText().says("What the firmware is, and when it takes the force off by itself. "
-                             "Required with `output` or `pid`."),
+             jsonText().says("When it takes the force off. Required with `output` or `pid`."),
              [](ProfileFile& file, std::string text) { file.profile.firmware = std::move(text); })
         .need("match",
               jsonList(matchType(), "it is not a list of devices",

@@ -19,6 +19,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/brick_codec.h"
+#include "palpate/samplers/bricks/facts_reader.h"
 #include "palpate/samplers/grid/data_ends.h"
 #include "palpate/samplers/grid/make_volume.h"
 
@@ -32,9 +33,6 @@ constexpr int kVersion = 1;
 constexpr const char* kRemedy = "copy or write it again";
 /// Longest JSON text of a manifest [bytes]. Limits the memory of the parser.
 constexpr std::size_t kMostText = 1U << 16U;
-/// Largest magnitude of a voxel's coordinate, so that coordinate plus edge of a brick fits into 32
-/// bits.
-constexpr std::int32_t kFarthestVoxel = 1 << 30;
 /// Largest number of bricks of a level. Bounds the time of the writer, which visits each brick.
 constexpr std::uint64_t kMostBricks = std::uint64_t{1} << 32U;
 /// Largest number of bricks of the coarsest level, which a window always holds in memory.
@@ -86,12 +84,6 @@ std::string textOf(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
-/// Returns the beginning of a value's JSON text, in ASCII, for messages.
-std::string shown(const Json& json) {
-  constexpr std::size_t kLongest = 40;
-  return json.dump(-1, ' ', true, Json::error_handler_t::replace).substr(0, kLongest);
-}
-
 std::uint64_t hashOf(std::string_view text) noexcept {
   std::uint64_t hash = 0xCBF29CE484222325U;
   for (const char c : text) {
@@ -106,103 +98,11 @@ std::string hexOf(std::uint64_t number) {
   return text.data();
 }
 
-/// Reads and checks values in an object of a manifest's JSON. Throws std::range_error, whose text
-/// names the key.
-class FactsReader {
-  template <class Convert>
-  auto read(const char* key, Convert convert) const {
-    const Json& json = at(key);
-    try {
-      return convert(json);
-    } catch (const std::range_error& e) {
-      throw std::range_error("\"" + path_ + key + "\": " + e.what());
-    }
-  }
-
-  static std::string toText(const Json& json) {
-    if (!json.is_string()) throw std::range_error("the value " + shown(json) + " is not a text");
-    return json.get<std::string>();
-  }
-  static double toNumber(const Json& json) {
-    const double v = json.is_number() ? json.get<double>() : std::nan("");
-    if (!std::isfinite(v))
-      throw std::range_error("the value " + shown(json) + " is not a finite number");
-    return v;
-  }
-  static std::int32_t toWhole(const Json& json) {
-    const double v = toNumber(json);
-    if (!(std::abs(v) <= kFarthestVoxel) || v != std::floor(v)) {
-      throw std::range_error("the value " + shown(json) + " is not an integer from -2^30 to 2^30");
-    }
-    return static_cast<std::int32_t>(v);
-  }
-  static const Json& toList(const Json& json, std::size_t size) {
-    if (!json.is_array() || json.size() != size) {
-      throw std::range_error("the value " + shown(json) + " is not a list of " +
-                             std::to_string(size) + (size == 1 ? " value" : " values"));
-    }
-    return json;
-  }
-  static VoxelAt toVoxel(const Json& json) {
-    const Json& three = toList(json, 3);
-    return {toWhole(three[0]), toWhole(three[1]), toWhole(three[2])};
-  }
-  static Vec3 toVec(const Json& json) {
-    const Json& three = toList(json, 3);
-    return {toNumber(three[0]), toNumber(three[1]), toNumber(three[2])};
-  }
-
- public:
-  /// @param path  Path of the object, such as "statistics/".
-  explicit FactsReader(const Json& json, std::string path = "")
-      : json_(json), path_(std::move(path)) {}
-
-  [[nodiscard]] std::string text(const char* key) const { return read(key, toText); }
-  [[nodiscard]] double number(const char* key) const { return read(key, toNumber); }
-  [[nodiscard]] std::int32_t whole(const char* key) const { return read(key, toWhole); }
-  [[nodiscard]] VoxelAt voxel(const char* key) const { return read(key, toVoxel); }
-  [[nodiscard]] Vec3 vec(const char* key) const { return read(key, toVec); }
-  [[nodiscard]] Mat3 matrix(const char* key) const {
-    return read(key, [](const Json& json) {
-      const Json& rows = toList(json, 3);
-      Mat3 m;
-      for (std::size_t r = 0; r < 3; ++r) m.row(static_cast<Eigen::Index>(r)) = toVec(rows[r]);
-      return m;
-    });
-  }
-  /// Returns a list of `size` numbers.
-  [[nodiscard]] std::vector<double> numbers(const char* key, std::size_t size) const {
-    return read(key, [&](const Json& json) {
-      std::vector<double> all;
-      for (const Json& one : toList(json, size)) all.push_back(toNumber(one));
-      return all;
-    });
-  }
-  [[nodiscard]] std::uint64_t hexadecimal(const char* key) const {
-    return read(key, [](const Json& json) {
-      const std::string text = toText(json);
-      if (text.size() != 16 || text.find_first_not_of("0123456789abcdef") != std::string::npos) {
-        throw std::range_error("the value " + shown(json) + " is not 16 hexadecimal digits");
-      }
-      return std::stoull(text, nullptr, 16);
-    });
-  }
-  [[nodiscard]] const Json& at(const char* key) const {
-    const auto found = json_.is_object() ? json_.find(key) : json_.end();
-    if (found == json_.end()) throw std::range_error("it has no \"" + path_ + key + "\"");
-    return *found;
-  }
-
- private:
-  const Json& json_;
-  std::string path_;
-};
-
 GridClass classNamed(const std::string& word) {
   for (const GridClass one : {GridClass::kUnknown, GridClass::kLevelSet, GridClass::kFog}) {
     if (word == wordFor(one)) return one;
   }
-  throw std::range_error("\"class\": the value " + shown(word) + " is unknown");
+  throw std::range_error("\"class\": the value " + jsonStart(word) + " is unknown");
 }
 
 bool isMap(const Mat3& linear, const Vec3& origin) {
@@ -443,7 +343,7 @@ class ManifestReader {
 BrickFormat readFormat(const FactsReader& facts) {
   const std::string type = facts.text("type");
   if (type != "half" && type != "float")
-    throw std::range_error("\"type\": the value " + shown(type) + " is not half or float");
+    throw std::range_error("\"type\": the value " + jsonStart(type) + " is not half or float");
   const std::int32_t components = facts.whole("components");
   if (components != 1 && components != 3) {
     throw std::range_error("\"components\": the value " + std::to_string(components) +

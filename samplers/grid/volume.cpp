@@ -4,16 +4,12 @@
 #include <array>
 #include <atomic>
 #include <cctype>
-#include <cinttypes>
-#include <cstdio>
 #include <exception>
 #include <fcntl.h>
-#include <fstream>
 #include <map>
 #include <mutex>
 #include <optional>
 #include <string_view>
-#include <sys/mman.h>
 #include <tuple>
 #include <unistd.h>
 #include <unordered_map>
@@ -30,6 +26,7 @@
 #include "palpate/samplers/grid/no_data_error.h"
 #include "palpate/samplers/grid/prepare.h"
 #include "palpate/samplers/grid/vdb_check.h"
+#include "palpate/samplers/grid/vdb_reader.h"
 #include "palpate/samplers/grid/volume_grid.h"
 #include "palpate/samplers/leased_file.h"
 #include "palpate/samplers/parallel.h"
@@ -50,126 +47,6 @@ void initialise() {
 std::array<std::string, 3> componentsOf(const std::string& name) {
   return {name + ".x", name + ".y", name + ".z"};
 }
-
-/// Returns the memory that a grid of numbers takes at least [bytes], by its metadata; 0: unknown.
-std::uint64_t leastMemoryOf(const openvdb::GridBase& header) {
-  using openvdb::GridBase;
-  using openvdb::Int64Metadata;
-  const auto memory = header.getMetadata<Int64Metadata>(GridBase::META_FILE_MEM_BYTES);
-  const auto voxels = header.getMetadata<Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
-  if (memory == nullptr || voxels == nullptr) return 0;
-  // Without tiles, the voxels take less than the tree. Volumes may share nodes of a tree.
-  const std::string type = header.valueType();
-  const double size = (type.ends_with('d') || type == "double" ? 8.0 : 4.0) *
-                      (type.starts_with("vec3") ? 3.0 : 1.0);
-  const double least =
-      std::min(static_cast<double>(memory->value()), size * static_cast<double>(voxels->value()));
-  return static_cast<std::uint64_t>(std::clamp(least, 0.0, 1e18));
-}
-
-/// Drops the pages of OpenVDB's memory maps of a file, so that memory does not hold both the file
-/// and the grid. Skips writable maps. MADV_DONTNEED could lose data, if another thread maps data at
-/// the address after the list was read; MADV_PAGEOUT never does.
-/// @param path  Absolute path. If it is empty, the function does nothing.
-void dropMapped(const std::string& path) {
-  if (path.empty()) return;
-  std::ifstream maps("/proc/self/maps");
-  for (std::string line; std::getline(maps, line);) {
-    // Format of a line: begin-end permissions offset device inode path
-    const std::size_t slash = line.find('/');
-    if (slash == std::string::npos || line.compare(slash, std::string::npos, path) != 0) continue;
-    std::uintptr_t begin = 0;
-    std::uintptr_t end = 0;
-    std::array<char, 5> permissions{};
-    if (std::sscanf(line.c_str(), "%" SCNxPTR "-%" SCNxPTR " %4s", &begin, &end,
-                    permissions.data()) != 3 ||
-        permissions[1] == 'w') {
-      continue;
-    }
-#ifdef MADV_PAGEOUT
-    madvise(reinterpret_cast<void*>(begin), end - begin, MADV_PAGEOUT);  // NOLINT: an address
-#endif
-  }
-}
-
-/// Reads grids through a stream, at the positions in the file's table of contents. Without a table,
-/// it has no grids. OpenVDB's own reader searches all grids of a name for each grid. If a file ends
-/// too early, a stream throws an exception; a memory map would end the program.
-class GridReader : private openvdb::io::Archive {
- public:
-  explicit GridReader(const std::filesystem::path& file) {
-    stream_.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
-    stream_.open(file, std::ios::binary);
-    readHeader(stream_);
-    setFormatVersion(stream_);
-    setLibraryVersion(stream_);
-    setDataCompression(stream_);
-    openvdb::MetaMap().readMeta(stream_);
-    const std::int32_t count = inputHasGridOffsets() ? readGridCount(stream_) : 0;
-    for (std::int32_t i = 0; i < count; ++i) {
-      openvdb::io::GridDescriptor d;
-      (void)d.read(stream_);
-      const auto& [name, kept] = *grids_.emplace(d.uniqueName(), d).first;
-      const std::string called = openvdb::io::GridDescriptor::nameAsString(name);
-      const std::string stem = openvdb::io::GridDescriptor::stripSuffix(name);
-      by_name_.emplace(called, &kept);
-      ++alike_[called];
-      if (stem != called) ++alike_[stem];
-      d.seekToEnd(stream_);
-    }
-  }
-
-  [[nodiscard]] bool has(const std::string& name) const { return by_name_.count(name) != 0; }
-  [[nodiscard]] const std::string& type(const std::string& name) const {
-    return by_name_.at(name)->gridType();
-  }
-  /// Returns true if the grid has its own tree, and if OpenVDB's reader finds this grid by `name`.
-  [[nodiscard]] bool plain(const std::string& name) const {
-    const openvdb::io::GridDescriptor& d = *by_name_.at(name);
-    return !d.isInstance() && alike_.at(name) == 1 &&
-           openvdb::io::GridDescriptor::stringAsUniqueName(name) == d.uniqueName();
-  }
-
-  openvdb::GridBase::Ptr read(const std::string& name) {
-    const openvdb::io::GridDescriptor& d = *by_name_.at(name);
-    openvdb::GridBase::Ptr grid = readOwn(d);
-    // VdbCheck has checked that the parent grid stores its own tree.
-    if (d.isInstance()) {
-      grid->setTree(readOwn(grids_.at(d.instanceParentName()))->baseTreePtr());
-    }
-    return grid;
-  }
-
-  openvdb::GridBase::Ptr readMetadata(const std::string& name) {
-    openvdb::GridBase::Ptr grid = begin(*by_name_.at(name));
-    readGridCompression(stream_);
-    grid->readMeta(stream_);
-    grid->readTransform(stream_);
-    return grid;
-  }
-
- private:
-  openvdb::GridBase::Ptr readOwn(const openvdb::io::GridDescriptor& d) {
-    openvdb::GridBase::Ptr grid = begin(d);
-    readGrid(grid, d, stream_);
-    return grid;
-  }
-
-  openvdb::GridBase::Ptr begin(const openvdb::io::GridDescriptor& d) {
-    d.seekToGrid(stream_);
-    openvdb::GridBase::Ptr grid = openvdb::GridBase::createGrid(d.gridType());
-    grid->setSaveFloatAsHalf(d.saveFloatAsHalf());
-    return grid;
-  }
-
-  std::ifstream stream_;
-  /// Grids by their unique names in the file.
-  std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;
-  /// Grids by their names as users write them.
-  std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;
-  /// For each name, the number of grids that the name may denote.
-  std::unordered_map<std::string, int> alike_;
-};
 
 std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& name) {
   const std::string& why = prepared.info.refusal;
@@ -416,7 +293,7 @@ class VdbFile {
       throw;
     } catch (const std::bad_alloc&) {
       throw;                                   // the file is not the cause of this error
-    } catch (const std::ios_base::failure&) {  // thrown by GridReader
+    } catch (const std::ios_base::failure&) {  // thrown by VdbReader
       throw VolumeError(path_.string(), "it is truncated, or reading it failed",
                         "copy or write it again, or check the disk");
     } catch (const std::exception& e) {
@@ -440,7 +317,7 @@ class VdbFile {
   mutable std::optional<VdbCheck> check_;
   mutable std::optional<openvdb::io::File> file_;
   /// Reads grids by position. It contains no grids if the file has no table of contents.
-  mutable std::optional<GridReader> reader_;
+  mutable std::optional<VdbReader> reader_;
   std::vector<std::string> names_;
   std::vector<std::string> vectors_;
   std::unordered_set<std::string> known_;

@@ -263,7 +263,6 @@ int feel(FeelOptions options) {
   std::vector<std::unique_ptr<Device>> devices =
       openDevices(options, built, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);
   std::vector<const Device*> rendered;
-  rendered.reserve(devices.size());
   for (const auto& device : devices) rendered.push_back(device.get());
   const bool replayed = isReplay(options.devices[0]);
   if (replayed && plays) {
