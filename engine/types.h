@@ -21,7 +21,7 @@ namespace palpate {
 /// A position [m], displacement [m], force [N] or direction in W, unless its comment states another
 /// unit or frame. Fixed size: never allocates.
 using Vec3 = Eigen::Vector3d;
-/// A rotation, a metric, or a Jacobian whose column j is the derivative by x_j.
+/// A 3x3 matrix, such as a rotation or a Jacobian. Column j of a Jacobian is the derivative by x_j.
 using Mat3 = Eigen::Matrix3d;
 
 /// Axis-aligned box [m], in W unless its comment states another frame. The box is empty if lower >

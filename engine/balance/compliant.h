@@ -1,6 +1,7 @@
 /// Private to engine/balance: finds the balance of several frictions by Newton's method. A kink is
 /// a plane, line or point at which a primitive's force jumps. In this file each force rises over a
-/// short distance, the compliance of the kink. At the end, the search removes or reduces it.
+/// short distance, the compliance of the kink. At the end, the search removes or reduces the
+/// compliance.
 #pragma once
 
 #include <algorithm>
@@ -42,8 +43,8 @@ inline Mat3 turnOf(const Mat3& T, const Vec3& b, const Vec3& v, double m, bool s
   return (T - b * (v / length).transpose()) / m;
 }
 
-/// Searches the balance in which every kink has the compliance c. All places in it are relative to
-/// the old proxy; the constructor's `probe` and the set are in W.
+/// Searches for the balance in which every kink has the compliance c. All places in it are relative
+/// to the old proxy; the constructor's `probe` and the set are in W.
 class Compliant {
  public:
   Compliant(const Vec3& probe, double stiffness, const PrimitiveSet& set, const Vec3& proxy,
@@ -326,9 +327,9 @@ class Compliant {
   }
 
   /// Runs Newton's method at compliance c until |R| <= enough S. The first step uses the present
-  /// pieces. Returns false in these cases: `most` steps (kMostHard more after the first fold), or
-  /// the solves of the search, are used up; `patience` successive steps do not halve the least |R|;
-  /// a step is not finite.
+  /// pieces. Returns false in these cases: `most` steps (after the first fold, kMostHard - 1 more),
+  /// or the solves of the search, are used up; `patience` successive steps do not halve the least
+  /// |R|; a step is not finite.
   bool newton(double c, int most, int patience, double enough) noexcept {
     double last = kUnbounded;
     double least = kUnbounded;

@@ -60,7 +60,7 @@ class LengthRate {
 /// the probe, the force is exactly zero.
 ///
 /// @param offset       x_proxy - x_probe [m].
-/// @param length_rate  Rate of change of the offset's length [m/s]: LengthRate. NaN counts as 0.
+/// @param length_rate  Rate of the offset's length [m/s], from LengthRate. NaN counts as 0.
 /// RT: no allocation.
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                                  double length_rate) noexcept PALPATE_NONBLOCKING;
@@ -68,22 +68,22 @@ class LengthRate {
 /// Largest rate of a varying stiffness [N/m per s]. At a length of 5 mm the force then changes by
 /// at most 25 N/s.
 inline constexpr double kStiffnessRate = 5000.0;
-/// Largest energy in the tank of a varying stiffness [J]. At a length of 6 mm, this energy raises
-/// the stiffness from 300 to 800 N/m.
+/// Largest energy in the tank of a varying stiffness [J]. At a length of 6 mm, this energy can
+/// raise the stiffness by 555 N/m.
 inline constexpr double kStiffnessTank = 0.01;
 
 /// A varying stiffness, and the energy that may raise it.
 struct VaryingStiffness {
   double value = 0.0;  ///< Stiffness k [N/m]; 0 if not yet set.
-  /// Energy that the proxy has dissipated and that a rise of the stiffness may use [J].
+  /// Energy that a rise of the stiffness may use [J]; see nextStiffness().
   double tank = 0.0;
 };
 
 /// Moves the stiffness towards `wanted` at a limited rate, and limits its rise so that the spring
 /// stays passive. A stiffer spring holds (k_new - k)/2 |offset|^2 more energy, which must come from
 /// the tank. The energy that the proxy's motion dissipates (friction, viscosity, yielding), and the
-/// energy that a softening spring releases, fill the tank. While the proxy is pressed against a
-/// hard surface, the stiffness waits until the proxy dissipates energy or the hand retreats.
+/// energy that a softening spring releases, fill the tank. If the tank is empty, the stiffness does
+/// not rise until the proxy dissipates energy or the hand is back at the proxy.
 ///
 /// @param wanted      Stiffness to reach [N/m]. If not finite or <= 0, the stiffness stays.
 /// @param offset      x_proxy - x_probe [m].

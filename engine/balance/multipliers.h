@@ -93,7 +93,7 @@ inline Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat
 }
 
 /// The envelope along a straight line from the place of the last call of envelopeGradient. With v =
-/// P step / gamma, the length of u + t v is sqrt(c (t - turn)^2 + nearest).
+/// P step / gamma and c = |v|^2, the length of u + t v is sqrt(c (t - turn)^2 + nearest).
 class Line {
  public:
   Line(Problem& problem, double gamma, const Vec3& at, const Vec3& step) noexcept
@@ -141,8 +141,8 @@ class Line {
     return slope_ + at * curvature_ + gamma_ * sum;
   }
 
-  /// Searches a t between 0 and 1 at which |slope| is at most kSlopeLeft times its value at 0, with
-  /// at most 40 trials. The slope is `at_start` < 0 at 0 and `at_end` > 0 at 1. The search is
+  /// Searches for a t between 0 and 1 at which |slope| is at most kSlopeLeft times its value at 0,
+  /// with at most 40 trials. The slope is `at_start` < 0 at 0 and `at_end` > 0 at 1. The search is
   /// bracketed, by Chandrupatla's mix of inverse quadratic interpolation and halving. Kinks may be
   /// many orders of magnitude nearer to 0 than to 1. So if the ends of the bracket differ more than
   /// tenfold, the halving applies to the exponent of t.
@@ -251,8 +251,9 @@ class Search {
       : problem_(problem), params_(params) {}
 
   /// Assumes that the primitives that held the proxy in the last tick still hold it: their kinks
-  /// become springs with a compliance of kGamma. Newton's method minimises the norms of all other
-  /// primitives. Returns true if a bound proves that the result is within the tolerance.
+  /// become springs with a compliance of kGamma. All other primitives keep their norms. Newton's
+  /// method minimises the resulting potential. Returns true if a bound proves that the result is
+  /// within the tolerance.
   bool warm(Vec3 y) noexcept {
     constexpr double kGamma = 1e-10;
     constexpr int kMostSolves = 4;

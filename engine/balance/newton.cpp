@@ -103,7 +103,8 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
       }
     }
     if constexpr (N == 3) {
-      // If the leading minors are positive, all eigenvalues are above the floor (Sylvester).
+      // If the leading minors are positive, all eigenvalues of the symmetric part are above the
+      // floor (Sylvester).
       const Mat3 above = 0.5 * (S + S.transpose()) - kFloor * Mat3::Identity();
       const bool stable = above(0, 0) > 0.0 &&
                           above(0, 0) * above(1, 1) > above(0, 1) * above(1, 0) &&

@@ -15,9 +15,9 @@ namespace palpate::solver {
 /// primitive. zeta is -1 behind the plane, 1 in front of it, and between -1 and 1 on it. This
 /// condition is monotone in a.
 ///
-/// Let e = P q, let d be the displacement of the other primitive from its kink before its own force
-/// acts, and s = q.d. Then a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, and the height over
-/// the plane is
+/// Let P be the projector of the other primitive, and e = P q. Let d be the displacement from that
+/// primitive's kink before its own force acts, and s = q.d. Then a = (s_0 - s)/|e|^2 and |d|^2 =
+/// s^2/|e|^2 + aside^2, and the height over the plane is
 ///
 ///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,
 ///
@@ -71,7 +71,8 @@ class Pair {
     return evaluations;
   }
 
-  /// Returns the proxy. Off the kink, y - b has the direction of d to the last digit.
+  /// Returns the proxy. Off the other primitive's kink, the displacement from the kink has the
+  /// direction of d to the last digit.
   [[nodiscard]] Vec3 proxy() const noexcept {
     const Vec3 d = d_ - force_ * e_;
     const Vec3 kink = kink_ - force_ * (q_ - e_);

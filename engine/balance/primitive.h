@@ -53,7 +53,7 @@ enum class Load : std::uint8_t {
   kHeld,      ///< The load is between kNone and kYielding: the balance is on the primitive.
   kYielding,  ///< The load is at least (1 - 1e-9) strength: the primitive cannot hold the proxy.
 };
-/// Returns the load of a primitive, given its force on the proxy [N]. RT: no allocation.
+/// Returns the state of a primitive, given its force on the proxy [N]. RT: no allocation.
 [[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
   constexpr double kLeast = 1e-12;  // [N]
   constexpr double kAll = 1.0 - 1e-9;
@@ -67,9 +67,9 @@ struct Varying {
   std::size_t index = 0;      ///< Index of the primitive that varies.
   Mat3 turn = Mat3::Zero();   ///< dn/dx [1/m], where n is the direction of a force or a plane.
   Vec3 slope = Vec3::Zero();  ///< ds/dx [N/m], where s is the strength.
-  /// For a plane: a step from x ends on the plane if across . step = -height; zero if n replaces
-  /// it. For a surface: c, the outward unit vector along the slope of the interpolated value at x.
-  /// In trilinear data c differs from n.
+  /// For a plane: a step from x ends on the plane if across . step = -height. If `across` is zero,
+  /// newtonStep() uses n. For a surface: c, the outward unit vector along the slope of the
+  /// interpolated value at x. In trilinear data c differs from n.
   Vec3 across = Vec3::Zero();
   double height = 0.0;   ///< Height of x above the plane, along `across` [m].
   bool surface = false;  ///< True for the plane of a surface.
@@ -86,7 +86,7 @@ struct FrictionLink {
   double coefficient = 0.0;  ///< Coefficient mu, >= 0.
 };
 
-/// The primitives of one tick. The constructor allocates all memory.
+/// The primitives of one balance. The constructor allocates all memory.
 class PrimitiveSet {
  public:
   PrimitiveSet() : items_(kMaxPrimitives), links_(kMaxPrimitives), varying_(kMaxPrimitives) {}
@@ -97,8 +97,9 @@ class PrimitiveSet {
     items_[count_++] = primitive;
     return true;
   }
-  /// Appends friction at `position` [m] to the last primitive. Returns false if the set is full,
-  /// that primitive is not a plane, or the coefficient is not within 0 to 1e9. RT: no allocation.
+  /// Appends friction at `position` [m] to the last primitive. Returns false if the set is full or
+  /// empty, if its last primitive is not a plane, or if the coefficient is not within 0 to 1e9. RT:
+  /// no allocation.
   [[nodiscard]] bool tryAddFriction(const Vec3& position, double coefficient) noexcept {
     const std::size_t plane = count_ - 1;
     if (count_ == 0 || items_[plane].kind != PrimitiveKind::kPlane || !(coefficient >= 0.0) ||

@@ -28,11 +28,12 @@ using namespace solver;
 //     eq. (14)        minus the gradient; on a kink, where P y = b, any -sigma z with |z| <= 1
 //     eq. (15)        y, and a z for each primitive, with gradient zero
 //
-// balanceFew() balances at most one primitive. balance() tries the methods in this order: two or
+// balanceFew() balances at most one primitive. balance() tries the methods in this order: up to
 // three orthogonal primitives one by one; a plane and one other primitive (pair.h); planes alone
 // (pivots.h); Newton on the primitives that held the proxy in the last tick, then the method of
-// multipliers (multipliers.h). Except for orthogonal primitives, a bound proves each result
-// (certificate.h, Pair::bound). docs/decisions/0005 and 0012 give the reasons.
+// multipliers (multipliers.h). Except for a single primitive and orthogonal primitives, each result
+// has a proved error bound (certificate.h, Pair::bound). docs/decisions/0005 and 0012 give the
+// reasons.
 
 /// Returns true if the product of every two projectors is zero, within rounding.
 bool orthogonal(const Terms& terms) noexcept {
@@ -136,8 +137,8 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
     return problem;
   }
 
-  // The origin is the nearest anchor that the proxy can reach, so that kinks with a common anchor
-  // coincide to the last digit. If all anchors are farther than T/k, the origin is the spring's
+  // The origin is the anchor nearest to the spring's end, so that kinks with a common anchor
+  // coincide to the last digit. If no anchor is within T/k of the spring's end, the origin is that
   // end. The bound includes the effect of omitted weak primitives.
   constexpr double kNothing = 1e-20;
   Terms& terms = problem.terms;

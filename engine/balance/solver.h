@@ -49,15 +49,17 @@ struct SolveResult {
   ///< of their directions and of their positions relative to the probe.
   int iterations = 0;  ///< Number of pivots and 3x3 linear solves of all methods tried; for kPair,
                        ///< the number of evaluations of the scalar equation. 0 for the closed form.
+                       ///< solveWithFriction adds the solves of its own search.
   SolverKind solver =
       SolverKind::kClosedForm;  ///< Method that gave `proxy`; meaningless after kBadInput.
   SolveStatus status = SolveStatus::kConverged;  ///< Determines which other members are valid.
 };
 
 /// Result of the last balance, from which the next one starts, because the same primitives usually
-/// hold the proxy. solveProxy uses the memory only if the number of primitives is the same and the
-/// last balance was kGeneral and kConverged. The primitives must be in the same order. Wrong memory
-/// costs more solves but never makes the result wrong. The constructor allocates all memory.
+/// hold the proxy. solveProxy uses the memory only if `count` is the number of primitives. This
+/// requires that the last balance was kGeneral and kConverged, or that solveWithFriction wrote the
+/// memory. The primitives must be in the same order. Wrong memory costs more solves but never makes
+/// the result wrong. The constructor allocates all memory.
 struct WarmStart {
   WarmStart() : multipliers(kMaxPrimitives, Vec3::Zero()) {}
   /// Makes the next balance start without memory.
@@ -67,7 +69,7 @@ struct WarmStart {
   /// opposed planes count as one slab, the first has -f/s with the force f of both.
   std::vector<Vec3> multipliers;
   Vec3 motion = Vec3::Zero();  ///< proxy - start of the last balance [m].
-  std::size_t count = 0;       ///< Number of primitives of the last balance; 0 if there is none.
+  std::size_t count = 0;       ///< Number of primitives of the stored balance; 0 if there is none.
 };
 
 /// Finds the position of the proxy at which the primitives balance the coupling spring: the
@@ -80,7 +82,7 @@ struct WarmStart {
 /// solution is unique. Within error_bound it does not depend on `start` and `warm`. Departures from
 /// the paper: (1) At a kink (proxy exactly on a plane, line or point) eq. (14) takes the
 /// primitive's force as zero. This solver allows any force of the subgradient there, because the
-/// balance usually lies on a kink. (2) Section 4.2 searches the smallest |f_res|, which is not
+/// balance usually lies on a kink. (2) Section 4.2 searches for the smallest |f_res|, which is not
 /// always the balance (tests/engine/paper_test.cpp has a case). This solver stops by the duality
 /// gap: |x - x*| <= sqrt(2 gap / k).
 ///

@@ -40,7 +40,8 @@ struct Terms {
 
 template <std::size_t Capacity>
 struct Storage {
-  // If the size of the arrays were a power of two, all fields would map to one set of the cache.
+  // If the size of the arrays were a power of two, all fields would map to the same sets of the
+  // cache.
   std::array<std::array<double, Capacity + 8>, Terms::kFields> fields;
   std::array<std::size_t, Capacity> source;
 

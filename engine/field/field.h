@@ -39,7 +39,8 @@ struct Attention {
   double rate = 0.0;          ///< Seconds of play per second since the last tick.
 };
 
-/// Mutable state with which one thread reads one field, such as the last cell. A Reader owns it.
+/// Mutable state with which one thread reads one field, such as the last cell. In ticks, a Reader
+/// owns it.
 struct alignas(64) FieldCache {
   /// Memory for the field's data. Valid after AnyField::reset().
   std::array<std::byte, 1984> bytes;
@@ -47,7 +48,7 @@ struct alignas(64) FieldCache {
 
 /// Result of ScalarField::firstFall.
 struct Crossing {
-  bool found = false;  ///< True if the path has this point.
+  bool found = false;  ///< True if firstFall() found the point.
   double share =
       1.0;  ///< Position of the point on the path, 0 to 1; if not found, the searched share.
   /// Number of cells searched; for a field without cells, the number of values read.

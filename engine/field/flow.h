@@ -26,9 +26,9 @@ namespace palpate {
 }
 
 /// Returns the middle eigenvalue of S^2 + O^2 (Jeong and Hussain 1995), < 0 in a vortex. Accurate
-/// to a few roundings of |J|^2, even if eigenvalues coincide. The result is 0 if all entries of J
-/// are below 1e-160, NaN if J is not finite, and infinite if the eigenvalue overflows. RT: no
-/// allocation.
+/// to a few roundings of |J|^2, even if eigenvalues coincide. The result is 0 if the magnitudes of
+/// all entries of J are below 1e-160, NaN if J is not finite, and infinite if the eigenvalue
+/// overflows. RT: no allocation.
 [[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
 
 /// Least length for which unit() returns a direction, in the data's unit. The reciprocal of a

@@ -103,7 +103,7 @@ class Motion {
   /// the box `at_rest`. Without a warp the function returns `at_rest`.
   [[nodiscard]] Box deformed(const Box& at_rest) const;
   /// Returns an upper bound of the speed of the points in a box of the resting frame [m/s], moved
-  /// by the keyframes. Adds Warp::topSpeed(), which comes from samples.
+  /// by the keyframes. Adds Warp::topSpeed(), which is not a strict bound.
   [[nodiscard]] double topSpeed(const Box& rest) const;
 
   /// Returns the number of keyframes, >= 1.

@@ -7,7 +7,7 @@
 
 namespace palpate {
 
-/// Largest number of scalars, and also of vectors, that the modes of one scene may read.
+/// Largest number of scalars, and also of vectors, that one graph may read.
 inline constexpr int kMaxProperties = 64;
 
 /// Properties from one reading: step 1 of figure 1 in Lundin et al.

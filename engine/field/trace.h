@@ -28,8 +28,8 @@ struct TraceOrder {
 /// The result of a trace.
 struct Trace {
   Vec3 position = Vec3::Zero();  ///< End of the trace [m].
-  /// v / |v| at the end, with the sign that continues `along` from the start. Near the end if v has
-  /// no direction there; `along` if v has none at the start.
+  /// v / |v| at the end, with the sign that continues `along` from the start. If v has no direction
+  /// at the end, the direction just before the end; if v has none at the start, `along`.
   Vec3 direction = Vec3::UnitX();
   double length = 0.0;  ///< Arc length traced, negative backwards [m].
   double stride = 0.5;  ///< First step that the next trace should try [voxels].

@@ -39,7 +39,8 @@ class Warp {
                                         double time) const noexcept PALPATE_NONBLOCKING = 0;
   /// Returns a box that contains x - X for every place and time [m].
   [[nodiscard]] virtual Box shifts() const = 0;
-  /// Returns an upper bound of the speed of the material, from samples [m/s].
+  /// Returns the largest speed of the material [m/s]. It may come from samples, so the speed
+  /// between them can be higher.
   [[nodiscard]] virtual double topSpeed() const = 0;
   /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]. This bound limits how far the
   /// rate can predict u. With the default, infinity, u is not predicted, so a tick takes more

@@ -94,8 +94,9 @@ void checkCoupling(const DeviceInfo& info, const Scene* scene);
 
 /// The loop of one device: its proxy, its reader and the newest scene.
 ///
-/// Two threads use the loop: the haptic thread and the scene thread. Each function belongs to one
-/// of them. Any thread and any signal handler may call cut(), clear() and beat().
+/// Two threads use the loop: the haptic thread and the scene thread. Any thread and any signal
+/// handler may call cut(), clear() and beat(). Each other function belongs to one of the two
+/// threads.
 // The padding in the mailboxes keeps the data of each side on separate cache lines.
 class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
@@ -109,8 +110,8 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   // Functions for the scene thread.
   /// Publishes the scene for the next ticks. If its shape differs from the present scene's
-  /// (Scene::shape), the force becomes zero and an engagement begins. Frees old scenes in this call,
-  /// never in a tick. Does not call checkCoupling().
+  /// (Scene::shape), and ForceLimits::engage is above 0, the force becomes zero and an engagement
+  /// begins. Frees old scenes in this call, never in a tick. Does not call checkCoupling().
   void publish(std::shared_ptr<const Scene> scene) noexcept;
   /// Returns the newest tick, valid until the next call. Only one thread may read.
   [[nodiscard]] const Telemetry& latest() noexcept {

@@ -52,7 +52,8 @@ void HapticThread::stop() noexcept {
 
 bool HapticThread::stopWithin(double seconds) noexcept {
   quit_.store(true, std::memory_order_relaxed);
-  // Counts the looks, because a stopped process must not lose its patience with its own thread.
+  // Counts waits instead of time, because a time in which the whole process is stopped must not
+  // count.
   constexpr std::int64_t kLook = 1'000'000;  // [ns]
   for (auto looks = std::llround(1e9 * seconds / kLook); running() && looks > 0; --looks) {
     sleepUntil(nowNs() + kLook);

@@ -52,7 +52,7 @@ inline constexpr double kLinkSilence = 0.2;
 inline constexpr double kLinkRamp = 0.5;  ///< Time in which the spring fades in and out [s].
 /// Time in which the allowed share of the force rises from 0 to 1 [s].
 inline constexpr double kLinkRise = 0.1;
-/// Upper bound of the acceleration of a hand [m/s^2], for its path until the next tick.
+/// Upper bound of the acceleration of a hand [m/s^2], for its path until its next reading.
 inline constexpr double kLinkNimble = 200.0;
 
 /// A message from one end of the spring to the opposite end.

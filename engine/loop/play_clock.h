@@ -53,8 +53,9 @@ class PlayClock {
   void seek(double time) noexcept;
   /// Moves play forwards or backwards by `by` [s]. Ignores a number that is not finite.
   void nudge(double by) noexcept;
-  /// Returns the play position of the last tick of any loop, moved by the nudges since then [s];
-  /// `begin` before the first tick. The position may be beyond an end of the range by these nudges.
+  /// Returns the play position of the last tick of any loop, moved by the nudges since then [s].
+  /// Before the first tick, this is the `begin` of the constructor, moved by the nudges. The
+  /// position may be beyond an end of the range by these nudges.
   [[nodiscard]] double position() const noexcept;
 
   // Function for a loop.

@@ -6,7 +6,7 @@
 
 namespace palpate {
 
-/// Highest priority of a loop. The priority of a guardian is above that of every loop.
+/// Highest priority of a loop. A guardian requests a higher priority.
 inline constexpr int kMostPriority = 90;
 
 /// Requests for becomeRealtime(). If the system refuses one, the thread continues without it.

@@ -37,8 +37,8 @@ struct Contact {
   Vec3 normal = Vec3::UnitX();  ///< n, the outward unit normal.
   Mat3 turn = Mat3::Zero();     ///< dn/dx [1/m].
   Vec3 across = Vec3::UnitX();  ///< c, the outward unit normal of the interpolated surface.
-  double height = 0.0;  ///< Height of the last reading above the surface, along c, limited to half
-                        ///< a voxel on V = Va [m].
+  double height = 0.0;  ///< Height of the last reading above the surface, along c [m]. For a plane
+                        ///< on V = Va, limited to half a voxel to either side.
   double walls = 1.0;   ///< Seam::walls of the last reading.
   bool placed = false;  ///< True if there is a plane.
   bool seen = false;    ///< True if the last reading put the plane on the surface.

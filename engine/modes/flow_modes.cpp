@@ -15,7 +15,8 @@ constexpr double kNoVortex = 1e-5;
 
 /// Returns the unit direction of a primitive that is anchored at the proxy. This is the mean
 /// (trapezoidal rule) of `before`, the direction at the proxy, and q, the direction at the reading.
-/// If the reading is at the proxy, or q opposes `before`, sets `before` to q and returns q.
+/// If there is no new reading, if the reading is at the proxy, or if before.q is not above 0, sets
+/// `before` to q and returns q.
 Vec3 midway(const EvaluationPoint& stand, const Vec3& q, Vec3& before) noexcept {
   const bool here = stand.foreseen || stand.read == stand.proxy;
   if (here || !(before.dot(q) > 0.0)) before = q;

@@ -29,7 +29,8 @@ struct Transfer {
   /// One transfer function, and the scalar property that it reads.
   struct Factor {
     TransferFunction curve;  ///< The curve; its outputs are >= 0.
-    /// Index into Properties::scalars; -1 for the value that the mode itself measures.
+    /// Index into Properties::scalars. -1 for a constant, and for the value that the mode itself
+    /// measures.
     int scalar = -1;
   };
   /// Factors of the product. Without factors the material property is zero.
@@ -136,10 +137,10 @@ struct IsosurfaceMode {
   double level = 0.0;   ///< V0, in the data's unit.
   double depth = 3e-3;  ///< If the proxy is farther behind a yielded plane, the strength fades over
                         ///< a voxel [m].
-  Transfer strength;  ///< Strength of the plane [N]: until the surface yields at V = level, then at
-                      ///< the reading.
-  Transfer friction;  ///< Coulomb's mu, which a groove can increase (SurfaceSource::grooves).
-  Transfer viscosity;  ///< Strength of the drag in the solid [N], a point (eq. 9).
+  Transfer strength;    ///< Strength of the plane [N]: its value at V = level until the surface
+                        ///< yields, then its value at the reading.
+  Transfer friction;    ///< Coulomb's mu, which a groove can increase (SurfaceSource::grooves).
+  Transfer viscosity;   ///< Strength of the drag in the solid [N], a point (eq. 9).
 };
 
 /// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. A weak line
@@ -169,10 +170,10 @@ struct FrontShapeMode {
 };
 
 /// Two opposed planes (eq. 13) through the proxy, perpendicular to the radius of a vortex: the hand
-/// moves freely on a tube. Within a voxel of the core the radius is not defined, and a line (eq.
-/// 11) along the core holds the proxy. Between one and two voxels, both act. The radius is that of
-/// a rigid rotation, r = 2 |v x w| / |curl v|. w = curl v / |curl v| is the direction of the core,
-/// and v x w points outwards.
+/// moves freely on a tube. Within a voxel of the core, where the radius is not accurate, a line
+/// (eq. 11) along the core holds the proxy. Between one and two voxels, both act. The radius is
+/// that of a rigid rotation, r = 2 |v x w| / |curl v|. w = curl v / |curl v| is the direction of
+/// the core, and v x w points outwards.
 struct VortexTubeMode {
   using Memory = VortexTubeMemory;  ///< The memory that is kept from tick to tick.
   int vector = -1;                  ///< Index into Properties::vectors of v.
@@ -204,15 +205,14 @@ struct ModeInput {
   /// reads share a motion, that motion carries this place along.
   const Vec3& proxy;
   const Vec3& probe;  ///< Position of the probe in this slice of the tick's motion [m].
-  const Vec3&
-      read;       ///< Place where properties were read [m], at most about a voxel from the proxy.
-  bool foreseen;  ///< True if the properties are those of an earlier reading.
+  const Vec3& read;  ///< Place where properties were read [m]; usually within a voxel of the proxy.
+  bool foreseen;     ///< True if the properties are those of an earlier reading.
 };
 
-/// Adds primitives. Returns false if the set was full. Each balance of a tick calls this function:
-/// in each slice first without a new reading (`foreseen`), then after each reading. Do not
-/// allocate, lock or throw. Anchor primitives at the proxy; other anchors can add energy, which
-/// counts as injected.
+/// Adds primitives. Returns false if the set was full. A tick calls this function before each
+/// balance: in each slice first without a new reading (`foreseen`), then after each reading. A tick
+/// also calls it once if the proxy is new in the scene. Do not allocate, lock or throw. Anchor
+/// primitives at the proxy; other anchors can add energy, which counts as injected.
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
 
 /// A user-defined mode.
@@ -321,9 +321,10 @@ void readLoads(const Mode& mode, std::span<const Primitive> primitives,
 void followYielding(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Updates a mode's memory from the place that the proxy has reached. `arrived` is true if that
-/// place is the balance. Ends the contact with an isosurface that bears no load and is behind the
-/// proxy. Marks an isosurface as pushed through if it yields and the proxy is behind it. Once the
-/// proxy has arrived, a released front may be placed again. RT: no allocation.
+/// place is the balance. Clears Contact::touched. Ends the contact with an isosurface that bears no
+/// load, if the proxy is in front of it. Marks an isosurface as pushed through if it yields and the
+/// proxy is behind it. Once the proxy has arrived, a released front may be placed again. RT: no
+/// allocation.
 void settle(const Mode& mode, const Vec3& proxy, bool arrived,
             ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 

@@ -70,11 +70,11 @@ bool emit(const FrontShapeMode& mode, const EmitContext& place, FrontShapeMemory
 /// radius beyond one voxel. Adds no primitive if the flow has no curl. RT: no allocation.
 bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory& memory) noexcept;
 
-/// Returns the value V on the surface.
+/// Returns a pointer to the value V on the surface.
 inline const double* levelOf(const IsosurfaceMode& mode, const IsosurfaceMemory& /*of*/) noexcept {
   return &mode.level;
 }
-/// Returns the value V on the surface; null until the surface has held the proxy.
+/// Returns a pointer to the value V on the surface; null until the surface has held the proxy.
 inline const double* levelOf(const SurfaceMode& /*mode*/, const SurfaceMemory& memory) noexcept {
   return memory.captured ? &memory.level : nullptr;
 }

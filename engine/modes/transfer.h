@@ -39,7 +39,8 @@ class TransferFunction {
 
  private:
   explicit TransferFunction(std::vector<Knot> knots) : knots_(std::move(knots)) {}
-  /// Returns the first knot above x; the end beyond the last knot, or if x is NaN.
+  /// Returns the first knot with an input above x; the end of the knots if there is none, or if x
+  /// is NaN.
   [[nodiscard]] std::vector<Knot>::const_iterator above(double x) const noexcept;
 
   std::vector<Knot> knots_;

@@ -54,8 +54,8 @@ class Device {
   [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
   /// Returns the newest reading of the hand. RT: no allocation, no lock.
   [[nodiscard]] virtual HandState read() noexcept PALPATE_NONBLOCKING = 0;
-  /// Sends a force [N] that limitForce returned. The force acts until the next write. A device in
-  /// virtual time advances by one tick. RT: no allocation, no lock.
+  /// Sends a force [N]: the result of limitForce, or zero. The force acts until the next write. A
+  /// device in virtual time advances by one tick. RT: no allocation, no lock.
   virtual void write(const Vec3& force) noexcept PALPATE_NONBLOCKING = 0;
   /// Sets whether the motors may carry the arm's weight in addition to the force, if the device
   /// knows that weight. Initially the motors may not. After `true` the support grows over kEngage;

@@ -58,7 +58,8 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
     return out;
   }
   // A peak that is not positive and finite allows no force. A slew that is not positive allows no
-  // growth. The limit is 1e-12 lower, so that rounding cannot raise the result above the peak.
+  // growth. The limit is lower by 1e-12 of the peak, so that rounding cannot raise the result above
+  // the peak.
   const double peak =
       limits.peak > 0.0 && std::isfinite(limits.peak) ? limits.peak * (1.0 - 1e-12) : 0.0;
   double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;

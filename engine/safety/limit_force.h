@@ -71,7 +71,7 @@ struct LimitedForce {
   Vec3 force = Vec3::Zero();
   bool finite =
       true;  ///< False if the wanted force was not finite. The force is then zero; latch a fault.
-  bool peaked = false;  ///< True if scaled down to the peak.
+  bool peaked = false;  ///< True if the wanted force exceeded the peak.
   bool heated = false;  ///< True if scaled down to the force that the heat of the motors allows.
   bool ramped = false;  ///< True if scaled down by an engagement.
   bool slewed = false;  ///< True if reduced by the slew limit.

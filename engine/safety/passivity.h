@@ -15,7 +15,7 @@ namespace palpate {
 /// Dissipation and timing of an arm, as the tank assumes them. The numbers must be conservative.
 struct ArmDissipation {
   double viscous = 0.0;  ///< Viscous damping b [N s/m]: > 0, at most that of the arm. Without it
-                         ///< the tank allows no force.
+                         ///< a tank that acts allows no force.
   double coulomb =
       0.0;  ///< Coulomb friction c [N], at most that of the arm. Subtract the possible difference
             ///< between the acting force and the sent one, such as the motors' rounding.

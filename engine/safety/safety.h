@@ -16,8 +16,8 @@ enum class Fault : std::uint8_t {
   kNone,
   kNotFinite,  ///< A position, sample or force was not finite, or a position was 1e6 m or more.
                ///< Repair the device or the volume.
-  kLate,   ///< A tick was too late (WatchLimits::late). Give the loop a core, real-time priority
-           ///< or a lower rate.
+  kLate,   ///< A tick was too late or too long (WatchLimits::late), or the guardian cut the force.
+           ///< Give the loop a core, real-time priority or a lower rate.
   kStale,  ///< The device's position or another report is too old (WatchLimits::stale). Check the
            ///< cable, or the program that shares the device.
   kJump,   ///< The position changed too fast for a hand: an encoder may have lost counts. Home the
@@ -161,9 +161,9 @@ class Reengagement {
 ///
 /// Only the time distinguishes this arm from an arm that a hand holds still. If no counter has
 /// changed for kStill while the force is larger than the friction, the force fades to zero in
-/// kFade. A real hand usually moves by a count long before kStill. When a counter changes, the
-/// force returns at the same rate. The force that is missing at that moment is at most twice the
-/// friction, plus the stiffness of the hand times one count.
+/// kFade. A real hand usually moves by a count long before kStill. When a counter changes, or the
+/// force falls to the friction, the force returns at the same rate. The force that is missing at
+/// that moment is at most twice the friction, plus the stiffness of the hand times one count.
 class StillFade {
  public:
   /// Returns the share of the force that is left, 0 to 1.

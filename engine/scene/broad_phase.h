@@ -60,9 +60,9 @@ class NearBoxes {
   /// @param margin  The tree query exceeds the requested box by this on every side [m].
   explicit NearBoxes(double margin = 0.01) : margin_(margin), found_(kMost) {}
 
-  /// Returns the indices, in ascending order, of all boxes that overlap `query` [m] and of some
-  /// boxes within the margin. If more than kMost boxes overlap `query`, returns kMost indices, and
-  /// complete() is false. The result is valid until the next call. RT: no allocation. Cost: six
+  /// Returns the indices, in ascending order, of all boxes that overlap `query` [m], and of other
+  /// boxes that overlap known(). If more than kMost boxes overlap `query`, returns kMost indices,
+  /// and complete() is false. The result is valid until the next call. RT: no allocation. Cost: six
   /// comparisons if the query is inside the box of the last tree query.
   [[nodiscard]] std::span<const std::uint32_t> near(const BroadPhase& boxes,
                                                     const Box& query) noexcept PALPATE_NONBLOCKING;

@@ -20,7 +20,7 @@ struct CompiledMode {
                                        GraphReads& reads);
 
 /// Compiles a varying coupling stiffness. Throws SceneError if the stiffness can be 0 or exceed 1e9
-/// N/m, if a curve has no input, or if an input is not a known scalar.
+/// N/m, if there is no factor, if a curve has no input, or if an input is not a known scalar.
 [[nodiscard]] Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads);
 
 }  // namespace palpate

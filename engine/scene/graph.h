@@ -123,7 +123,7 @@ struct GuideSpec {
 
 /// The spec of a user-defined mode; see mode.h.
 struct UserSpec {
-  PlacePrimitives place = nullptr;  ///< Called in every balance. compileGraph rejects null.
+  PlacePrimitives place = nullptr;  ///< Called before every balance. compileGraph rejects null.
   std::shared_ptr<void> state;      ///< Passed to `place`. May be null. All proxies share it.
   std::vector<std::string> reads;  ///< Names of the volumes and derived fields to read for `place`.
 };
@@ -136,12 +136,13 @@ struct ModeSpec {
   TransferSpec strength;   ///< Strength of the primitives [N]; unused for user.
   TransferSpec friction;   ///< surface and isosurface: Coulomb's mu, at most kMostFriction.
   TransferSpec viscosity;  ///< surface and isosurface: strength of the drag [N].
-  std::string by;  ///< Name of the scalar input of these properties; if empty, the mode's scalar.
+  std::string by;  ///< Name of the scalar input of strength, friction and viscosity; if empty, the
+                   ///< mode's scalar.
   double value = 0.0;           ///< isosurface: V0, in the data's unit.
   Solid solid = Solid::kAbove;  ///< surface and isosurface: the solid side.
   double depth_voxels =
       3.0;  ///< isosurface: below this depth, a yielded surface fades over a voxel [voxels].
-  std::optional<Sense> sense;  ///< force: default kAttract for a vector, kRepel for a gradient.
+  std::optional<Sense> sense;  ///< force: default kAttract for a vector, kRepel for a scalar.
   bool two_sided = true;       ///< front shape: holds in both directions along its normal.
   double snap_voxels = 0.0;    ///< front shape: distance of snap-drag [voxels]; 0 disables it.
   GuideSpec guide;             ///< guide: its shape and its place.
@@ -152,12 +153,13 @@ struct ModeSpec {
 
 /// The spec of a graph, by names as in the scene file.
 struct GraphSpec {
-  std::map<std::string, DerivedSpec> fields;  ///< Derived fields by name; not a volume's name.
+  /// Derived fields by name. No derived field has the name of a volume.
+  std::map<std::string, DerivedSpec> fields;
   std::vector<ModeSpec> modes;  ///< At most kMaxModes, in the order of their primitives.
   /// Motions by the name of the volume. Volumes that share a pointer move together.
   std::map<std::string, MotionPtr> motions;
   std::optional<TransferSpec> stiffness;  ///< Coupling stiffness that depends on properties [N/m];
-                                          ///< else that of CouplingParams.
+                                          ///< if not set, that of CouplingParams.
   /// Number of each mode in messages (/modes/5); if empty, the index of the mode.
   std::vector<std::size_t> mode_numbers;
 };
@@ -185,7 +187,7 @@ struct FieldSet {
 
 /// The fields that a mode needs.
 struct ModeFields {
-  /// The mode acts and reads only if the proxy is inside the bounds of all these fields.
+  /// A tick reads fields for the mode only at places inside the bounds of all these fields.
   FieldSet support;
   FieldSet reads;  ///< All fields that the mode reads.
 };
@@ -196,7 +198,7 @@ struct ScalarRead {
   int value = -1;          ///< Index into Properties::scalars.
   int gradient = -1;       ///< Index into Properties::vectors.
   int cell_gradient = -1;  ///< Index into Properties::vectors.
-  bool slope = false;      ///< True if a strength depends on the value: its slope is needed.
+  bool slope = false;      ///< True if a transfer function reads the value: its slope is needed.
   bool turn = false;       ///< True if a primitive follows the gradient: its Jacobian is needed.
 };
 
@@ -224,8 +226,8 @@ struct MagnitudeStep {
 
 /// The graph that the tick runs, as flat lists. Each field is sampled at most once in a reading.
 struct Graph {
-  std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Fields that modes read.
-  std::vector<std::shared_ptr<const VectorField>> vector_fields;  ///< Fields that modes read.
+  std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Scalar fields to read.
+  std::vector<std::shared_ptr<const VectorField>> vector_fields;  ///< Vector fields to read.
   std::vector<FieldFrame> scalar_frames;  ///< Placement of each scalar field in W, at rest.
   std::vector<FieldFrame> vector_frames;  ///< Placement of each vector field in W, at rest.
   std::vector<MotionPtr> motions;         ///< No duplicates; empty if all fields and guides rest.
@@ -233,8 +235,8 @@ struct Graph {
   std::vector<int> vector_motions;  ///< Index into motions for each vector field; -1: at rest.
   std::vector<std::string> scalar_names;       ///< Names of scalar_fields, for messages.
   std::vector<std::string> vector_names;       ///< Names of vector_fields, for messages.
-  std::vector<std::string> scalar_properties;  ///< Names of Properties::scalars: "q of flow".
-  std::vector<std::string> vector_properties;  ///< Names of Properties::vectors: "curl of flow".
+  std::vector<std::string> scalar_properties;  ///< Names of Properties::scalars, as "q of flow".
+  std::vector<std::string> vector_properties;  ///< Names of Properties::vectors, as "curl of flow".
   std::vector<ScalarRead> scalar_reads;        ///< One for each of scalar_fields, in their order.
   std::vector<VectorRead> vector_reads;        ///< One for each of vector_fields, in their order.
   std::vector<UnitStep> units;                 ///< Each step comes after those that it depends on.
@@ -260,7 +262,8 @@ struct Graph {
   /// that is zero on the free side of such an isosurface. If the proxy is in front of all these
   /// surfaces, the modes of both kinds add no primitive.
   std::uint64_t contact_only = 0;
-  /// Fields that need attend(), numbered through: scalar_fields, then vector_fields.
+  /// Numbers of the fields that need attend(). The numbers of vector_fields continue those of
+  /// scalar_fields.
   std::vector<std::size_t> attentive;
   std::vector<std::string> unused;  ///< Fields and derived fields that neither a mode nor the
                                     ///< stiffness reads: not sampled.
@@ -274,8 +277,8 @@ inline constexpr std::size_t kMaxFields = 64;
 /// Largest number of motions of one scene, for fields and guides together.
 inline constexpr std::size_t kMaxMotions = 64;
 
-/// Checks the names, types and edges of a spec and compiles it to flat lists. Throws SceneError,
-/// with the JSON path of the error (such as /modes/0/of) as its subject.
+/// Checks the names, types and references of a spec and compiles it to flat lists. Throws
+/// SceneError, with the JSON path of the error (such as /modes/0/of) as its subject.
 [[nodiscard]] Graph compileGraph(const GraphSpec& spec,
                                  const std::map<std::string, FieldPtr>& fields);
 

@@ -46,7 +46,8 @@ class GraphReads {
   /// Returns the index of |vectors[from]| in Properties::scalars.
   [[nodiscard]] int magnitudeOf(int from);
 
-  /// Requests the slope of a scalar on which a strength depends: a value or a magnitude.
+  /// Requests the slope of a scalar that a transfer function reads, if it is a value or a
+  /// magnitude.
   void followSlope(int scalar);
   /// Requests the Jacobian of a vector that primitives follow.
   void followTurn(int vector);

@@ -19,9 +19,9 @@ namespace palpate {
 
 /// Accuracy of the motion within a tick.
 struct StepParams {
-  /// Largest number of readings in a tick after which a primitive holds the proxy, 1 to 64. At the
-  /// limit, the rest of the path waits for the next tick. This number does not limit the readings
-  /// of a free proxy (kMostSubsteps).
+  /// Largest number of a tick's readings that are at a surface on the path, or after which a
+  /// primitive holds the proxy; 1 to 64. At the limit, the rest of the path waits for the next
+  /// tick. This number does not limit the readings of a free proxy (kMostSubsteps).
   int max_substeps = 16;
   /// Limit of a tick's iterations (StepReport::iterations), >= 1. At the limit, the tick reads
   /// properties once more in each remaining slice (iteration.h), and completes the balance in
@@ -61,7 +61,8 @@ struct Scene {
   /// Hash of the fields, the kinds of modes and the motions. A change between scenes with equal
   /// hashes has the short ramp of an edit (kEngageEdit).
   std::uint64_t shape = 0;
-  /// Graph that every tick evaluates. Only it may have motions, guides and a varying stiffness.
+  /// Graph that every tick evaluates. Only it may have motions, guides, user-defined modes and a
+  /// varying stiffness.
   Graph graph;
   std::vector<Part> parts;      ///< Parts, which a tick reads only near the hand.
   BroadPhase bounds;            ///< Boxes of the parts.
@@ -81,7 +82,7 @@ struct Scene {
 [[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W,
                                 std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
-/// Returns true while the data of a field that modes read are unavailable (Fault::kVolume). RT: no
+/// Returns true while the data of a field of the graph are unavailable (Fault::kVolume). RT: no
 /// allocation. Cost: O(attentive fields).
 [[nodiscard]] bool dataLost(const Graph& graph) noexcept PALPATE_NONBLOCKING;
 

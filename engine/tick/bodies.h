@@ -29,7 +29,7 @@ class Bodies {
   [[nodiscard]] int plan(std::span<const Felt> felt, double time, const Vec3& proxy,
                          const Vec3& probe, int most,
                          StepReport& report) noexcept PALPATE_NONBLOCKING;
-  /// Moves the volumes to their poses in slice `part` of 1 to `parts`, and finds the proxy's place
+  /// Moves the volumes to their poses in slice `part`, 1 to `parts`, and finds the proxy's place
   /// relative to each. A warp is predicted from its last reading if the error is at most a quarter
   /// of a voxel. Otherwise it is sampled at the place to which it has carried the proxy. Returns
   /// the number of warps sampled; plan() has counted those of a single slice.

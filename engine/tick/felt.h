@@ -22,7 +22,7 @@ struct Felt {
   [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
 };
 
-/// Calls `look` with each mode, its memory, its graph and its index in the graph, until a call
+/// Calls `look` with each mode, its memory, its Felt and its index in the graph, until a call
 /// returns true. Returns true if a call of `look` returned true.
 template <class Do>
 bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
@@ -102,8 +102,8 @@ void eachField(std::span<const Felt> all, Do&& look) noexcept {
   }
 }
 
-/// Returns true if the box `way` [m], in a field's resting frame, is within kFrameMargin of the
-/// field's bounds.
+/// Returns true if the box `way` [m], in a field's resting frame, is at most kFrameMargin voxels
+/// from the field's bounds.
 [[nodiscard]] inline bool meets(const Box& way, const FieldFrame& frame) noexcept {
   const double margin = kFrameMargin * frame.voxel;
   const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||

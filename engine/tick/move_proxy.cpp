@@ -334,7 +334,8 @@ OnWay fieldsOnWay(const Tick& tick) noexcept {
   return on;
 }
 
-/// Returns true if only the hand can have moved since the last tick, and no trace is requested.
+/// Returns true if properties were read before, only the hand can have moved since the last tick,
+/// and no trace is requested.
 bool rests(const Tick& tick) noexcept {
   return tick.scene.still && tick.proxy.known && !tick.changed && tick.trace == nullptr;
 }

@@ -43,7 +43,7 @@ class NearParts {
   /// the strongest. Reads a new part at the proxy; its modes place primitives in `scratch`. Sets
   /// `parts` of the report, raises `left_out` and `missing`, and adds to `samples`. RT: no
   /// allocation. Cost: a few comparisons if the choice stays, else a query of AnyField::freeWithin
-  /// for each field of each part with a near box.
+  /// for each field of each part with a near box, and a reading of each new part.
   void meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
             PrimitiveSet& scratch, StepReport& report) noexcept PALPATE_NONBLOCKING;
 

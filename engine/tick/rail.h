@@ -36,7 +36,8 @@ struct Rail {
   std::size_t count = 0;              ///< Number of lines.
   std::array<RailLine, kMost> lines;  ///< The lines; the first `count` are valid.
   /// Shift of the probe [m] that cancels the spring's remaining pull along the followed stream.
-  /// Zero if that pull exceeds the tolerance.
+  /// Zero if that pull exceeds the tolerance or the strength of the line, or if a wall fixes the
+  /// proxy along the stream.
   Vec3 waiting = Vec3::Zero();
   /// Memory of the mode whose line the proxy follows; null if there is none yet.
   const ModeMemory* followed = nullptr;

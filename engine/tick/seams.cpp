@@ -37,7 +37,7 @@ struct Surface {
   [[nodiscard]] Vec3 beside(const Vec3& step) const noexcept {
     return seen + (pose == nullptr ? step : Vec3(pose->back * step));
   }
-  /// Returns the signed value at x + step, free > 0.
+  /// Returns the signed value at x + step, positive on the free side.
   [[nodiscard]] double value(const Vec3& step) const noexcept {
     return scale * skin->sign * (field().value(beside(step), cache()) - level);
   }

@@ -60,8 +60,8 @@ class ProxyState {
     play_ = play;
     play_rate_ = rate;
   }
-  /// Adds this force [N], along HandState::drives, to the spring's force from the next tick on. See
-  /// hand_links.h.
+  /// Adds this force [N], projected by HandState::drives, to the spring's force from the next tick
+  /// on. See hand_links.h.
   void pullBy(const Vec3& force) noexcept { pull_ = force; }
   /// Returns the play position set by playAt() [s].
   [[nodiscard]] double play() const noexcept { return play_; }
@@ -153,8 +153,8 @@ class ProxyState {
 /// in several slices (iteration.h).
 ///
 /// @param reader  This thread's reader; bound to the scene as needed.
-/// @param hand    Reading. If a coordinate is not finite, or 1e6 m or more, the tick latches a
-///                fault and sends zero force.
+/// @param hand    Reading. If a coordinate is not finite, or its magnitude is 1e6 m or more, the
+///                tick latches a fault and sends zero force.
 /// @param dt      Time since the last tick [s], finite and > 0. For other values the force does not
 ///                grow and volumes do not move.
 /// @param trace   If not null, filled with the steps of the tick.

@@ -17,13 +17,15 @@ enum class StepStatus : std::uint8_t {
   /// plus the change by the hand's motion. Remedy: less strength, or a hand nearer to the stream.
   kHairpin,
   kSubstepLimit,  ///< The proxy did not arrive before a limit was reached: of readings, of
-                  ///< iterations, or of 16 steps along a stream for each reading. Causes are a fast
-                  ///< hand, a stream with many windings, or walls and frictions that alternate. If
-                  ///< a primitive holds the proxy, the rest of its path waits for the next tick.
-                  ///< Otherwise the proxy is at the hand, and may have passed a surface without
-                  ///< contact, beyond the range of firstFall or of a volume that moved too far.
-                  ///< Remedy if frequent: raise max_substeps or the rate.
-  kIterationLimit,  ///< A balance ended before it converged; error_bound bounds its error.
+                  ///< iterations, of slices, or of 16 steps along a stream for each reading. Causes
+                  ///< are a fast hand or volume, a stream with many windings, or walls and
+                  ///< frictions that alternate. If a primitive holds the proxy, the rest of its
+                  ///< path waits for the next tick. Otherwise the proxy is at the hand, and may
+                  ///< have passed a surface without contact, beyond the range of firstFall or of a
+                  ///< volume that moved too far. Remedy if frequent: raise max_substeps or the
+                  ///< rate.
+  kIterationLimit,  ///< A balance after a reading ended before it converged. If it is the last
+                    ///< balance, error_bound bounds its error.
   kDropped,         ///< The tick left out primitives beyond kMaxPrimitives. Remedy: fewer modes.
   kFault,  ///< A fault is latched (ProxyState::fault), or a value was not finite. The force is
            ///< zero until ProxyState::clearFault(). Remedy: see remedyFor.

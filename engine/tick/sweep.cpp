@@ -6,7 +6,8 @@
 namespace palpate {
 namespace {
 
-/// A shorter path along a surface is not swept, because the last reading covers it [voxels].
+/// If a path along a surface is shorter than this [voxels], it is not swept, because the last
+/// reading covers it.
 constexpr double kSeen = 0.1;
 
 /// Finds the first point where a path passes a surface from the free side, in its resting frame.
@@ -81,8 +82,8 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
       again = !placed && behind && !lift.isZero(0.0);
       if (again) lift.setZero();
     } while (again);
-    // A path wholly behind the surface began behind another of its walls. The step ends at its
-    // start.
+    // A path that is wholly behind the surface began behind another wall of the surface. The step
+    // then ends at the start of the path.
     if (!crossing.found && !crossing.behind) {
       trial.swept = trial.swept && crossing.share >= 1.0;
       return;

@@ -12,8 +12,8 @@ struct Iteration;
 struct Trial {
   Vec3 end;              ///< End of the step [m].
   bool complete = true;  ///< True if the step reaches its target.
-  bool cut = false;  ///< True if the proxy moves to `end`: the reading is valid no farther, or a
-                     ///< surface without a plane is there.
+  bool cut = false;      ///< True if the proxy moves to `end`: the reading is valid no farther, the
+                         ///< chosen parts end there, or a surface without a plane is there.
   bool trusted = false;  ///< True if the trust radius of Newton's step ended the step.
   bool near = true;  ///< True if the reading at the start of the step is still valid at the target.
   bool met = false;  ///< True if the step reached a surface.
