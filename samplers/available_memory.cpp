@@ -15,7 +15,8 @@ namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
 
-/// Returns the available memory and the free swap space of the system [bytes].
+/// Returns the sum of the system's available memory and free swap space [bytes]; kUnknown if the
+/// system does not state it.
 double ofSystem() {
   std::ifstream info("/proc/meminfo");
   double sum = 0.0;
@@ -30,7 +31,7 @@ double ofSystem() {
   return known ? sum : kUnknown;
 }
 
-/// Returns the rest of the process's address space [bytes].
+/// Returns the rest of the process's address space [bytes]; kUnknown if it has no limit.
 double ofAddressSpace() {
   rlimit limit{};
   if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return kUnknown;
@@ -69,7 +70,8 @@ void checkMemory(const std::vector<MemoryNeed>& volumes) {
       std::to_string(volumes.size()) + (volumes.size() == 1 ? " volume needs" : " volumes need") +
           " at least " + megabytes(sum) + ", but " + megabytes(available) +
           " are available (the largest volume: " + largest.volume + ", " + largest_size + ")",
-      "use smaller volumes, or volumes in bricks (palpate brick), or end other programs");
+      "use smaller volumes, or volumes in bricks (palpate brick), or end other programs, or raise "
+      "the limit of memory (ulimit -v) if there is one");
 }
 
 }  // namespace palpate

@@ -36,7 +36,7 @@ LeasedFile::Clock::duration longestWait() {
       std::chrono::duration<double>(seconds));
 }
 
-/// Opens a temporary file that has no name in the file system.
+/// Opens a temporary file that has no name in the file system. Returns -1 if this fails.
 int nameless(const std::filesystem::path& folder) {
   const int file = open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
   if (file >= 0) return file;

@@ -9,8 +9,9 @@
 
 namespace palpate {
 
-/// Throws VolumeError for a path that std::filesystem::exists() rejects. If no file has this path,
-/// the reason is `what`; otherwise the reason is the text of `error`.
+/// Throws VolumeError for a path at which std::filesystem::status() found no file. If `error`
+/// states that the path does not exist, the reason is `what`; otherwise the reason has the text of
+/// `error`.
 /// @param error  Error of std::filesystem::status() for the path.
 [[noreturn]] void throwAbsent(const std::filesystem::path& path, const std::string& what,
                               const std::error_code& error);
@@ -23,7 +24,7 @@ namespace palpate {
 /// system blocks them for at most the time in /proc/sys/fs/lease-break-time [s], by default 45 s.
 /// So the caller must check kept() between the parts of a long read.
 ///
-/// The system refuses a lease, for example, if a program is already writing to the file, another
+/// The system refuses a lease, for example, if a program has the file open for writing, another
 /// user owns the file, or the file is on a network file system. Then the object makes a copy that
 /// no other program can open. The copy is in the folder for temporary files or, if that fails, in
 /// memory.

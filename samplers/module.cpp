@@ -44,7 +44,7 @@ std::vector<fs::path> moduleFolders() {
       break;
     }
   }
-  // A program that links palpate's libraries may be anywhere.
+  // A program that links palpate's libraries may be in a folder of its own.
   for (const char* folder : {"/usr/local/lib/palpate", "/usr/lib/palpate"}) {
     if (std::find(folders.begin(), folders.end(), folder) == folders.end()) {
       folders.emplace_back(folder);

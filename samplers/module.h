@@ -30,12 +30,13 @@ struct ModuleEntry : ModuleVersion {
 /// Loads a module and returns its symbol. Never unloads the module, because the module may have
 /// threads.
 ///
-/// Searches $PALPATE_MODULES if this is an absolute path, else ../lib/palpate relative to the
-/// program or library that contains this function. If that folder does not exist, searches
-/// lib/palpate at the nearest folder `lib` above that program or library, then the folders
-/// /usr/local/lib/palpate and /usr/lib/palpate. A program with more rights than its user searches
-/// only the last two folders. Throws Error if no folder has the file, if the file cannot be loaded,
-/// or if all files belong to other releases of palpate. Not for a tick: reads files.
+/// Searches only $PALPATE_MODULES if this is an absolute path, else only ../lib/palpate, relative
+/// to the folder of the program or library that contains this function. If ../lib/palpate does not
+/// exist, searches the folder `palpate` in the nearest folder `lib` above that program or library,
+/// then the folders /usr/local/lib/palpate and /usr/lib/palpate. A program with more rights than
+/// its user searches only the last two folders. Throws Error if no folder has the file, if the
+/// first file that is found cannot be loaded, or if all files found belong to other releases of
+/// palpate. Not for a tick: reads files.
 ///
 /// @param subject  Error::subject(): the option, file or address that needs the module.
 [[nodiscard]] const ModuleVersion& loadModule(const Module& module, const std::string& subject);

@@ -39,7 +39,8 @@ class ProcessGroup {
   [[nodiscard]] virtual std::vector<Bytes> gather(std::span<const std::byte> own) = 0;
 
   /// Reports to all ranks that this rank has failed, in place of its next gather(). Waits for them.
-  /// @return  True on the lowest failed rank, which must report the error.
+  /// @return  True if this rank must report its error: on the lowest failed rank, and on each rank
+  ///          that has lost the connection.
   [[nodiscard]] virtual bool giveUp() noexcept = 0;
 };
 
@@ -101,8 +102,8 @@ struct Share {
 
 /// Runs `work`. Every rank must call this function. If `work` throws on one rank, the other ranks
 /// leave `work` at their next gather(). At the end, each rank waits for all others.
-/// @return  The result of `work`; a value-initialised result if another rank has failed and reports
-///          the error.
+/// Throws the exception of `work` on each rank that must report it (giveUp()).
+/// @return  The result of `work`; a value-initialised result if another rank reports an error.
 template <class Work>
 [[nodiscard]] auto workTogether(ProcessGroup& group, Work work) -> decltype(work()) {
   try {

@@ -14,7 +14,8 @@ class Retries {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Records a failure of `id`. Returns true for its first failure since had() or forget().
+  /// Records a failure of `id`. Returns true for the first failure of `id` since had(id) or
+  /// forget().
   bool failed(const Id& id, Clock::time_point now) {
     const auto [of, first] = of_.try_emplace(id);
     if (!first) of->second.wait = std::min(2 * of->second.wait, kRarest);

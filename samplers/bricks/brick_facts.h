@@ -38,7 +38,7 @@ class BrickFacts {
 
   /// Returns the manifest with the entries that have been set so far.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return manifest_; }
-  /// Sets all entries of a level, which must be in the order of BrickId.
+  /// Sets all entries of a level. The entries must be in the order of BrickId.
   void setEntries(std::int32_t level, std::vector<BrickEntry> entries);
   void setStatistics(const BrickStatistics& statistics);  ///< Sets the statistics of level 0.
 

@@ -24,8 +24,7 @@ using detail::LatticeReader;
 /// Smallest distance to missing bricks at which a level has full weight [voxels of the level].
 constexpr double kFade = 4.0;
 
-/// Returns the cell that is this number of bricks away, within the range of int: far outside of the
-/// data, cells saturate.
+/// Returns the index of the cell that is this number of bricks away, limited to the range of int.
 int bricksFrom(int cell, int bricks) noexcept {
   using Limits = std::numeric_limits<int>;
   return static_cast<int>(std::clamp<std::int64_t>(std::int64_t{cell} + kBrickSide * bricks,
@@ -77,7 +76,7 @@ class BrickLevelSource {
 
   BrickLevelSource(const BrickWindow& window, std::int32_t level)
       : window_(&window), level_(level) {
-    // Voxel I of a level consists of the voxels 2 I and 2 I + 1 of the finer level.
+    // Along each axis, voxel I of a level covers the voxels 2 I and 2 I + 1 of the finer level.
     const auto& [lower, upper] = window.manifest().activeBox();
     for (std::size_t a = 0; a < 3; ++a) {
       ends_.lower[a] = lower[a] >> level;
@@ -153,8 +152,8 @@ class BrickField : public Base {
     /// always if the window waits, it has its initial value: every loaded brick counts as
     /// completely faded in.
     std::int64_t now = std::numeric_limits<std::int64_t>::max();
-    Vec3 probe = Vec3::Zero();     ///< Position of the hand [m].
-    Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
+    Vec3 probe = Vec3::Zero();     ///< Position of the probe in the last tick [m].
+    Vec3 velocity = Vec3::Zero();  ///< Filtered velocity of the probe [m/s].
     bool met = false;              ///< True if a tick has set `probe` and `velocity`.
     std::size_t hand = 0;
     /// Value that BrickWindow::enter returned; set while the reader is registered.

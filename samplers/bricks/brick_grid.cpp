@@ -62,7 +62,8 @@ bool isOpenvdbs(const std::string& key) {
          key.compare(0, kFile.size(), kFile) == 0;
 }
 
-/// Returns the metadata as JSON, {"key": {"type": value}}, of the types that programs often write.
+/// Returns the metadata as JSON, {"key": {"type": value}}. Omits OpenVDB's own keys, and types that
+/// setMetadata() does not read.
 std::string metadataOf(const openvdb::GridBase& grid) {
   Json all = Json::object();
   for (auto meta = grid.beginMeta(); meta != grid.endMeta(); ++meta) {
@@ -237,7 +238,8 @@ struct LeafSum {
   std::uint64_t sum = 0;
 };
 
-/// Sorts leaves as a tree stores them: node by node, and within a node along x, y and z.
+/// Sorts leaves in the order of a tree: by the origin of the upper node, then of the lower node,
+/// then of the leaf.
 template <class Tree>
 void sortAsTree(std::vector<LeafSum>& leaves) {
   using Lower = typename Tree::RootNodeType::ChildNodeType::ChildNodeType;
@@ -269,7 +271,7 @@ std::vector<LeafSum> sumsOf(const GridT& grid) {
   return sums;
 }
 
-/// Returns the bricks that a share may have in the box of the grid's voxels.
+/// Returns the boxes of the bricks of a share that overlap `box`, the box of the grid's voxels.
 std::vector<CoordBBox> bricksOf(const CoordBBox& box, const Share& share) {
   std::vector<CoordBBox> bricks;
   CoordBBox range(box.min() >> kBrickShift, box.max() >> kBrickShift);
@@ -289,7 +291,8 @@ std::vector<CoordBBox> bricksOf(const CoordBBox& box, const Share& share) {
                     info.refusal.substr(colon + 2));
 }
 
-/// Returns the checksums of all leaves of all ranks, as the whole tree would store the leaves.
+/// Returns the checksums of all leaves of all ranks, in the order in which the whole tree would
+/// store the leaves.
 template <class GridT>
 std::vector<LeafSum> sumsOf(const GridParts& parts, ProcessGroup& group) {
   std::vector<LeafSum> sums;

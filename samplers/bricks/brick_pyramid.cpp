@@ -10,7 +10,7 @@ namespace {
 
 /// Edge of a brick at half the resolution [voxels].
 constexpr int kHalf = kBrickSide / 2;
-/// Distance within which both signs occur around a voxel of a level set's band [voxels].
+/// A voxel belongs to a level set's band if both signs occur within this distance [voxels].
 constexpr int kPyramidReach = 3;
 /// Number of coarser voxels around a brick's own voxels that coarserBrick() computes, on each side.
 constexpr int kAround = kBrickApron + kPyramidReach;

@@ -38,7 +38,7 @@ struct WindowState {
   std::uint64_t resident = 0;  ///< Number of bricks in the pool, including the coarsest level.
   /// Memory that WindowParams::budget limits: the pool, the tables and one fetch [bytes].
   std::uint64_t bytes = 0;
-  std::uint64_t fetched = 0;  ///< Number of bricks fetched so far, including those at the start.
+  std::uint64_t fetched = 0;  ///< Number of fetches of bricks so far, including those at the start.
   /// Number of bricks whose last fetch failed. Readers use a coarser level instead.
   std::uint64_t failed = 0;
   bool locked = false;  ///< True if the pool is locked in memory.
@@ -53,8 +53,8 @@ struct WindowState {
 /// blocks the loader.
 class BrickWindow {
  public:
-  /// Number of hands that a window can follow. Further hands share the records of the first ones: a
-  /// record has the report of one of its hands.
+  /// Number of hands that a window can follow. Further hands share the records of the first hands:
+  /// a record holds the last report of any of its hands.
   static constexpr std::size_t kMostHands = 16;
 
   /// Fetches the coarsest level and starts the loader. Throws VolumeError if the level cannot be
@@ -82,7 +82,8 @@ class BrickWindow {
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the probe.
   };
   /// Reports the position and velocity of a hand. Call it once in each tick: the loader ignores a
-  /// hand without reports for 1 s, unless WindowParams::waits is true. RT: wait-free.
+  /// hand that has not reported for 1 s, unless WindowParams::waits is true or a caller waits in
+  /// settle(). RT: wait-free.
   void aim(std::size_t hand, const Aim& at) const noexcept;
 
   /// Registers a reader. Bricks from later calls of entryAt() stay readable until leave(). Until
@@ -127,12 +128,12 @@ class BrickWindow {
     std::uint64_t bits_ = 0;
   };
 
-  /// Returns the number of changes of the tables. It grows just after each change of an entry. RT:
-  /// no lock.
+  /// Returns the number of changes of the tables. The number grows just after each change of an
+  /// entry. RT: no lock.
   [[nodiscard]] std::uint64_t changes() const noexcept;
 
-  /// Returns the entry of the brick that contains cell (i, j, k) of a level, which must exist. For
-  /// a cell outside of the level, this is the entry of the background. RT: no lock.
+  /// Returns the entry of the brick that contains cell (i, j, k) of a level. The level must exist.
+  /// For a cell outside of the level, returns an entry of the background. RT: no lock.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
   /// Returns the time at which the brick in a slot arrived [ns of the steady clock]. Returns the

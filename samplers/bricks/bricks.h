@@ -307,9 +307,9 @@ class PosixBricks final : public BrickSource {
   void want(std::vector<BrickWish> wishes) override;
   [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                  std::chrono::milliseconds patience) override;
-  /// Returns true if the folder is still at its path and contains a manifest with this volume's
-  /// identity. Reads the manifest only if it has changed. For a folder that was opened without a
-  /// manifest, returns true if the folder has not been removed.
+  /// Returns true if the folder at the path contains a manifest with this volume's identity. Reads
+  /// the manifest only if it or the folder has changed. If the folder had no manifest when it was
+  /// opened, returns true if the folder has not been removed.
   [[nodiscard]] bool isThere() override;
   [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override;
 

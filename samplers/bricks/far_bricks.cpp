@@ -28,9 +28,9 @@ constexpr std::size_t kLongestManifest = std::size_t{1} << 30U;
 constexpr std::size_t kLongestHead = std::size_t{64} << 10U;
 /// Upper bound for the number of bytes by which compression enlarges a brick.
 constexpr std::size_t kMostAround = std::size_t{64} << 10U;
-/// Each new brick has the weight 1 / kDelaysAveraged in the mean delay.
+/// Each brick after the first one has the weight 1 / kDelaysAveraged in the mean delay.
 constexpr double kDelaysAveraged = 8.0;
-/// Longest time that the thread waits for an event.
+/// Longest time that the fetching thread waits for the end of a request.
 constexpr std::chrono::milliseconds kTurn{100};
 
 BrickVerdict verdictOf(const ObjectRequest& of) {
@@ -174,7 +174,7 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
 }
 
 /// Fetches an object for a caller that waits. If no answer comes, tries again, up to kTries times
-/// in all.
+/// and StoreParams::opened in all.
 void FarBricks::State::get(Fetch& fetch, const std::string& object, std::size_t least,
                            std::size_t limit) {
   constexpr int kTries = 3;

@@ -17,8 +17,8 @@ namespace palpate {
 
 /// Limits of the requests to a store.
 struct StoreParams {
-  /// Number of simultaneous connections; values outside of 1 to 32 are clamped. Each transfers one
-  /// brick at a time.
+  /// Number of simultaneous connections for bricks; values outside of 1 to 32 are clamped. Each
+  /// transfers one brick at a time. A web server gets one more connection, for isThere().
   int connections = 6;
   std::chrono::milliseconds connect{2'000};  ///< Longest time to establish a connection.
   std::chrono::milliseconds stalled{2'000};  ///< Longest pause within a transfer.
@@ -27,8 +27,8 @@ struct StoreParams {
 
   /// isThere() returns false if the store has not answered a check for this time.
   std::chrono::milliseconds silent{2'000};
-  /// Longest duration of a blocking fetch, including all its tries. A store that cannot stop a try,
-  /// such as Ceph, only starts no further try after this time.
+  /// Longest duration of a blocking fetch, including all its tries. With a store that cannot stop a
+  /// try, such as Ceph, a fetch may take longer: after this time, it only starts no further try.
   std::chrono::milliseconds opened{60'000};
 };
 

@@ -10,8 +10,8 @@ namespace palpate {
 [[nodiscard]] constexpr float floatOfHalf(std::uint16_t half) noexcept {
   const std::uint32_t sign = (std::uint32_t{half} & 0x8000U) << 16U;
   const std::uint32_t rest = (std::uint32_t{half} & 0x7FFFU) << 13U;
-  // Changes the bias of the exponent from 15 to 127. Subnormal results are differences of normal
-  // numbers, so they are right even if the processor flushes subnormal numbers to zero.
+  // Changes the bias of the exponent from 15 to 127. Subnormal 16-bit numbers become differences of
+  // normal floats, so they are right even if the processor flushes subnormal floats to zero.
   constexpr std::uint32_t kBias = (127U - 15U) << 23U;
   constexpr std::uint32_t kLeast = kBias + (1U << 23U);
   if (rest < (1U << 23U)) {
@@ -22,7 +22,8 @@ namespace palpate {
   return std::bit_cast<float>((rest + kBias + endless) | sign);
 }
 
-/// Returns the nearest 16-bit number; ties go to last bit 0. Infinite for magnitudes from 65520 on.
+/// Returns the nearest 16-bit number; rounds ties to even. Infinite for magnitudes of 65520 and
+/// more. NaN stays NaN.
 [[nodiscard]] constexpr std::uint16_t halfOfFloat(float value) noexcept {
   const auto bits = std::bit_cast<std::uint32_t>(value);
   const std::uint32_t sign = (bits >> 16U) & 0x8000U;

@@ -17,9 +17,9 @@ namespace palpate::detail {
 struct HandReport {
   using Aim = BrickWindow::Aim;  ///< What a report states.
 
-  std::atomic<std::uint32_t> count{0};           ///< Odd during a write; 0 before the first write.
-  std::atomic<std::uint32_t> beats{0};           ///< Number of calls of BrickWindow::aim().
-  std::array<std::atomic<double>, 9> numbers{};  ///< The members of the report.
+  std::atomic<std::uint32_t> count{0};  ///< Odd during a write; 0 before the first write.
+  std::atomic<std::uint32_t> beats{0};  ///< Number of calls of BrickWindow::aim() for this record.
+  std::array<std::atomic<double>, 9> numbers{};  ///< Proxy, probe and velocity of the report.
 
   /// Writes a report. Returns false, without a change, if another thread writes at the same time.
   /// RT: wait-free.
@@ -39,8 +39,8 @@ struct HandReport {
     count.store(before + 2U, std::memory_order_release);
     return true;
   }
-  /// Returns the last report. Returns std::nullopt before the first report and during a write. RT:
-  /// wait-free.
+  /// Returns the last report. Returns std::nullopt before the first report, and if another thread
+  /// writes during the call. RT: wait-free.
   [[nodiscard]] std::optional<Aim> read() const noexcept {
     const std::uint32_t before = count.load(std::memory_order_acquire);
     if (before == 0 || (before & 1U) != 0) return std::nullopt;

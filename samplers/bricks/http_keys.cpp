@@ -29,8 +29,9 @@ constexpr std::size_t kLongest = 1U << 16U;
   throw VolumeError(file, why, remedy);
 }
 
-/// Returns the content of a file. Throws VolumeError if the file is longer than kLongest, or if
-/// this user is not its owner or other users have permissions for it.
+/// Returns the content of a file. Throws VolumeError if the file cannot be read, is not a regular
+/// file or is longer than kLongest, or if this user is not its owner or other users have
+/// permissions for it.
 std::string readSecret(const std::string& file) {
   const Descriptor descriptor(open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (descriptor.get() < 0) {

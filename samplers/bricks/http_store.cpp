@@ -191,7 +191,7 @@ class HttpStore final : public ObjectStore {
     curl_easy_setopt(of, CURLOPT_PRIVATE, request.get());
     curl_easy_setopt(of, CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(params_.connect.count()));
 #if LIBCURL_VERSION_NUM >= 0x075700
-    curl_easy_setopt(of, CURLOPT_QUICK_EXIT, 1L);  // ends even while a name is looked up
+    curl_easy_setopt(of, CURLOPT_QUICK_EXIT, 1L);  // the end does not wait for a name look-up
 #endif
     return request;
   }
@@ -268,8 +268,8 @@ class HttpStore final : public ObjectStore {
     curl_easy_setopt(easy, CURLOPT_XOAUTH2_BEARER, token ? key_->token.c_str() : nullptr);
     curl_easy_setopt(easy, CURLOPT_USERNAME, sent && !token ? key_->name.c_str() : nullptr);
     curl_easy_setopt(easy, CURLOPT_PASSWORD, sent && !token ? key_->password.c_str() : nullptr);
-    // A proxy would see a key that is sent over http. Such a key is for this machine, so it needs
-    // no proxy.
+    // A proxy would see a key that is sent over http. Such a key is for this machine, so the
+    // request needs no proxy.
     curl_easy_setopt(easy, CURLOPT_PROXY, sent && origin_.scheme == "http" ? "" : nullptr);
   }
 

@@ -49,7 +49,7 @@ struct PosixBricks::State {
     const std::lock_guard lock(mutex);
     return folder;
   }
-  /// Returns true if the volume is in this folder. The manifest must still exist if it existed at
+  /// Returns true if the folder has not been removed, and still has its manifest if it had one at
   /// the start.
   bool isIn(const BrickFolder& some) const {
     return !some.isGone() && (!finished || some.has(kBrickManifestFile));

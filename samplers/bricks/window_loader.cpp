@@ -143,7 +143,8 @@ std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   return victim;
 }
 
-/// Requests the bricks nearest to the present and predicted positions of the hands.
+/// Chooses the bricks nearest to the present and predicted positions of the hands, and requests
+/// those that are not in memory.
 void BrickWindow::Loader::chooseRequests() {
   struct Place {
     Vec3 p;
@@ -241,7 +242,7 @@ void BrickWindow::Loader::handleArrival(const BrickArrival& arrival,
     ++fetched;
     failing.had(arrival.id);
     if (pool.entryOf(arrival.id).resident()) {
-      // The brick was requested twice, and is already in the pool.
+      // The brick is already in the pool, because it was requested twice.
     } else if (!free.empty()) {
       publish(arrival.id, takeFree());
     } else if (const auto slot = evictFor(arrival.id)) {

@@ -209,7 +209,7 @@ class Writer {
     return facts_.manifest().levels()[static_cast<std::size_t>(l)];
   }
 
-  /// Writes level 0. Each rank writes the bricks of one range along the last axis, which is the
+  /// Writes level 0. Each rank writes the bricks of one range along the last axis, which varies
   /// slowest in image files.
   void writeFinest() {
     const auto& first = level(0).first;
@@ -269,8 +269,8 @@ class Writer {
     });
   }
 
-  /// Makes and stores a brick. `fill` returns true if all voxels have one value and state, and it
-  /// set only the first voxel.
+  /// Keeps the brick of an earlier run, or makes and stores it. `fill` returns true if all voxels
+  /// have one value and state, and it set only the first voxel.
   template <class Fill>
   void make(const BrickId& id, Fill fill) {
     Space& space = spaces_.local();

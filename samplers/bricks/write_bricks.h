@@ -88,14 +88,15 @@ struct BrickReport {
 /// The same call resumes an interrupted run. The written bytes do not depend on interruptions,
 /// threads or ranks. A finished folder stays unchanged.
 ///
-/// In a process group, all ranks must call this with the same input, except for `fill`, `share`,
-/// `parts` and `open`.
-/// If a rank throws, the others end with GroupEnded (workTogether()). Rank 0 alone locks the folder
-/// and writes the files that are not bricks. Each rank gets the report about all ranks.
+/// In a process group, all ranks must call this function with the same input, except for `fill`,
+/// `share`, `parts` and `open`. If a rank throws, the others end with GroupEnded (workTogether()).
+/// Rank 0 alone locks the folder and writes the files that are not bricks. Each rank gets the
+/// report about all ranks.
 ///
 /// Voxel I of level l + 1 is the mean of voxels 2 I and 2 I + 1, along each axis, of level l. It is
 /// active if one of these eight voxels is active; in a level set, also if both signs occur within 3
-/// voxels. So cells that the surface crosses, and the two cells next to each, have all data.
+/// voxels. So on levels above 0, all corners of cells that the surface crosses, and of the two
+/// cells on each side of them, are active.
 ///
 /// Throws Error if the folder cannot be made, contains other files, or contains bricks of another
 /// input, other options or another version of zstd. Also throws Error if another run writes into

@@ -28,8 +28,9 @@ class AnalyticScalarField final : public ScalarField {
   Formula formula_;
 };
 
-/// A vector field from a formula for its value and Jacobian. The formula has the type
-/// VectorSample(const Vec3& p) noexcept, and the requirements of AnalyticScalarField.
+/// A vector field from a formula for its value and Jacobian, in metres of W. The formula has the
+/// type VectorSample(const Vec3& p) noexcept, and must meet the requirements of
+/// AnalyticScalarField.
 template <class Formula>
 class AnalyticVectorField final : public VectorField {
  public:

@@ -44,7 +44,8 @@ struct ArrayValues {
   }
 };
 
-/// Returns the default background: the median of the finite values on the six faces, else 0.
+/// Returns the default background: the median of the finite values on the six faces; 0 if no value
+/// there is finite.
 template <class GridT>
 double medianOfFaces(const ArrayValues<GridT>& values) {
   const std::array<std::int64_t, 3>& size = values.array.size;

@@ -35,8 +35,8 @@ struct VoxelArray {
   std::string name = "values";  ///< Name of the volume, used in messages.
   bool level_set = false;  ///< True for signed distances, negative inside. The surface is at 0.
   /// Value outside of the array. Array elements with this value have no data. If not set: zero for
-  /// vectors; for scalars the median of the finite values on the array's six faces, else 0, as in
-  /// `palpate import`. Must not be set for vectors, except to 0.
+  /// vectors; for scalars the median of the finite values on the array's six faces, as in
+  /// `palpate import`, or 0 if no value there is finite. Must not be set for vectors, except to 0.
   std::optional<double> background;
 };
 

@@ -65,9 +65,9 @@ inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   return 2.0;
 }
 
-/// A cube of W^3 voxels, read where it is stored. `first` has the address of the first number of
-/// each row (i, j), which runs along the last axis. Components are side by side. Rows at the rim
-/// along both axes may be unset if the kernel's kNeedsEdges is false.
+/// A cube of W^3 voxels, given by the addresses of its rows. `first` has the address of the first
+/// number of each row (i, j), which runs along the last axis. Components are side by side. Rows at
+/// the rim along both axes may be unset if the kernel's kNeedsEdges is false.
 template <class Number, int W>
 struct Rows {
   static constexpr std::size_t kW = W;

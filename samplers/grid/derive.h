@@ -21,7 +21,8 @@ namespace palpate {
 /// properties of interpolated values.
 ///
 /// A vector of three grids is read trilinearly at the voxels of the first grid. Voxels where one of
-/// the three has no data become inactive. Its tiles of more than 128 voxels along an edge become 0.
+/// the three has no data become inactive. All active tiles of the first grid become leaves, except
+/// tiles of more than 128 voxels along an edge, which become 0.
 ///
 /// Throws VolumeError if the type of the volume does not suit `what`, if a value exceeds the range
 /// of the grid's type, or if the result has no active voxel. Parallel over leaves. Slow: computes

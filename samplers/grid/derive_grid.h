@@ -76,7 +76,8 @@ Value derived(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   }
 }
 
-/// A leaf and its six neighbours, leaves or tiles. Differences use only voxels with data.
+/// A leaf and its six neighbours, leaves or tiles. Differences use only voxels that have data by
+/// `ends`; by default, all voxels.
 template <class TreeT>
 class Neighbourhood {
   using Leaf = typename TreeT::LeafNodeType;
@@ -148,7 +149,8 @@ class Neighbourhood {
   std::array<Place, 3> above_;
 };
 
-/// The voxels of an active tile that are stored in leaves of the derived grid.
+/// The voxels of an active tile that are stored in leaves of the derived grid. Tiles of more than
+/// 128 voxels along an edge stay tiles (tileBlocks).
 enum class Tiles : std::uint8_t {
   kKept,    ///< No voxels: the tile stays a tile.
   kOpened,  ///< Voxels along the tile's faces, because their neighbours are outside.

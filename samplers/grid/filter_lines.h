@@ -25,7 +25,7 @@ template <class TreeT>
 using Lines = std::vector<std::array<SumOf<TreeT>, 8>>;
 
 /// Converts a number to the grid's type. A number beyond the range of the type becomes the largest
-/// number of the type, not infinity.
+/// finite number of the same sign, not infinity.
 template <class Value, class Sum>
 Value stored(const Sum& sum) {
   if constexpr (std::is_arithmetic_v<Value>) {

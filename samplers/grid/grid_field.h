@@ -70,7 +70,8 @@ class LeafOrTile {
   unsigned char tile_active_;
 };
 
-/// A block of W^3 voxels, read in place. If Edges is false, omits rows at the rim along two axes.
+/// A block of W^3 voxels. Rows that lie in two leaves are copied; all others are read in place. If
+/// Edges is false, omits rows at the rim along two axes.
 ///
 /// Along each axis the block lies in one leaf or in two. The code has few branches on this, because
 /// the processor cannot predict them. It finds all leaves before it reads them, so that the memory
@@ -363,8 +364,9 @@ class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
       const auto r = static_cast<Eigen::Index>(c);
       v[r] = row[0];
       if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
-        // Beyond the data, the derivative is that of the nearest point with data, times a weight
-        // that falls to 0.
+        // Where the difference would read beyond the box of active voxels, takes the derivative at
+        // the nearest place where it does not. A weight lets the derivative fall to 0 within one
+        // voxel beyond the box.
         Vec3 q_W = p_W;
         const double weight = this->readers()[c].towardData(q_W);
         if (q_W != p_W) {

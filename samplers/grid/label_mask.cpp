@@ -18,14 +18,15 @@
 namespace palpate {
 namespace {
 
-/// Number of labels that an error lists.
+/// Largest number of labels that an error lists.
 constexpr std::size_t kMostListedLabels = 40;
 
 std::string labelNumber(double value) {
   return std::to_string(static_cast<long long>(value));
 }
 
-/// Returns the labels to choose from: those of the metadata, or else the grid's values.
+/// Returns the remedy for an unknown label. It lists the labels of the metadata, or else the grid's
+/// values if these are fewer than 10,000 whole numbers.
 template <class GridT>
 std::string remedyFor(const GridInfo& info, const GridT& grid) {
   constexpr std::size_t kMostDistinct = 10'000;
@@ -62,7 +63,7 @@ std::string remedyFor(const GridInfo& info, const GridT& grid) {
   return text;
 }
 
-/// A label that was found in the metadata, or a value.
+/// A requested label: its value, and its colour if the metadata state one.
 struct WantedLabel {
   double value = 0.0;
   std::optional<Vec3> colour;
@@ -89,7 +90,7 @@ std::optional<WantedLabel> findLabel(const LabelKey& key, const std::vector<Labe
   return value != nullptr ? std::optional<WantedLabel>({*value, std::nullopt}) : std::nullopt;
 }
 
-/// Makes the mask's voxels. Sets seen[i] if a voxel has the value wanted[i].
+/// Makes the mask's voxels. Sets seen[i] if a voxel or the background has the value wanted[i].
 template <class GridT>
 openvdb::FloatGrid::Ptr maskOf(const GridT& grid, const std::vector<WantedLabel>& wanted,
                                std::vector<std::atomic<bool>>& seen) {

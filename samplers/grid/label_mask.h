@@ -37,11 +37,11 @@ inline constexpr double kMaskSigma = 1.0;
 /// @param volume  Scalar grid of whole numbers, in one part.
 /// @param labels  At least one. If the value of the background is among them, it is 1 in the mask.
 /// @param sigma   Standard deviation, 0 to kMostSmooth [voxels, along each axis of the lattice].
-/// @return        Mask with 32 bits per voxel, and the colour of the first label. Throws
-/// VolumeError
-///                for a vector or a level set, for a name of two labels, and for a label without a
-///                voxel; the last error lists the labels of the grid. Slow: reads every value, in
-///                parallel.
+/// @return        Mask with 32 bits per voxel, and the colour of the first label.
+///
+/// Throws VolumeError for a vector or a level set, for a name of two labels, for an invalid
+/// `sigma`, and if all voxels have one of the labels. Also throws it for a label without a voxel,
+/// with a list of the grid's labels. Slow: reads every value, in parallel.
 [[nodiscard]] std::shared_ptr<const Volume> makeLabelMask(
     const std::shared_ptr<const Volume>& volume, const std::vector<LabelKey>& labels,
     double sigma = kMaskSigma);

@@ -263,7 +263,7 @@ class LatticeReader {
     bool above = false;
     double share = 0.0;
     while (out.cells < kMostCells) {
-      // Finds the share of the path at which it leaves the cell.
+      // Finds the share of the path at which the path leaves the cell.
       double next = 1.0;
       std::size_t axis = 3;
       for (std::size_t a = 0; a < 3; ++a) {
@@ -410,7 +410,8 @@ class LatticeReader {
   }
 
   /// Loads the cell around p_W if the cell has changed, and computes the position t in the cell.
-  /// Returns false if p_W is not finite or too far away.
+  /// Returns false if p_W is not finite, or at least 1e9 voxels from the index origin along an
+  /// axis.
   [[gnu::always_inline]] bool locate(const Vec3& p_W, Cache& cache, Vec3& t) const noexcept {
     const Vec3 p_I = map_(p_W);
     if (!isPlace(p_I)) return false;
@@ -491,8 +492,9 @@ class LatticeReader {
     return holdsSurface(at, background_[0]);
   }
 
-  /// Returns true if the cell at t has data. In a level set, load() has marked all corners as
-  /// active if the cell holds the surface and has an active corner.
+  /// Returns true if the cell at t has data. In a level set, all corners are already marked as
+  /// active if the cell holds the surface and has an active corner: load() marks them for a
+  /// trilinear kernel, splineCoefficients() for a spline.
   [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
                                                   const Cache& cache) const noexcept {
     const std::uint64_t active = cache.active;

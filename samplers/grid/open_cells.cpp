@@ -97,8 +97,8 @@ class Finder {
     }
     return cell;
   }
-  /// Returns the first cell beside cell `low` from which countAt() reaches it; `low` if there is
-  /// none.
+  /// Returns the first cell around cell `low` from which countAt() counts `low` as open; `low` if
+  /// there is none.
   [[nodiscard]] Coord firstBeside(const Coord& low) const noexcept {
     for (int n = 0; n < kAround; ++n) {
       const Cell cell = cellAt(low + aside(n));

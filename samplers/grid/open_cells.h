@@ -27,7 +27,8 @@ struct OpenCells {
 ///
 /// Does not search the faces of active tiles with edges of more than 128 voxels. Parallel over
 /// leaves. Cost: about 15 reads per active voxel.
-/// @return  std::nullopt unless `volume` is a scalar that is read trilinearly.
+/// @param solid  Side of the level that is solid.
+/// @return       std::nullopt unless `volume` is a scalar that is read trilinearly.
 [[nodiscard]] std::optional<OpenCells> findOpenCells(const Volume& volume, const Sampling& sampling,
                                                      double level, Solid solid);
 

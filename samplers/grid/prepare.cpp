@@ -25,7 +25,8 @@ Vec3 vec(const openvdb::Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Sets file = linear * index + origin. Returns false if the map is not affine or is singular.
+/// Sets file = linear * index + origin. Returns false if the map is not affine, is singular or is
+/// not finite.
 bool affineMap(const openvdb::GridBase& grid, Mat3& linear, Vec3& origin) {
   const openvdb::math::Transform& transform = grid.transform();
   if (!transform.isLinear()) return false;
@@ -53,7 +54,8 @@ GridClass classOf(const openvdb::GridBase& grid) {
   }
 }
 
-/// Sets range and mean of a grid's active values. Returns false if the grid is not a GridT.
+/// Sets the background, and the range and mean of a grid's active values. Returns false if the grid
+/// is not a GridT.
 template <class GridT>
 bool describeValues(const openvdb::GridBase& base, GridInfo& info) {
   if (!base.isType<GridT>()) return false;

@@ -19,8 +19,8 @@ struct Prepared {
 
 /// Reads the leaves that are still on disk, in parallel, and checks every value. Where needed,
 /// fills unusable values, smooths, converts local vectors to the file's world space, and splits
-/// staggered grids. info.refusal states why a grid is unusable. Throws VolumeError if the
-/// requested filter does not work on the grid.
+/// staggered grids. info.refusal states why a grid is unusable. Throws VolumeError if the grid
+/// cannot be smoothed as requested.
 [[nodiscard]] Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& grid,
                                const LoadOptions& options);
 

@@ -199,7 +199,8 @@ template <class GridT>
 void turnVectors(GridT& grid) {
   const openvdb::Mat4d map = grid.transform().baseMap()->getAffineMap()->getMat4();
   grid.setIsInWorldSpace(true);  // otherwise OpenVDB does not transform vectors
-  // OpenVDB does not transform the background, so it is transformed as a grid of one voxel.
+  // OpenVDB does not transform the background, so this function transforms it as a voxel of another
+  // grid.
   auto one = GridT::create();
   one->setVectorType(grid.getVectorType());
   one->tree().setValue(Coord(0, 0, 0), grid.background());

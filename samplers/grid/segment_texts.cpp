@@ -10,7 +10,8 @@
 namespace palpate {
 namespace {
 
-/// Returns `N` numbers that spaces separate; no value if the text has others.
+/// Returns the `N` numbers of a text, separated by spaces or tabs; no value if the text is anything
+/// else or a number is not finite.
 template <std::size_t N>
 std::optional<std::array<double, N>> numbersOf(const std::string& text) {
   std::array<double, N> numbers{};
@@ -57,7 +58,8 @@ std::map<std::size_t, SegmentTexts> segmentTexts(const std::map<std::string, std
     std::size_t number = 0;
     const auto [rest, error] = std::from_chars(begin, end, number);
     if (error != std::errc() || rest == end || *rest != '_') continue;
-    if (std::to_string(number) != std::string_view(begin, rest)) continue;  // 05
+    // Skips numbers with leading zeros, such as 05.
+    if (std::to_string(number) != std::string_view(begin, rest)) continue;
     SegmentTexts& segment = segments[number];
     if (std::string* field = fieldOf(segment, std::string_view(rest + 1, end))) *field = text;
   }

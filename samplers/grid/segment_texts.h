@@ -29,8 +29,8 @@ struct SegmentTexts {
 [[nodiscard]] std::optional<double> numberOf(const std::string& text);
 
 /// Returns the label of a segment; no value if the text of its value is not a whole number of at
-/// most kMostLabel. Control characters in the name become spaces. A colour that is not three
-/// numbers is left out.
+/// most kMostLabel in magnitude. Control characters in the name become spaces. A colour that is not
+/// three numbers is left out. The numbers of a colour are limited to 0 to 1.
 [[nodiscard]] std::optional<Label> labelOf(const SegmentTexts& segment);
 
 }  // namespace palpate

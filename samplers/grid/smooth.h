@@ -188,7 +188,8 @@ Change compare(TreeT& tree, const TreeT& before, bool activate) {
   return all;
 }
 
-/// Smooths a grid by a Gaussian. Returns the changes of the active values.
+/// Smooths a grid by a Gaussian. Returns the changes of the active values. Throws
+/// openvdb::ValueError as addLeavesAlong() and, for a level set, rebuildBand() do.
 /// @param deviations   Standard deviations along i, j and k, 0 to kMostSmooth [voxels].
 /// @param data_active  True if inactive voxels have no data, and stay inactive.
 template <class GridT>

@@ -20,7 +20,8 @@ namespace {
 
 using openvdb::Coord;
 
-/// Distance beyond which the filter ignores values [voxels]: |pole|^16 < 1e-9 for degree 3.
+/// Leaves that are farther apart than this are filtered separately [voxels]. At this distance, a
+/// value has the weight |pole|^16 < 1e-9 for degree 3.
 constexpr int kSplineReach = 16;
 
 double poleOf(int degree) {

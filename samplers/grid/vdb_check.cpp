@@ -162,7 +162,7 @@ class VdbCheck::Walk {
               buffer_.begin() + static_cast<std::ptrdiff_t>(filled_), buffer_.begin());
     filled_ -= cursor_;
     cursor_ = 0;
-    // For a small grid, reads only the grid's own bytes.
+    // Does not read beyond the section, so a check of a small grid reads only the grid's own bytes.
     const std::uint64_t more = std::min<std::uint64_t>(kBuffer - filled_, limit_ - read_);
     stream_.read(reinterpret_cast<char*>(buffer_.data() + filled_),
                  static_cast<std::streamsize>(more));
@@ -198,7 +198,7 @@ class VdbCheck::Walk {
   std::string string(std::uint32_t longest) {
     const auto bytes = take<std::uint32_t>();
     if (bytes > longest) {
-      damaged("a name has " + std::to_string(bytes) + " bytes, more than " +
+      damaged("a name or a type has " + std::to_string(bytes) + " bytes, more than " +
               std::to_string(longest));
     }
     const unsigned char* data = take(bytes);
@@ -382,7 +382,7 @@ class VdbCheck::Walk {
   void tree(const ValueKind& kind, std::uint32_t compression, bool half, const GridEntry& d) {
     using namespace openvdb::io;
     const bool blosc = (compression & COMPRESS_BLOSC) != 0;
-    half = half && kind.half_bytes < kind.bytes;  // only fractions are saved with 16 bits
+    half = half && kind.half_bytes < kind.bytes;  // 16 bits are only for floating-point numbers
     const Storage storage{kind.bytes, half ? kind.half_bytes : kind.bytes,
                           half,       !blosc && (compression & COMPRESS_ZIP) != 0,
                           blosc,      (compression & COMPRESS_ACTIVE_MASK) != 0};

@@ -16,9 +16,9 @@ namespace palpate {
 /// Reads a file's structure as OpenVDB would, without building a tree. Every count, size and
 /// position must fit. OpenVDB itself does not check them. It reads zeros beyond the end of a
 /// truncated file, and after a flipped bit it can allocate gigabytes or crash. OpenVDB can read a
-/// file that passes. Values may be wrong, because the format has no checksum. Memory: 64 bytes per
-/// leaf of a tree. Members throw VolumeError if the file is truncated, damaged or unreadable, or if
-/// its version is not supported.
+/// file that passes these checks. Values may be wrong, because the format has no checksum. Memory:
+/// 64 bytes per leaf of a tree. Members throw VolumeError if the file is truncated, damaged or
+/// unreadable, or if its version is not supported.
 class VdbCheck {
  public:
   /// Checks everything except the trees. A file without a table of contents is checked completely;

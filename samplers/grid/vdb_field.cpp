@@ -88,10 +88,11 @@ Placement fitInto(const GridInfo& volume, double size) {
   const Box& bounds_F = volume.bounds;
   const double longest = bounds_F.size().maxCoeff();
   if (bounds_F.empty() || longest == 0.0) {
-    throw VolumeError(what,
-                      std::string(bounds_F.empty() ? "it has no voxel" : "it is a single voxel") +
-                          ", which has no extent to fit",
-                      "use \"scale\" instead of \"fit\"");
+    throw VolumeError(
+        what,
+        std::string(bounds_F.empty() ? "it has no voxel with data" : "it is a single voxel") +
+            ", so it has no extent to fit",
+        "use \"scale\" instead of \"fit\"");
   }
   if (!std::isfinite(longest) || !bounds_F.centre().allFinite()) {
     throw VolumeError(what, "its bounds are not finite",

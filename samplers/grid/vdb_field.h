@@ -27,8 +27,8 @@ struct Placement {
 };
 
 /// Returns a placement that puts the centre of a volume's bounds at W's origin and makes their
-/// longest side `size` metres long. Throws VolumeError, with the volume's name, if the bounds have
-/// no extent or are not finite.
+/// longest side `size` metres long, `size` > 0. Throws VolumeError, with the volume's name, if the
+/// bounds have no extent or are not finite.
 [[nodiscard]] Placement fitInto(const GridInfo& volume, double size);
 
 /// Methods to compute values between voxels.
@@ -53,8 +53,8 @@ struct Sampling {
   /// before the interpolation. Only for trilinear interpolation.
   bool axial = false;
   /// Distance to each side over which the gradient of a trilinear scalar is a difference [voxels],
-  /// > 0 and at most 1. Only 1/2 and 1 are exact for quadratics. For vectors the distance is always
-  /// 1.
+  /// > 0 and at most 1. Only 1/2 and 1 are exact for quadratics. Also applies to each component of
+  /// a vector of three grids. For vectors in one grid the distance is always 1.
   double slope_reach = 0.5;
 
   /// Returns true if all options are equal.
@@ -65,18 +65,20 @@ struct Sampling {
 ///
 /// By default the value V is trilinear. With r = Sampling::slope_reach and a step e_a along lattice
 /// axis a, the gradient of a scalar is g_a(x) = (V(x + r e_a) - V(x - r e_a)) / 2r. The Jacobian of
-/// a vector consists of trilinearly interpolated central differences. Where the data end
-/// (data_ends.h), the Jacobian is one-sided, and the gradient is a difference to the stored values
+/// a vector in one grid consists of trilinearly interpolated central differences; that of a vector
+/// of three grids consists of the gradients of its components. Where the data end (data_ends.h),
+/// the Jacobian uses only data, and the gradient of a scalar is a difference to the stored values
 /// beyond, mostly the background. The gradient and the Jacobian are continuous, except for axial
-/// vectors. They are per unit of the file, in the axes of W.
-/// cellGradient() is the gradient of the cell's polynomial.
+/// vectors. They are per unit of the file, in the axes of W. cellGradient() is the gradient of the
+/// cell's polynomial.
 ///
 /// `inside`: In a level set, all eight voxels of the cell are active, or one is active and the cell
 /// holds the surface (band_cell.h). Values beyond the band are not distances. In other grids at
-/// least one voxel is active; with Inactive::kMissing, every voxel that the trilinear value reads.
+/// least one voxel is active; with Inactive::kMissing, also every voxel in the box of active voxels
+/// that the trilinear value reads.
 /// For kNearest the nearest voxel is active. For a vector of three grids, all three are inside.
-/// Trilinear and nearest values use the stored values of inactive voxels too. From 1e9 voxels from
-/// the origin on, the value is the background, with zero derivatives.
+/// Trilinear and nearest values use the stored values of inactive voxels too. Where an index is 1e9
+/// or more in magnitude, the value is the background, with zero derivatives.
 ///
 /// Components of staggered grids and of three scalars are read at their own positions: 3 readings,
 /// or up to 6 at the end of the data.
@@ -91,8 +93,8 @@ struct Sampling {
 /// Directions that span more than 90 degrees in a cell have no common direction.
 ///
 /// Throws VolumeError for an invalid `slope_reach`, and for `axial` unless the volume is a
-/// trilinear vector in one grid. RT: sample() reads at most eight leaves of each grid, and only in
-/// a new cell; no allocation.
+/// trilinear vector in one grid. RT: each reading reads at most eight leaves, and only in a new
+/// cell; no allocation.
 [[nodiscard]] FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume,
                                     const Placement& placement, const Sampling& sampling = {});
 

@@ -15,7 +15,8 @@ std::uint64_t leastMemoryOf(const openvdb::GridBase& header) {
   const auto memory = header.getMetadata<Int64Metadata>(GridBase::META_FILE_MEM_BYTES);
   const auto voxels = header.getMetadata<Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
   if (memory == nullptr || voxels == nullptr) return 0;
-  // Without tiles, the voxels take less than the tree. Volumes may share nodes of a tree.
+  // Takes the smaller of two numbers: the tree's memory, and the active voxels' values. In tiles,
+  // many voxels take little memory.
   const std::string type = header.valueType();
   const double size = (type.ends_with('d') || type == "double" ? 8.0 : 4.0) *
                       (type.starts_with("vec3") ? 3.0 : 1.0);

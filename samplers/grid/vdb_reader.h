@@ -17,14 +17,15 @@ namespace palpate {
 [[nodiscard]] std::uint64_t leastMemoryOf(const openvdb::GridBase& header);
 
 /// Drops the pages of OpenVDB's memory maps of a file, so that memory does not hold both the file
-/// and the grid. Skips writable maps. MADV_DONTNEED could lose data, if another thread maps data at
-/// the address after the list was read; MADV_PAGEOUT never does.
+/// and the grid. Skips writable maps. Uses MADV_PAGEOUT, and does nothing on systems without it.
+/// MADV_DONTNEED could lose data, if another thread maps data at the address after the list was
+/// read.
 /// @param path  Absolute path. If it is empty, the function does nothing.
 void dropMapped(const std::string& path);
 
 /// Reads grids through a stream, at the positions in the file's table of contents. Without a table,
-/// it has no grids. OpenVDB's own reader searches all grids of a name for each grid. If a file ends
-/// too early, a stream throws an exception; a memory map would end the program.
+/// the reader has no grids. OpenVDB's own reader searches all grids of a name for each grid. If a
+/// file ends too early, a stream throws an exception; a memory map would end the program.
 class VdbReader : private openvdb::io::Archive {
  public:
   /// Reads the table of contents. The file must be a .vdb file.

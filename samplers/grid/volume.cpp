@@ -84,7 +84,8 @@ std::string importOf(const std::filesystem::path& path) {
   return "import it first: palpate import " + in + " " + out;
 }
 
-/// An open, checked .vdb file. Converts OpenVDB's errors to VolumeError. Thread-safe if const.
+/// An open, checked .vdb file. Converts OpenVDB's errors to VolumeError. Const functions are
+/// thread-safe, except leastMemory().
 class VdbFile {
  public:
   explicit VdbFile(const std::filesystem::path& path) : path_(path) {
@@ -103,14 +104,13 @@ class VdbFile {
     if (!isVdb(steady_->place())) {
       throw VolumeError(path.string(), "it is not a .vdb file", importOf(path));
     }
-    // Equals the path in the system's list of maps. The path of a private copy ends with
-    // "(deleted)".
+    // Path of the file in /proc/self/maps. The path of a private copy ends with "(deleted)".
     canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
     guarded([&] {
       check_.emplace(steady_->place(), path_.string());
       reader_.emplace(steady_->place());
       file_.emplace(steady_->place().string());
-      // Keeps OpenVDB from copying the file, which stays unchanged while this object lives.
+      // Keeps OpenVDB from copying the file: steady_ already keeps it unchanged.
       file_->setCopyMaxBytes(0);
       file_->open();
       for (auto name = file_->beginName(); name != file_->endName(); ++name) {
@@ -360,8 +360,8 @@ LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptio
 /// @param files  Files with the names of grids; without a name: all grids.
 void checkFits(
     const std::vector<std::pair<std::filesystem::path, std::vector<std::string>>>& files) {
-  // A file is assumed to grow by at most this factor. If the files then fit, they are not opened
-  // twice.
+  // Assumes that each grid in memory takes at most this many times the size of its file. If all
+  // grids fit by this assumption, this function does not open the files.
   constexpr double kMostCompressed = 20.0;
   double stored = 0.0;
   for (const auto& [path, grids] : files) {
@@ -469,7 +469,7 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
 
 std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
                                     const std::function<void(double)>& progress) {
-  // Each file is opened once. Equal requests are loaded once.
+  // The load opens each file once, and loads equal requests once.
   using What = std::tuple<std::string, NonFinite, double, bool>;
   struct File {
     std::map<What, std::size_t> known;

@@ -74,10 +74,11 @@ struct GridInfo {
   std::uint64_t active_voxels = 0;
   /// Box of the centres of active voxels [file]; empty if no voxel is active or the transform is
   /// unusable. For three grids, the box where all have data. Smoothing does not change this box, so
-  /// that it does not move a volume.
+  /// fitInto() gives the same placement.
   Box bounds;
   std::uint64_t memory = 0;  ///< Memory of the grid [bytes].
-  /// Lowest active value; for a vector, the smallest magnitude. NaN for a type that is not read.
+  /// Lowest active value; for a vector, the smallest magnitude. NaN for a type that is not read; 0
+  /// or NaN if no voxel is active.
   double lowest = 0.0;
   double highest = 0.0;  ///< Highest active value; for a vector, the largest magnitude.
   /// Mean of the active values, tiles included; for a vector, of the magnitudes.
@@ -86,7 +87,8 @@ struct GridInfo {
   /// Number of voxels, tiles and backgrounds with a value that is NaN, infinite or above 1e100 in
   /// magnitude.
   std::uint64_t non_finite = 0;
-  /// Number of values, counted by `non_finite`, that the load replaced by the background.
+  /// Number of such values, tiles and backgrounds that the load replaced (NonFinite::kFill).
+  /// `non_finite` does not count them.
   std::uint64_t filled = 0;
   Smoothing smoothing;  ///< Effect of LoadOptions::smooth.
   /// True if the file stores the vectors in index space. The load converts them.
@@ -139,9 +141,8 @@ struct LoadOptions {
   /// Width of a Gaussian that smooths the grid. Every voxel counts, active or not, and so does the
   /// background. A voxel that changes and differs from the background then becomes active, except
   /// in a grid whose inactive voxels have no data (Inactive). The band of a level set is rebuilt.
-  /// Smoothing needs memory for one copy of the grid, and for the voxels within three standard
-  /// deviations of it. Exception: the faces of tiles of 4096^3 voxels that are not next to a leaf
-  /// stay sharp.
+  /// The faces of tiles of 4096^3 voxels that are not next to a leaf stay sharp. Smoothing needs
+  /// memory for one copy of the grid, and for the voxels within three standard deviations of it.
   SmoothWidth smooth;
   /// Receives the progress of reading, from 0 to 1. If it throws an Error, the load ends.
   std::function<void(double done)> progress;
@@ -195,10 +196,10 @@ struct LoadResult {
 };
 
 /// Loads volumes in parallel, and returns the results in the order of the requests. Loads equal
-/// requests only once, and opens each file only once. Calls `progress` with the joint progress,
-/// from 0 to 1, from any thread, one call at a time. `progress` must not use TBB. Throws
-/// VolumeError, before it loads, if the metadata of large files state that the volumes do not fit
-/// into memory.
+/// requests only once, and opens each file only once to load from it. Calls `progress` with the
+/// joint progress, from 0 to 1, from any thread, one call at a time. `progress` must not use TBB.
+/// Throws VolumeError, before it loads, if the metadata of large files state that the volumes do
+/// not fit into memory.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);

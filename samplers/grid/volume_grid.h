@@ -49,8 +49,9 @@ struct Volume::Grid {
     GridData data;
     Mat3 linear = Mat3::Identity();
     Vec3 origin = Vec3::Zero();
-    DataEnds ends;  ///< Voxels with data, for the derivatives of vectors.
-    /// Distance by which active voxels extend beyond GridInfo::bounds after smoothing [voxels].
+    DataEnds ends;  ///< Voxels with data.
+    /// Distance along each axis by which active voxels extend beyond GridInfo::bounds after
+    /// smoothing [voxels].
     Vec3 grown = Vec3::Zero();
 
     [[nodiscard]] Vec3 toFile(const Vec3& p_I) const { return linear * p_I + origin; }

@@ -315,7 +315,8 @@ std::vector<int> FrameSequence::Loader::wanted() {
   return all;
 }
 
-/// Closes a slot for a new frame and returns its index; std::nullopt if all are in use.
+/// Closes a slot for a new frame and returns its index; std::nullopt if all slots have wanted
+/// frames, or frames that readers hold or have held within the last kKept.
 std::optional<std::size_t> FrameSequence::Loader::slotFor(const std::vector<int>& all) {
   const std::int64_t now = nowNs();
   for (std::size_t n = 0; n < shared.slots.size(); ++n) {

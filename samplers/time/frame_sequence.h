@@ -24,9 +24,11 @@ struct FrameTimes {
   std::vector<double> times;
   bool repeat = false;  ///< True if the sequence repeats; else the last frame stays.
 
-  /// Returns the signed distance in time from `play` [s] to the same share of the next interval
-  /// between two frames, or of the previous one if `forward` is false. Without such an interval,
-  /// returns the distance to the sequence's end in that direction; 0 if `play` is there or beyond.
+  /// Returns the signed distance in time [s] from `play` [s] to the same share of the next interval
+  /// between two frames, or of the previous interval if `forward` is false. If there is no such
+  /// interval, returns the distance to the sequence's end in that direction. If `play` is outside
+  /// of the sequence, returns the distance to the nearer end, or 0 if this end is in the other
+  /// direction. Returns 0 if `play` is not finite.
   [[nodiscard]] double stepFrom(double play, bool forward) const noexcept;
   /// Returns true if all times are equal.
   [[nodiscard]] bool operator==(const FrameTimes&) const = default;
@@ -40,8 +42,8 @@ struct FrameTimes {
 struct SequenceParams {
   /// Memory for frames [bytes]. Each frame counts as much as the largest frame.
   std::uint64_t budget = 1ULL << 30;
-  /// If true, attend() of a field waits up to 60 s for its frames, so that equal motions give equal
-  /// forces in virtual time.
+  /// If true, attend() of a field waits for its frames, up to 60 s for each attempt to get them, so
+  /// that equal motions give equal forces in virtual time.
   bool waits = false;
 
   /// Returns true if all options are equal.
@@ -55,7 +57,7 @@ struct SequenceState {
   std::uint64_t slots = 0;     ///< Number of frames for which there is memory.
   std::uint64_t resident = 0;  ///< Number of frames in memory.
   std::uint64_t bytes = 0;     ///< Size of the frames in memory [bytes].
-  /// Number of frames loaded so far, including those that the constructor loaded.
+  /// Number of loads of frames so far, including those of the constructor.
   std::uint64_t fetched = 0;
   /// Number of frames whose last load failed. The loader tries them again.
   std::uint64_t failed = 0;
@@ -84,7 +86,8 @@ class FrameSequence {
   /// staggered or is a vector of three grids, or if no frame has data. Also throws VolumeError if
   /// scalars and vectors are mixed, if grid classes differ (the class unknown counts as fog), or
   /// for `axial`. Also throws it if the memory budget is too small for five frames, or for all of
-  /// fewer frames, or if the times do not ascend or do not match the number of frames.
+  /// fewer frames, or if the times are not finite, do not ascend or do not match the number of
+  /// frames.
   FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes& when,
                 const Placement& placement, const Sampling& sampling,
                 const SequenceParams& params = {});
@@ -141,14 +144,15 @@ class FrameSequence {
   /// Reports the play position and its rate [s/s] to the loader. With rate 0, the loader keeps the
   /// last direction. RT: atomic stores only.
   void tell(const PlayMoment& at, double rate) const noexcept PALPATE_NONBLOCKING;
-  /// Waits until every frame of these moments is in memory or known to be unavailable. Returns
-  /// false after `seconds` [s]. Not RT.
+  /// Waits until every frame of these moments is in memory or its load has failed. Returns false
+  /// after `seconds` [s]. Not RT.
   [[nodiscard]] bool wait(std::span<const PlayMoment> moments, double seconds) const;
   /// Returns a lock that a caller must hold while it waits for frames. Callers wait one at a time,
   /// because the frames that one caller needs may fill the whole memory. Not RT.
   [[nodiscard]] std::unique_lock<std::mutex> waitAlone() const;
 
-  /// Returns the number of frames in memory that uninterrupted play at this speed [s/s] needs.
+  /// Returns the number of frames in memory that uninterrupted play needs.
+  /// @param speed  Speed of play [s/s], >= 0.
   [[nodiscard]] std::uint64_t neededFor(double speed) const noexcept;
   [[nodiscard]] SequenceState state() const;  ///< Returns the present state. Takes a lock.
   /// Returns the errors since the last call, a line for each frame that began to fail. A sequence

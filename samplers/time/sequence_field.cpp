@@ -19,13 +19,14 @@ using Hold = FrameSequence::Hold;
 
 /// Duration of the fade after a jump of play [s].
 constexpr double kJump = 0.05;
-/// Largest distance without a jump between the moment shown in the last tick and the moment that
-/// the rate of play implies [frames]. The distance is weighted by the share of the shown moment.
+/// Play has not jumped if the moment shown in the last tick is at most this far from the moment
+/// where play was one tick ago, by its present position and rate [frames]. During a fade, the
+/// distance is multiplied by the share of the shown moment.
 constexpr double kLittle = 0.005;
 /// Longest wait for frames in virtual time [s].
 constexpr double kPatience = 60.0;
-/// Largest number of attempts to hold all frames of a tick. An attempt fails if a frame leaves
-/// memory before it is held.
+/// Largest number of attempts to hold all frames of a tick. An attempt fails, for example, if a
+/// frame leaves memory before it is held.
 constexpr int kTries = 1000;
 /// Largest number of frames in a reading: two around the play position, and two from which the
 /// reading fades.
@@ -170,6 +171,8 @@ class SequenceField : public Base {
   }
 
   /// Begins a tick that waits until all available frames of its moments are held at the same time.
+  /// After kPatience or kTries, shows the moment without a fade, or the first frame if a frame is
+  /// missing.
   void attendWaiting(const Attention& at, Reading& of) const noexcept {
     const auto alone = sequence_->waitAlone();
     const Reading before = of;

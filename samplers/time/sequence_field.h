@@ -12,11 +12,11 @@ namespace palpate {
 /// weighted mean of the two. So readings are continuous in time, at any speed and in both
 /// directions.
 ///
-/// Play jumps after a seek, at the end of a loop, or if frames are late. The reading then fades
-/// within 50 ms from the last played moment to the present moment. While frames are missing, the
-/// reading stays at the last shown moment. So the reading is continuous in time for any change of
-/// the play position, while ticks follow each other within 50 ms. After a longer pause, a reader
-/// whose frames have left memory reads the first frame.
+/// Play jumps after a seek, at an end of play from which it continues at the other end, or if
+/// frames are late. The reading then fades within 50 ms from the last played moment to the present
+/// moment. While frames are missing, the reading stays at the last shown moment. So the reading is
+/// continuous in time for any change of the play position, while ticks follow each other within
+/// 50 ms. After a longer pause, a reader whose frames have left memory reads the first frame.
 ///
 /// The field has data where any blended frame has data. In a blend, the default
 /// ScalarField::firstFall searches for surfaces. A reading outside of a tick (without attend())

@@ -48,13 +48,13 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
 /// repeats.
 ///
 /// Throws SceneError, with `path` and the faulty part (/times/2), in these cases. There is no
-/// frame. Times do not ascend, exceed 1e9 s, or differ in number from the frames. The lattice has
-/// fewer than two nodes along an axis. A repeated warp has one frame, or does not end as it begins.
-/// A displacement is not finite. The warp needs more memory than kMostWarpMemory. The
-/// warp folds space, or changes lengths by a factor above ten; this is checked at nodes and middles
-/// of cells, at frames and at the quarters between them. Slow, parallel. Needs 32 bytes of memory
-/// per node and frame, with one more node on each side, and up to twice that during the call. RT:
-/// at() reads 27 nodes.
+/// frame. Times do not ascend, are not within +-1e9 s, or differ in number from the frames. The
+/// lattice has fewer than two nodes along an axis. A repeated warp has one frame, or does not end
+/// as it begins. A displacement is not finite. The warp needs more memory than kMostWarpMemory. The
+/// warp folds space, or stretches or compresses by a factor above ten; this is checked at nodes and
+/// middles of cells, at frames and at the quarters between them. Slow, parallel. Needs 32 bytes of
+/// memory per node and frame, with one more node on each side, and up to twice that during the
+/// call. RT: at() reads 27 nodes.
 [[nodiscard]] WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when,
                                const std::string& path);
 
