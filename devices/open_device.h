@@ -17,8 +17,8 @@ struct DeviceOptions {
   HandTarget target;     ///< Target that a simulated hand follows.
   HandTarget mouse;      ///< Target that the mouse in a window sets; may be empty.
   HandTarget client;     ///< Target that a client of the program's server sets; may be empty.
-  /// The loop runs in real time, which a real arm requires. The loop then treats a simulated arm
-  /// like a real one (DeviceInfo::hand).
+  /// The loop runs in real time, which a real arm requires. The loop then treats the device
+  /// `simulated` like a real arm (DeviceInfo::hand).
   bool realtime = false;
   bool passive = false;  ///< True: the energy tank reduces the force (TankUse::kAct).
   double refill = 0.0;   ///< TankParams::refill [W].
@@ -40,7 +40,8 @@ struct DeviceOptions {
 /// - `plugin:NAME`, `plugin:NAME@SERIAL`: an arm of a plug-in, which runs in its own process;
 ///   `plugin-inside:NAME`, `plugin-inside:NAME@SERIAL` run it in this process (openPluginArm)
 ///
-/// Throws Error with the problem and the remedy. Slow: an arm may home itself.
+/// Throws Error with the problem and the remedy. Slow: an arm may home itself, or wait for its
+/// user.
 [[nodiscard]] std::unique_ptr<Device> openDevice(const std::string& name,
                                                  const DeviceOptions& options);
 

@@ -36,10 +36,11 @@ inline void holdUntested(DeviceInfo& info) {
 
 /// Functions and settings that a program passes when it opens an arm. The functions may be empty.
 struct ArmHost {
-  /// Prints a line for the user. A thread of the arm calls it, too, as when a lost arm returns.
+  /// Prints a line for the user. A thread of the arm may also call it, for example while it opens a
+  /// lost arm again.
   std::function<void(const std::string&)> say = nullptr;
-  /// Returns true if the program must end. All waits for the user then end, too. Called on the
-  /// thread that opens the arm, and on a thread of the arm.
+  /// Returns true if the program must end. Then all waits for the user end. Called on the thread
+  /// that opens the arm, and on a thread of the arm.
   std::function<bool()> stop = nullptr;
   /// The arm's measurements; zeros if they are unknown. The functions that open an arm by its name
   /// replace them by measuredArm().
@@ -73,7 +74,7 @@ struct ArmIdentity {
 
 /// Counts of readings and writes since an arm was opened.
 struct ArmTraffic {
-  std::int64_t dropped = 0;     ///< Reports that were discarded unread because they were old.
+  std::int64_t dropped = 0;     ///< Reports that were discarded because they were old.
   std::int64_t writes = 0;      ///< Forces that were sent or passed on to a plug-in.
   std::int64_t longest_ns = 0;  ///< The longest write [ns].
 };
@@ -96,7 +97,8 @@ class Arm : public Device {
   [[nodiscard]] virtual const ArmTraits& traits() const noexcept = 0;
   /// Returns why the last read() was not ready, with a remedy; else "". Call it on read()'s thread.
   [[nodiscard]] virtual std::string whyNotReady() const = 0;
-  /// Returns the tip's travel per count of each encoder in the last pose [m]; empty: unknown.
+  /// Returns the tip's travel per count of each encoder in the last pose [m]; empty: unknown. An
+  /// arm of a plug-in has one number for all encoders.
   [[nodiscard]] virtual std::vector<double> steps() const = 0;
   /// Returns the counts since the opening. Call it on the thread that calls read().
   [[nodiscard]] virtual ArmTraffic traffic() const = 0;

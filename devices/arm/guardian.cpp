@@ -97,7 +97,7 @@ class Message {
   msghdr head_{};
 };
 
-/// Moves both ends above 2, because standApart() replaces the descriptors 0 to 2.
+/// Replaces both descriptors by numbers above 2, because standApart() replaces 0 to 2.
 bool aboveStandard(std::array<int, 2>& ends) noexcept {
   bool good = true;
   for (int& end : ends) {

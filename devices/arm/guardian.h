@@ -1,4 +1,4 @@
-/// A child process that sets the force of an arm to zero if its program dies, stops or hangs.
+/// A child process that sets the force of an arm to zero if the program dies, stops or hangs.
 #pragma once
 
 #include <array>
@@ -36,13 +36,13 @@ class Guardian {
 
   /// Starts to watch a loop from its first tick. Returns the value for LoopParams::watch. The
   /// guardian must outlive the loop, and keeps its own copy of the descriptor. Throws DeviceError
-  /// for more than kMostLoops loops, for a zero force that is empty or too long, or if the child
-  /// has ended.
+  /// for more than kMostLoops loops, for a zero force that is empty or too long, or if the
+  /// descriptor cannot be sent to the child, such as after its end.
   [[nodiscard]] LoopWatch watch(const ZeroForce& zero);
 
-  /// Replaces the descriptor of a watched loop's device. If the device was replaced or plugged in
-  /// again, call this before the loop gives force. Throws DeviceError as watch(), or if the
-  /// guardian does not watch this loop.
+  /// Replaces the descriptor and the zero force of a watched loop's device. If the device was
+  /// replaced or plugged in again, call this before the loop gives force. Throws DeviceError as
+  /// watch() does, or if the guardian does not watch this loop.
   void renew(const LoopWatch& loop, const ZeroForce& zero);
 
   /// Stops watching a loop that has ended. The guardian can then watch another loop instead. Throws
@@ -56,8 +56,9 @@ class Guardian {
 
   /// Makes exit(), SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGXCPU and crash signals call zero()
   /// first. If the program ends in another way, such as by SIGKILL, only the child writes zero. The
-  /// first SIGINT, SIGTERM, SIGHUP or SIGQUIT sets `interrupted`, if given; another one more than
-  /// 0.5 s later ends the process. Only one guardian at a time may catch signals.
+  /// first SIGINT, SIGTERM, SIGHUP or SIGQUIT sets `interrupted`; another one more than 0.5 s later
+  /// ends the process. Without `interrupted`, the first one ends it. Only one guardian at a time
+  /// may catch signals.
   void catchSignals(volatile std::sig_atomic_t* interrupted = nullptr);
 
   /// Returns the child's process id, for tests.

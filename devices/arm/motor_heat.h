@@ -7,14 +7,14 @@
 namespace palpate {
 
 /// Model: a winding's heat follows the square of its command with one time constant. The limit is
-/// the heat of the command that the motor can hold forever (`continuous`). Up to the share kWarm of
-/// the limit, a motor may get its peak command; above, the allowed command falls (allowedByHeat).
-/// At the limit it is `continuous`. A command is always so small that the heat stays within the
-/// limit if the program stops and this command stays for kHold. A motor starts at the limit,
-/// because its earlier use is unknown.
+/// the heat of the command that the motor can hold forever (`continuous`). Up to the share kWarm
+/// (engine/safety/heat.h) of the limit, a motor may get its peak command; above, the allowed
+/// command falls (allowedByHeat). At the limit it is `continuous`. In addition, a command is so
+/// small that the heat stays within the limit if the program stops and this command stays for
+/// kHold. A motor starts at the limit, because its earlier use is unknown.
 class MotorHeat {
  public:
-  /// Longest time for which the last command may stay on after the program stops [s].
+  /// Assumed longest time for which the last command stays on after the program stops [s].
   static constexpr double kHold = 0.02;
 
   /// @param continuous  Command that the motor can hold forever, in any unit; 0: no limit.

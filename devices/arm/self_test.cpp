@@ -41,7 +41,7 @@ constexpr double kRuler = 0.1;   // largest relative error of a measurement with
 constexpr double kAxis = 0.999;  // cosine of the largest turn at which an axis keeps its plain name
 constexpr int kRuns = 6;
 constexpr std::int8_t kFall = -1;  // `run` of samples before the pushes
-constexpr int kLatest = 20;        // largest delay of a force [samples]
+constexpr int kLatest = 20;        // largest delay of the force that a fit tries [samples]
 constexpr std::size_t kMostSamples = 60000;
 const char* const kAxes = "xyz";
 
@@ -59,8 +59,8 @@ std::string inWords(const Vec3& v) {
   return words + ")";
 }
 
-/// If there is no problem yet: adds one if the masses along the driven axes differ more than on a
-/// real arm.
+/// If `result` has no problem yet, adds one if the masses along the driven axes differ more than on
+/// a real arm.
 void compareMasses(SelfTestResult& result, const ArmAxes& axes) {
   const AxisResult* light = nullptr;
   const AxisResult* heavy = nullptr;
@@ -153,7 +153,7 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
 }
 
 void SelfTest::countPosition(double age) noexcept {
-  // `age` is measured slightly after `now_`, so two ages of one position may differ by this time.
+  // `age` is measured slightly after `now_`, so `read_at` of one position may vary by this time.
   constexpr double kApart = 1e-4;  // [s]
   const double read_at = now_ - age;
   if (positions_ != 0 && !(read_at > read_at_ + kApart)) return;
@@ -197,7 +197,7 @@ Vec3 SelfTest::runPhase() noexcept {
 }
 
 void SelfTest::awaitRest() noexcept {
-  // Restarts at each motion, because the user may still be letting go of the arm.
+  // Each motion restarts the wait, because the user may still be letting go of the arm.
   if ((position_ - from_).norm() > kBegun) {
     from_ = position_;
     still_since_ = now_;
@@ -478,8 +478,8 @@ SelfTestResult SelfTest::result() const {
   }
   checkReadings(result);
   for (int a = 0; a < 3; ++a) judgeAxis(a, result);
-  // The spring that brings the arm back pushes it away along an axis with a wrong sign, and so
-  // disturbs the measurements along the other axes.
+  // After a push that moved the arm in another direction, the test neither pushes with the largest
+  // force nor brings the arm back. The motions are then too short for a fit.
   const bool straight =
       std::none_of(result.axes.begin(), result.axes.end(),
                    [](const AxisResult& axis) { return axis.moved && axis.along <= kStraight; });
@@ -549,7 +549,8 @@ void SelfTest::checkDirection(std::size_t run, const std::string& where,
 }
 
 std::string SelfTest::fitTrouble(const AxisResult& axis) const {
-  // A clearly negative friction shows a wrong scale of an encoder or a motor in the profile.
+  // A clearly negative friction comes from a hand on the arm, or from a wrong scale of an encoder
+  // or a motor in the profile.
   if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
     return "the friction cannot be measured: let go of the arm during the test; if that does not "
            "help, correct the scale of its encoders and motors, or use finer encoders";

@@ -1,4 +1,5 @@
-/// Tests with small forces whether an arm moves in their direction, and measures its friction.
+/// Tests with small forces whether an arm moves in their direction, and measures its friction, mass
+/// and delay.
 #pragma once
 
 #include <array>
@@ -42,13 +43,17 @@ struct SelfTestParams {
 struct AxisResult {
   /// The arm has motors for this axis. If false, the fields below are not set.
   bool driven = false;
-  /// The test has begun to push along this axis. A fall or an early end leaves axes out.
+  /// The test has begun to push along this axis. If the arm falls or the test ends early, some axes
+  /// are not pushed.
   bool pushed = false;
-  bool moved = false;      ///< At most SelfTestParams::force moved the arm in both directions.
-  double breakaway = 0.0;  ///< Mean force of both pushes at which the arm began to move [N].
+  bool moved = false;  ///< Both pushes, with at most SelfTestParams::force, moved the arm.
+  /// Mean force of both pushes at which the arm began to move [N]; 0 for a push that did not move
+  /// it.
+  double breakaway = 0.0;
   /// Cosine of the angle between push and motion, for the worse direction; 1: aligned.
   double along = 0.0;
-  // The fields below are set only if `moved` is true and the pushes were aligned.
+  // The fields below are set only if `moved` is true, and if every axis that moved was aligned with
+  // its pushes.
   double mass = 0.0;           ///< m [kg] of m v' = F - b v - c sign(v) + bias.
   double viscous = 0.0;        ///< b [N s/m].
   double coulomb = 0.0;        ///< c [N].
@@ -71,7 +76,8 @@ struct SelfTestResult {
   Vec3 falls = Vec3::Zero();
   /// Force that moves the released arm in that direction [N]; 0: unknown.
   double weight = 0.0;
-  /// The test force could stop the falling arm. If false, `weight` excludes Coulomb friction.
+  /// The test force could stop the falling arm. If false, `weight` is the arm's weight less its
+  /// Coulomb friction.
   bool held = false;
   double noise = 0.0;                 ///< RMS noise of the position at rest [m].
   double slowest = 0.0;               ///< Longest pause between new positions [s].
@@ -86,9 +92,10 @@ struct SelfTestResult {
 /// anyway. If the arm falls, the test pushes it back, computes its weight from this motion, and
 /// ends. Otherwise the test pushes along +x, -x, +y, ... in turn, if the arm has motors there.
 ///
-/// Each push grows by 0.4 N/s until the arm has moved by 2 mm. The largest force then acts up to
-/// 12 mm, and is reversed until the arm stops. Each of these two steps takes at most 2 s. If the
-/// arm has moved in the direction of all its pushes, a weak spring brings it back.
+/// Each push grows by 0.4 N/s, at most to SelfTestParams::force, until the arm has moved by 2 mm.
+/// If the arm has moved in the direction of all its pushes, the largest force then acts up to 12
+/// mm, and is reversed until the arm stops. Each of these two steps takes at most 2 s. Then a weak
+/// spring brings the arm back.
 ///
 /// The friction comes from a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated
 /// twice, to all samples since the arm began to move. The fit uses the delay of F that leaves the
@@ -108,8 +115,8 @@ class SelfTest {
   [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
   /// Returns true if next() was called at least once.
   [[nodiscard]] bool begun() const noexcept { return started_; }
-  /// Returns the result. Before done() the result has a problem. Not for a tick: fits every axis
-  /// for about 60 delays.
+  /// Returns the result. Before done() the result has a problem. Not for a tick: fits the motion
+  /// along each axis about 80 times.
   [[nodiscard]] SelfTestResult result() const;
 
  private:
@@ -154,7 +161,7 @@ class SelfTest {
   /// Fits one or two paths with the force delayed by `late` samples, which may be a fraction.
   Left fit(const std::vector<Way>& ways, double late, AxisResult& result) const;
   void fitDelay(const std::vector<Way>& ways, AxisResult& result) const;
-  /// Sets SelfTestResult::weight. Returns the problem of an arm that falls, as text.
+  /// Sets SelfTestResult::weight and held. Returns the problem of an arm that falls, as text.
   [[nodiscard]] std::string weigh(SelfTestResult& result) const;
   [[nodiscard]] double period() const noexcept {
     return (now_ - began_) / static_cast<double>(ticks_);
@@ -189,7 +196,7 @@ class SelfTest {
   std::array<bool, 3> pushed_{};  ///< AxisResult::pushed, for each axis.
   std::array<double, 6> along_{};
   std::vector<Sample> samples_;
-  // The next three members are used in the phase kRest.
+  // The next three members are sums over the positions at rest, in the phase kRest.
   Vec3 sum_ = Vec3::Zero();
   double sum2_ = 0.0;
   std::int64_t rest_ = 0;
@@ -200,10 +207,10 @@ class SelfTest {
 };
 
 /// Compares the path `way` [m] that the arm reports with the distance `length` [m] by which a user
-/// has moved its tip along the axis. Returns the problem as text; empty if the difference is within
-/// a ruler's error. The pushes cannot detect a wrong scale, which would give a wrong stiffness.
-/// They also cannot detect wrong signs of both encoders and motors, with which the arm would render
-/// a mirrored world.
+/// has moved its tip along the axis. Returns the problem as text; empty if length and direction
+/// agree to within a ruler's error. The pushes cannot detect a wrong scale, which would give a
+/// wrong stiffness. They also cannot detect wrong signs of both encoders and motors, with which the
+/// arm would render a mirrored world.
 [[nodiscard]] std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes,
                                        int axis);
 

@@ -17,7 +17,7 @@ namespace palpate {
 class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's mailboxes
  public:
   /// @param arm   Description of the arm. `hand` may be false only if no hand can be on it: then
-  ///              forces do not engage and positions are not watched.
+  ///              the force begins without an engagement, and positions are not watched.
   /// @param rate  Nominal rate of the servo [Hz], 10 to 100000.
   /// @param real  False: the caller ticks in virtual time, so the time that a tick takes on this
   ///              machine does not count. Only for a simulated arm: on a real arm, a force that

@@ -52,7 +52,8 @@ Json recordOf(const ArmIdentity& arm) {
 }
 
 constexpr double kMostDelay = 0.02;  // [s], largest delay that the test finds at 1 kHz
-constexpr double kSure = 3.0;        // standard errors on each side of a measured delay
+// Standard errors on each side of a measured delay, and subtracted from a measured friction.
+constexpr double kSure = 3.0;
 
 /// Replaces testedArmsFile(). On failure leaves it unchanged and throws DeviceError.
 void write(const Json& json) {

@@ -7,8 +7,8 @@
 namespace palpate {
 
 /// Returns a folder of the user by the XDG Base Directory Specification: the value of the variable
-/// `name`, or else `otherwise` below $HOME (below / without it). A relative path is invalid there,
-/// so it is ignored.
+/// `name`, or else `otherwise` below $HOME, or below / without a home. A variable with a relative
+/// path is ignored, because the specification makes such a path invalid.
 [[nodiscard]] inline std::filesystem::path userFolder(const char* name, const char* otherwise) {
   const char* folder = std::getenv(name);
   if (folder != nullptr && *folder == '/') return folder;

@@ -15,8 +15,8 @@ namespace palpate {
 /// Decodes an arm's reports by a profile and formats their values. Use each object on one thread.
 ///
 /// Computes joints like HidDevice, but without homing: a counter that wraps begins in the range
-/// that brings the tip nearest to the origin of W. With home_at_open, the first reports give the
-/// home pose.
+/// nearest to its value at ProfileFacts::middle. With home_at_open, the first reports give the home
+/// pose.
 class ArmWatch {
  public:
   /// Slow (milliseconds), because it calls factsOf().

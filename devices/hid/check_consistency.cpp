@@ -36,9 +36,9 @@ void checkOutput(const JsonNode& fields, const HidProfile& profile) {
   }
 }
 
-/// If the arm homes itself, palpate assumes that each counter is in the range that brings the tip
-/// nearest to the origin of W. This is right only if the next range moves the tip out of the
-/// workspace.
+/// Without "home" steps and home_at_open, palpate assumes that each counter is in the range that
+/// brings the tip nearest to the origin of W. This is right only if the next range moves the tip
+/// out of the workspace.
 void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileFacts& facts) {
   if (profile.home_at_open || !profile.home.empty()) return;  // homing determines the turn
   const ArmPose middle = profile.kinematics->at(facts.middle);

@@ -8,8 +8,8 @@
 
 namespace palpate {
 
-/// Smallest share of a motor's limit that the largest force may use. If all motors use less, a
-/// number has a wrong unit. For a PID device this holds for each axis.
+/// Smallest accepted share of a motor's limit that the largest force uses. If all motors use less,
+/// a number has a wrong unit. For a PID device, each axis must use at least this share.
 inline constexpr double kLeastAsked = 1e-3;
 
 [[nodiscard]] bool isMotor(const HidProfile& profile, std::size_t field);

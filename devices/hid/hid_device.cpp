@@ -216,7 +216,7 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
     got = input.takeNewest(port);
     if (got == ReadStatus::kGone) throw DeviceError(name, "it was unplugged", "plug it in again");
     if (Clock::now() > end) {
-      throw DeviceError(name, "it sends no report that its profile describes",
+      throw DeviceError(name, "it sends no report for one or more joints of its profile",
                         "check its power, its profile and its firmware" +
                             (profile_.firmware.empty() ? "" : ": " + profile_.firmware));
     }

@@ -40,16 +40,16 @@ struct HidWrites {
 };
 
 /// Reads and drives an arm. The haptic thread calls read() and write(). A second thread sends the
-/// newest force, because sending blocks. It sends at most one report a tick and, on average,
-/// output_rate reports a second; a report that ends a force does not wait. A third thread finds the
-/// device again after it was unplugged.
+/// newest force, because sending blocks. It sends at most one report a tick and, on average, at
+/// most output_rate reports a second; a report that ends a force does not wait. A third thread
+/// finds the device again after it was unplugged.
 ///
 /// The kernel keeps the OLDEST 63 reports. If 60 or more wait, HidDevice discards them as old.
 /// After a pause of more than HidLimits::stale without read(), the arm is not ready until a new
 /// report comes. A device with rate control stays ready.
 ///
 /// Faults:
-/// - Fault::kGone: the device is absent.
+/// - Fault::kGone: the device is absent, or has refused a report.
 /// - Fault::kMiscounted, before kGone: counters may have wrapped unnoticed.
 /// - Fault::kWrite: a force waits, and nothing was sent for 20 ms plus a period of output_rate.
 /// - Fault::kStale: a report with flags is too old.
@@ -59,15 +59,14 @@ struct HidWrites {
 /// or flags have not come yet.
 class HidDevice final : public Arm {
  public:
-  /// Runs the profile's "open" steps, waits for a report, and runs the "home" steps, on this thread
-  /// (slow). If one of these fails, runs the "close" steps and throws DeviceError with the problem
-  /// in words.
+  /// Runs the profile's "open" steps, waits for a position, and runs the "home" steps, on this
+  /// thread (slow). A device with rate control needs no position. If one of these fails, runs the
+  /// "close" steps and throws DeviceError with the problem in words.
   ///
-  /// @param tested  True: the arm has passed `palpate devices --test`. False: the limits are at
-  /// most
-  ///                kUntestedForce and kUntestedStiffness.
+  /// @param tested  True: the arm has passed `palpate devices --test`. False: the limits of an arm
+  ///                with motors are at most kUntestedForce and kUntestedStiffness.
   HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
-  /// Sends zero force, then runs the profile's "close" steps (at most kLongestClose).
+  /// Sends zero force, then runs the profile's "close" steps, which wait at most kLongestClose.
   ~HidDevice() override;
 
   /// Returns the profile's limits, or those of an untested arm. They never change.
@@ -129,10 +128,12 @@ class HidDevice final : public Arm {
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;
   void prepare(ReportPort& port, HidInput& input);
-  /// Ignores failures, because the device may be absent.
+  /// Sends zero force and runs the "close" steps. Ignores failures, because the device may be
+  /// absent.
   void leave(ReportPort& port, HidInput& input) noexcept;
   /// Runs the steps of a sequence. If a step waits for an action of the user, an earlier action
-  /// does not count. Calls `stop` before each step, and while a step waits. Throws DeviceError.
+  /// does not count. Calls `stop` before each step, and while a step waits or pauses. Throws
+  /// DeviceError.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
   /// Throws DeviceError if the field does not get its value in time, if the device is gone, or if

@@ -12,7 +12,8 @@ namespace palpate {
 namespace {
 
 constexpr std::int64_t kWriteTime = 20000000;  // [ns]: a write that takes longer is blocked
-// [s]: longest time for which one read moves a rate-controlled position or raises the weight.
+// [s]: longest time for which one read moves a rate-controlled position, or raises the share of the
+// weight that the motors carry.
 constexpr double kLongestStep = 0.02;
 
 }  // namespace
@@ -102,8 +103,8 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
     plugging_seen_ = plugging;
     adoptMended(now);
   }
-  // The arm may have moved since the opening. The counters of an arm that homes itself therefore
-  // start again at the first tick. If palpate homed the arm at the opening, the counters continue.
+  // The arm may have moved since the opening. So the counters start again at the first tick, unless
+  // palpate homed the arm at the opening or took its pose there as the home pose.
   if (!std::exchange(ticked_, true) && !profile_.home_at_open && profile_.home.empty()) {
     forgetCounters();
   }
@@ -229,9 +230,9 @@ bool HidDevice::countedOn(double pause) const noexcept {
     const double lever = std::max(pose_.jacobian[i].norm(), profile_.limits.workspace_radius);
     const double half =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits) - 1);
-    // During a long pause the tip can move no farther than the arm's reach.
-    constexpr double kReach =
-        3.0;  // assumed workspace radii between the two ends of an arm's reach
+    // Assumed largest distance between two positions of the tip [workspace radii]. Even in a long
+    // pause, the tip does not move farther.
+    constexpr double kReach = 3.0;
     const double farthest =
         std::min(profile_.limits.speed * pause, kReach * profile_.limits.workspace_radius);
     if (lever * half < farthest) return false;

@@ -86,8 +86,8 @@ using Say = std::function<void(const std::string&)>;
 /// program has claimed it (claim).
 [[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say = {});
 
-/// Opens a device for reading, even if another program uses it; each reader gets every report.
-/// Throws DeviceError as openHid.
+/// Opens a device for reading, even if another program has claimed it; each reader gets every
+/// report. Otherwise throws DeviceError as openHid.
 [[nodiscard]] std::unique_ptr<ReportPort> openHidToRead(const std::string& path);
 
 /// Returns true while this process has the device of this path open by openHid().
@@ -97,7 +97,8 @@ using Say = std::function<void(const std::string&)>;
 /// copies (in child processes, too) are closed. Throws DeviceError, which names the owner if the
 /// system shows it. Detects only programs that lock the device.
 ///
-/// The guardian of a killed program keeps the lock until it has taken the force off, at most 1 s.
+/// The guardian of a killed program keeps the lock until it has taken the force off, about 1.2 s at
+/// most.
 /// claim() tells the user and waits for the lock, up to kLongestClaim. For an owner that is alive,
 /// it waits 50 ms.
 void claim(int descriptor, const std::string& path, const Say& say = {});

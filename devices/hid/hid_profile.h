@@ -216,8 +216,8 @@ struct KnownArm {
       stiffness,          ///< Largest stiffness of a coupling [N/m].
       damping,            ///< Largest damping of a coupling [N s/m].
       workspace_radius;   ///< Radius of the workspace [m].
-  std::string transport;  ///< Interface by which it could be driven.
-  std::string source;     ///< Source of the numbers, and file of the source.
+  std::string transport;  ///< Interface by which the arm could be driven.
+  std::string source;     ///< Source of the numbers, with the name of its file.
 };
 /// Returns the arms of devices/hid/known_arms.json, which is compiled in.
 [[nodiscard]] std::vector<KnownArm> knownArms();

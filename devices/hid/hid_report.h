@@ -20,13 +20,14 @@ struct ReportField {
   std::uint32_t bits = 16;    ///< 1 to 32; a float has 32.
   Type type = Type::kSigned;  ///< Encoding of its bits.
   bool big_endian = false;    ///< True: the field consists of whole bytes, highest byte first.
-  double scale = 1.0;         ///< Input: value = scale * raw + offset.
-  double offset = 0.0;        ///< Output: raw = scale * value + offset.
-  double least = 0.0;         ///< Lowest raw number; output values are limited to it.
-  double most = 0.0;          ///< Highest raw number; output values are limited to it.
-  bool bounded = false;       ///< The profile or the descriptor gives both limits.
-  bool wraps = false;         ///< The field is a counter that wraps around after its highest value.
-  double rest = 0.0;          ///< Output: raw number that is sent if no value is set.
+  /// Input: value = scale * raw + offset. Output: raw = scale * value + offset.
+  double scale = 1.0;
+  double offset = 0.0;   ///< See `scale`.
+  double least = 0.0;    ///< Lowest raw number; output values are limited to it.
+  double most = 0.0;     ///< Highest raw number; output values are limited to it.
+  bool bounded = false;  ///< The profile or the descriptor gives both limits.
+  bool wraps = false;    ///< The field is a counter that wraps around after its highest value.
+  double rest = 0.0;     ///< Output: raw number that is sent if no value is set.
 
   /// Returns the size of the smallest report that contains this field [bytes].
   [[nodiscard]] std::size_t end() const noexcept { return (bit + bits + 7) / 8; }

@@ -14,8 +14,8 @@ namespace palpate {
 
 namespace {
 
-/// Margin of a parallel arm from a singular pose: the sine of the angle between its two rods, or
-/// the determinant of the unit vectors along its three rods.
+/// Least margin of a reachable pose of a parallel arm from a singular pose: the sine of the angle
+/// between its two rods, or the determinant of the unit vectors along its three rods.
 constexpr double kHold = 1e-2;
 
 void requireLengths(const char* model, std::initializer_list<double> lengths) {

@@ -94,15 +94,16 @@ struct ChainLink {
 ///
 /// Link 0 turns with A only; its frame is the arm's at A = 0. Links 1 and 2 are the upper and the
 /// lower link. Their origin is the joint where the link begins, x points along the link, y in the
-/// direction in which A turns, z in the direction in which its own angle grows. Throws DeviceError
-/// unless b and c are positive and a is finite.
+/// direction in which A turns, z in the direction in which its own angle grows. So the frame of
+/// link 1 is left-handed. Throws DeviceError unless b and c are positive and all lengths are
+/// finite.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeCapstanArm(double a, double b, double c);
 
 /// Makes a planar loop of five bars (Campion, Wang and Hayward 2005). Motors at (0, 0) and (-base,
 /// 0) turn bars of length[0] and length[3]. From the ends of these, bars of length[1] and length[2]
-/// meet at the tip, on the side of larger y. z is 0. The links are the bars, with x along the bar,
-/// away from the motor, and y to the left of x. Throws DeviceError unless all lengths are positive
-/// and `base` is 0 or more.
+/// meet at the tip, on the side of larger y unless the motors' bars cross. z is 0. The links are
+/// the bars, with x along the bar, away from the motor, and y to the left of x. Throws DeviceError
+/// unless all lengths are positive and `base` is 0 or more.
 [[nodiscard]] std::shared_ptr<const Kinematics> makePantograph(const std::array<double, 4>& length,
                                                                double base);
 

@@ -41,7 +41,8 @@ struct ProfileFacts {
 };
 
 /// Finds the joints that bring the tip to the origin of W, by damped Gauss-Newton from many start
-/// poses. Then finds the directions in which the tip can move there. Takes milliseconds.
+/// poses. Then finds the directions in which the tip can move near these joints. Takes
+/// milliseconds.
 ///
 /// @pre profile.kinematics is set, and profile.joints has one entry for each of its joints.
 [[nodiscard]] ProfileFacts factsOf(const HidProfile& profile);

@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-// Assumed limits of desktop arms. A number beyond them has a wrong unit.
+// Assumed limits of desktop arms. A number beyond them probably has a wrong unit.
 constexpr double kMostLength = 2.0;     // [m]
 constexpr double kMostAngle = 6.2832;   // [rad]
 constexpr double kMostForce = 100.0;    // [N]
@@ -555,7 +555,9 @@ const Table& table() {
             "description", jsonText(),
             [](ProfileFile& file, std::string text) { file.profile.description = std::move(text); })
         .may("firmware",
-             jsonText().says("When it takes the force off. Required with `output` or `pid`."),
+             jsonText().says(
+                 "When the firmware takes the force off by itself. Required with `output` "
+                 "or `pid`."),
              [](ProfileFile& file, std::string text) { file.profile.firmware = std::move(text); })
         .need("match",
               jsonList(matchType(), "it is not a list of devices",

@@ -19,8 +19,8 @@ std::string listed(const std::vector<std::string>& names) {
 
 constexpr std::size_t kMostLevels = 64;
 
-/// Builds a document and finds keys that occur twice in one object. Takes linear time; the
-/// library's own callback parser takes quadratic time for an array.
+/// Builds a document and finds keys that occur twice in one object. Takes linear time for an array;
+/// the library's own callback parser takes quadratic time.
 class DocumentReader final : public Json::json_sax_t {
  public:
   [[nodiscard]] Json takeDocument() { return std::move(document_); }

@@ -1,5 +1,5 @@
 /// Private to devices and scenes: reads JSON files that people write. Checks every value, and
-/// reports each error in one line with the value's path.
+/// reports the first error in one line with the value's path.
 #pragma once
 
 #include <array>

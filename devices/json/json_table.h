@@ -175,8 +175,8 @@ template <class T>
 [[nodiscard]] JsonSchema jsonFileSchema(const char* title, const char* description,
                                         const JsonSchema& object, const JsonSchema& definitions);
 
-/// A table of rows. A row has a key, the type of its value, and the member of Spec that receives
-/// the value. Rows are read in order, the rows of a choice last.
+/// A table of rows. A row has a key, the type of its value, and the member of Spec or the function
+/// that receives the value. Rows are read in order, the rows of a choice last.
 template <class Spec>
 class JsonObject {
  public:
@@ -288,7 +288,8 @@ class JsonObject {
               return spec;
             }};
   }
-  /// Returns the schema. It has one object for each choice, which permits only the choice's keys.
+  /// Returns the schema. It has one object for each choice, which permits only the common keys and
+  /// the choice's keys.
   [[nodiscard]] JsonSchema schema() const {
     std::vector<JsonSchema> closed;
     addSchemas({{"type", "object"},

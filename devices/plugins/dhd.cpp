@@ -1,10 +1,11 @@
 // Plug-in for arms of Force Dimension (omega, delta; a Falcon with their driver), through their
 // SDK, libdhd. Build it as in docs/plugins.md. Not yet tried on an arm.
 //
-// Threads: the SDK does not permit two threads to use one arm at the same time. So after the arm is
-// prepared, one thread makes all calls: in each pass it reads, then it sends. `stop` sets a flag
-// for this thread, and waits until the thread has sent a zero. If the SDK hangs, the arm's own
-// watchdog takes the force off.
+// Threads: the SDK does not permit two threads to use one arm at the same time. So from `prepare`
+// to `close`, one thread makes all calls for the arm: in each pass it reads, then it sends. Only
+// `find` also asks for the open arm's name and serial number. `stop` sets a flag for this thread,
+// and waits about 10 ms at most until the thread has sent a zero. If the SDK hangs, the arm's own
+// watchdog takes the force off, if the arm has one.
 #include <atomic>
 #include <cstdlib>
 #include <dhdc.h>
@@ -170,7 +171,7 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
   std::uint32_t state = 0;
   if (dhdEnableForce(DHD_ON, arm.id) < 0 || !carryNow(arm, 0.0) || !send(arm, {0.0, 0.0, 0.0}) ||
       !stateNow(arm, state)) {
-    tell(error, room, "dhd: the arm does not take a force of zero (%s); switch it off and on",
+    tell(error, room, "dhd: the arm does not start with zero force (%s); switch it off and on",
          dhdErrorGetLastStr());
     return PALPATE_PLUGIN_FAILED;
   }

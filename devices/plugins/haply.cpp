@@ -17,7 +17,8 @@ namespace {
 
 using namespace palpate::haply;
 
-// The maker's numbers for the Inverse3. Their sources are in docs/haply.md.
+// The maker's numbers for the Inverse3, except kContinuous and kHeating. Their sources are in
+// docs/haply.md.
 constexpr double kForce = 4.0;        ///< [N], possible in 80 % of the workspace; the peak is 10 N.
 constexpr double kStiffness = 400.0;  ///< [N/m]
 constexpr double kDamping = 3.0;      ///< [N s/m]
@@ -96,7 +97,7 @@ Inventory ask(std::string& why) {
       return inventory;
     }
     if (ended()) {
-      why = "the program ends";
+      why = "the program was ended before the service answered: start it again";
       return inventory;
     }
     if (machineNow() - since > kAnswerTime) {

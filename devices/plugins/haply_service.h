@@ -2,12 +2,12 @@
 /// arms of the process.
 ///
 /// The service sends one state for each message that it receives. So the thread sends the newest
-/// forces again and again: each message kPeriod after the previous one if that was answered, else
-/// kAskAgain after it.
+/// forces again and again. While an arm is open, the next message follows kPeriod after the last
+/// one if that was answered, else kAskAgain after it. At most three messages wait for an answer.
 ///
 /// A force is sent while three conditions hold: it is younger than kForceHolds; the arm's last
-/// valid position came less than kSilence ago; a zero force was written since the last stop() or
-/// silence. Otherwise the next message has zero force.
+/// valid position came less than kSilence ago; a zero force was written since the last stop(),
+/// silence or lost connection. Otherwise the next message has zero force.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ inline constexpr std::int64_t kSilence = 30'000'000;
 inline constexpr std::int64_t kPeriod = 500'000;
 /// Time between two messages if the first was not answered [ns].
 inline constexpr std::int64_t kAskAgain = 5'000'000;
-/// Time between two messages while no arm is open, or the generation is unknown [ns].
+/// Time between two messages while no arm is open, or while the generation is unknown or k30 [ns].
 inline constexpr std::int64_t kAskForArms = 250'000'000;
 /// Time until the next attempt to connect [ns].
 inline constexpr std::int64_t kTryAgain = 100'000'000;
@@ -89,7 +89,7 @@ struct Inventory {
   int refusals = 0;
   Generation generation = Generation::kUnknown;
   std::vector<Named> arms;
-  int button_count = 0;  ///< Largest button count of its handles.
+  int button_count = 0;  ///< Largest number of buttons of a handle.
   bool grips = false;    ///< At least one handle reports its orientation.
 };
 

@@ -1,9 +1,9 @@
 // Plug-in for the Novint Falcon through libnifalcon (BSD). Build it as in docs/plugins.md. Not yet
 // tried on an arm.
 //
-// Threads: the library has no locks, so after the arm is prepared one thread makes all calls.
-// `stop` sets a flag for this thread, and waits until a zero has been sent, usually 1 ms. We found
-// no description of a watchdog in the Falcon.
+// Threads: the library has no locks, so from `prepare` to `close` one thread makes all calls for
+// the arm. `stop` sets a flag for this thread, and waits until a zero has been sent, usually 1 ms.
+// We found no description of a watchdog in the Falcon.
 #include <atomic>
 #include <cstdlib>
 #include <ctime>
@@ -25,11 +25,12 @@ namespace {
 using namespace palpate_plugins;
 using namespace libnifalcon;  // in some versions the firmware is outside this namespace
 
-// TO CHANGE: the limits and their source. CHAI3D 3.3.0 gives 3,000 N/m; this is the smaller value.
-constexpr double kForce = 8.0;
-constexpr double kStiffness = 800.0;
-constexpr double kDamping = 20.0;
-constexpr double kRadius = 0.04;
+// TO CHANGE: the limits and their source. For the stiffness CHAI3D 3.3.0 gives 3,000 N/m, HAPI
+// gives 800 N/m; the smaller value is used.
+constexpr double kForce = 8.0;        // [N]
+constexpr double kStiffness = 800.0;  // [N/m]
+constexpr double kDamping = 20.0;     // [N s/m]
+constexpr double kRadius = 0.04;      // [m]
 constexpr const char* kSource =
     "HAPI; force, damping and radius as CHAI3D 3.3.0, CFalconDevice.cpp";
 

@@ -11,13 +11,13 @@
  *  Threads. Each function states where it is called:
  *  [main]    one call at a time, on the thread that called palpate_plugin.init. May wait and
  *            allocate.
- *  [haptic]  one call at a time, on the thread of the tick. No allocation, no file, no lock that
- *            another thread holds for longer than a tick; returns within a period.
+ *  [haptic]  one call at a time, on the haptic thread of the process. No allocation, no file, no
+ *            lock that another thread holds for longer than a tick; returns within a period.
  *  [any]     on any thread, while any other function runs, even if that function hangs.
  *
  *  Growth: every struct begins with its size, as known to the side that made the struct. The side
  *  that reads the struct treats all bytes beyond this size as zero. New fields are only added at
- * the end, and zero means "as before". Everything else is an extension, requested by name.
+ *  the end, and zero means "as before". Everything else is an extension, requested by name.
  *
  *  Texts are UTF-8 and end with a zero byte. palpate checks all values from a plug-in. Numbers that
  *  are not finite, a time in the future and a quaternion of length zero are faults or count as
@@ -138,7 +138,7 @@ typedef struct palpate_plugin_device {
   uint32_t zero; /**< Reserved: zero. */
   void* data;    /**< For the plug-in's own use. */
 
-  /** Fills in the arm's facts. Called after open, before all other functions. [main] */
+  /** Fills in the arm's facts. Called after open, before prepare, read and write. [main] */
   int (*facts)(struct palpate_plugin_device* device, palpate_plugin_facts* facts);
   /** Makes the arm ready: homes it and switches its motors on, with zero force. May take minutes;
    *  checks host->ends while it waits. A hand may be on the arm, because palpate restarts a process

@@ -88,8 +88,8 @@ std::string orNone(const char* text) {
   return text != nullptr ? text : "";
 }
 
-/// Returns true for 1 to 64 letters, digits, _ and -. Such a name, without a - in front, cannot be
-/// a path or an option.
+/// Returns true for 1 to 64 letters, digits, _ and -, without a - in front. So the name cannot be a
+/// path or an option.
 bool plain(const std::string& name) {
   return !name.empty() && name.size() <= 64 && name[0] != '-' &&
          std::all_of(name.begin(), name.end(),
@@ -251,7 +251,7 @@ std::string PluginLibrary::only(const std::string& serial) const {
     if (!serial.empty() && serial == one.serial) return serial;
     which += (which.empty() ? "" : ", ") + name_ + "@" + one.serial;
   }
-  // A name that find() does not list may still be known to the plug-in's open().
+  // The plug-in's open() may accept a serial number that find() does not list.
   if (!serial.empty()) return {};
   if (found.empty())
     throw DeviceError(name_, "it finds no arm", "plug the arm in, and switch it on");

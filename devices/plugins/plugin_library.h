@@ -16,7 +16,8 @@ namespace palpate {
 /// separated by colons), the user's own ($XDG_DATA_HOME/palpate/plugins or
 /// ~/.local/share/palpate/plugins), and ../lib/palpate/plugins of the program.
 [[nodiscard]] std::vector<std::filesystem::path> pluginFolders();
-/// Returns the sorted names of the plug-ins. Of files with equal names, the first is used.
+/// Returns the sorted names of the plug-ins. Of files with equal names, pluginFile() returns the
+/// first in the search order.
 [[nodiscard]] std::vector<std::string> pluginNames();
 /// Returns the plug-in's file. Throws DeviceError if the name is not valid, if the file does not
 /// exist (the error lists the existing plug-ins), or if other users may write the file or its

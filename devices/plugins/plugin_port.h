@@ -29,7 +29,8 @@ struct PluginNews {
   std::uint32_t written = 0;                   ///< PluginOrder::number of the last write.
   /// Number of orders with a force that were not passed on because of a stop.
   std::uint32_t withheld = 0;
-  /// Share of the last force that the motors have given, by the heat extension.
+  /// Share of the last force that the motors have given, by the heat extension; 0 if the force was
+  /// withheld.
   double given = 1.0;
 };
 

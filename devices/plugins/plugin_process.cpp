@@ -203,7 +203,7 @@ class ProcessPort final : public PluginPort {
   [[nodiscard]] bool over() const noexcept { return quit_ || (host_.stop && host_.stop()); }
 
   /// Prints a line for the user, unless it repeats the last one. Drops exceptions of host_.say,
-  /// because they must not end this thread.
+  /// because they would end the program.
   void tell(const std::string& words) noexcept {
     try {
       if (host_.say && words != told_) host_.say("plugin:" + file_.stem().string() + ": " + words);

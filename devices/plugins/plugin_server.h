@@ -55,7 +55,8 @@ class PluginServer {
   [[nodiscard]] bool done() const noexcept { return done_; }
   /// Ends loop(). Callable from any thread.
   void end() noexcept { ended_ = true; }
-  /// The action that the state of loop() requires. A pass may also take two periods.
+  /// The action that the state of loop() requires. The times below count from two periods after the
+  /// last pass.
   enum class Look : std::uint8_t {
     kTurns,  ///< No action: loop() is running.
     kStop,   ///< Call stop(): loop() has made no pass for kSilent. Returned once.

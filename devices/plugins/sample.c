@@ -142,7 +142,7 @@ static int prepare(palpate_plugin_device* device, char* error, size_t room) {
   arm* a = (arm*)device;
   /* A real arm is homed here, which may take minutes: check host.ends in between. */
   if (host.ends()) {
-    snprintf(error, room, "the program ends");
+    snprintf(error, room, "sample: the program was ended before the arm was ready; start it again");
     return PALPATE_PLUGIN_FAILED;
   }
   memset(a->force, 0, sizeof a->force);

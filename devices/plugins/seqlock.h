@@ -1,4 +1,5 @@
-/// Private to devices: passes the newest value from one writer to an untrusted process.
+/// Private to devices: passes the newest value from one writer to another process. One of the two
+/// processes may be untrusted.
 #pragma once
 
 #include <array>

@@ -11,7 +11,7 @@ namespace palpate {
 
 /// Opens a file, or standard input for "-". Errors of standard input are visible only after
 /// std::ios::sync_with_stdio(false). Throws Error if the file is a folder, a pipe or a device, or
-/// cannot be read. `holder` owns the file and must outlive the stream.
+/// cannot be opened. `holder` owns the file and must outlive the stream.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 
 /// A row of a table read by readCsv.

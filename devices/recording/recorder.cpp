@@ -118,7 +118,8 @@ void Recorder::run() {
       if (::fdatasync(descriptor_) != 0 && errno != EINVAL) fail(std::strerror(errno));
       synced = now;
     }
-    // Pauses only while the ring is almost empty, because in virtual time it fills fast.
+    // Pauses only while the ring is less than a quarter full, because it fills fast in virtual
+    // time.
     if (!last && ring_->slots.size_approx() < kRoom / 4) std::this_thread::sleep_for(kLook);
   }
 }

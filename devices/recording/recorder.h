@@ -31,7 +31,7 @@ class Recorder {
 
   /// Renames the temporary file to `file`, which replaces an existing file, and starts the thread
   /// that writes. Call it before the first tick. Without this call an existing file stays
-  /// unchanged. Throws Error if the move fails.
+  /// unchanged. Throws Error if the file cannot be renamed.
   void begin();
 
   // Called by the haptic thread.

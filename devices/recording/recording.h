@@ -6,8 +6,9 @@
 /// their units, and the program, device and machine.
 ///
 /// Then come chunks. Each chunk is a mark (ChunkMark), which is itself a record, and the records
-/// that the mark announces: ticks, or a scene as text. A record that is not a tick has a `tick`
-/// below zero. In a truncated or damaged file, the complete and undamaged chunks are valid.
+/// that the mark announces: ticks, or a scene as text. After the header, a record that is not a
+/// tick has a `tick` below zero. In a truncated or damaged file, the complete and undamaged chunks
+/// are valid.
 #pragma once
 
 #include <array>
@@ -118,7 +119,8 @@ struct RecordedScene {
 struct RecordedSetting {
   DeviceInfo device;     ///< Device of the hand, with the `limits` that the loop used.
   double rate = 1000.0;  ///< Rate of the loop [Hz].
-  /// Text of a JSON object about program, machine and run; empty: {}. Recording copies it.
+  /// Text of a JSON object about program, machine and run; empty: {}. Recording::setting() returns
+  /// the same object.
   std::string about;
 };
 

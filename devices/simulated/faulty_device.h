@@ -16,7 +16,7 @@ enum class Trouble : std::uint8_t {
   kEarly,      ///< Positions with time stamps in the future.
   kRepeated,   ///< Each position comes four times, as from an arm with a quarter of the rate.
   kFrozen,     ///< The last position repeats as if it were new; no encoder count changes.
-  kJumping,    ///< A count was lost: all positions are shifted by kJump.
+  kJumping,    ///< A count was lost: all positions are shifted by kJump along x.
   kNotFinite,  ///< Positions that are not finite.
   kRunaway,    ///< Adds a drift with speed kRun along z to the position of the hand.
   kUnwritten,  ///< Writes fail: the motors keep their force.
@@ -37,10 +37,10 @@ inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 /// Returns true if the trouble has an effect only in real time.
 [[nodiscard]] bool needsClock(Trouble trouble) noexcept;
 
-/// Adds a trouble to a device for a given time. Forwards all other calls to that device.
+/// Adds a trouble to a device for a given time. Otherwise forwards all calls to that device.
 class FaultyDevice final : public Device {
  public:
-  static constexpr double kJump = 0.02;  ///< Shift of the positions [m].
+  static constexpr double kJump = 0.02;  ///< Shift of the positions along x [m].
   /// Speed of a runaway position [m/s]: above the default of WatchLimits::max_speed, but not a
   /// jump.
   static constexpr double kRun = 4.5;

@@ -115,8 +115,8 @@ SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {
   const double s = (arm_.viscous + grip_.damping) / (2.0 * m);
   const double w2 = grip_.stiffness / m;
   const double d = w2 - s * s;
-  // e^{-s t} cos(w t) and e^{-s t} sin(w t)/w. If the arm does not oscillate, their limits for w =
-  // 0 or the same terms with cosh and sinh.
+  // e^{-s t} cos(w t) and e^{-s t} sin(w t)/w, with w^2 = d. If the arm does not oscillate, their
+  // limits for w = 0 or the same terms with cosh and sinh.
   const double e = std::exp(-s * time);
   double cosine = e;
   double sine = e * time;

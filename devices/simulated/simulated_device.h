@@ -1,4 +1,4 @@
-/// Simulates an arm and a hand in virtual time, to try a scene without hardware.
+/// Simulates an arm and a hand, to try a scene without hardware.
 #pragma once
 
 #include <functional>
@@ -11,7 +11,7 @@ namespace palpate {
 
 /// Parameters of the arm, the same for each axis.
 struct ArmParams {
-  double mass = 0.1;      ///< [kg], > 0.
+  double mass = 0.1;      ///< m [kg], > 0.
   double viscous = 0.5;   ///< b [N s/m], >= 0.
   double coulomb = 0.02;  ///< c [N], >= 0.
   double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: exact.
@@ -28,8 +28,8 @@ struct ArmParams {
 /// The hand that holds the arm: a spring and a damper to its target. The default is a relaxed grip.
 /// A firm grip has about 1,000 N/m and 15 N s/m; zeros mean a released arm.
 struct GripParams {
-  double stiffness = 300.0;  ///< [N/m], >= 0.
-  double damping = 5.0;      ///< [N s/m], >= 0.
+  double stiffness = 300.0;  ///< k_h [N/m], >= 0.
+  double damping = 5.0;      ///< b_h [N s/m], >= 0.
 };
 
 /// Target of the hand.
@@ -41,20 +41,21 @@ struct HandTarget {
   double seconds = 0.0;  ///< Duration [s], >= 0; the device ends after it.
 };
 
-/// Simulates m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, in ticks of
-/// 1/rate. Deterministic. The device ends with its target.
+/// Simulates m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, by 1/rate for
+/// each write. Deterministic. The device ends with its target.
 ///
 /// f is the written force: held for a tick, delayed by `delay` (whole and fractional ticks), and
 /// filtered with the time constant `lag`. The target and its velocity are held for a tick as well.
-/// The linear part is solved exactly for each piece of a tick in which f is constant. Coulomb
-/// friction is constant over a piece, and at most stops the arm. The probe is the arm's position
-/// rounded to the encoder's step.
+/// The linear part is solved exactly for each piece of a tick in which the delayed force is
+/// constant. Coulomb friction is constant over a piece, and at most stops the arm. The probe is the
+/// arm's position rounded to the encoder's step.
 class SimulatedDevice final : public Device {
  public:
   /// Throws DeviceError for parameters out of range.
   SimulatedDevice(const ArmParams& arm, const GripParams& grip, HandTarget target, double rate);
 
-  /// Returns the limits of a Phantom Desktop (7.9 N, 1000 N/m); mass, `hand` and tank of ArmParams.
+  /// Returns the limits of a Phantom Desktop (7.9 N, 1000 N/m), with mass, `hand`, `late` and tank
+  /// of ArmParams.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;
@@ -93,8 +94,9 @@ class SimulatedDevice final : public Device {
   Propagator late_;   ///< Step of the rest of the tick, in which the newer force acts.
 };
 
-/// Returns a scripted exploration of a box, from several sides in turn, about five seconds for each
-/// side. The hand moves around the box, touches it, slides in a circle, presses deep and leaves.
+/// Returns a scripted exploration of a box, from one or more sides in turn, about five seconds for
+/// each side. The hand moves around the box, touches it, slides in a circle, presses deep and
+/// leaves.
 [[nodiscard]] HandTarget explore(const Box& bounds, double seconds);
 
 /// Returns a target that follows a recorded path. The path has at least one point.

@@ -29,9 +29,10 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 /// its velocity over this many periods (LengthRate).
 [[nodiscard]] int rateSpan(double rate, double rate_time) noexcept;
 
-/// Returns the matrix that maps one sample of an axis to the next, with all delayed forces. The
-/// wall is R = stiffness x_k + damping (x_k - x_{k-n}) / (n T), with T = 1/rate and n =
-/// rateSpan(rate, rate_time); the axis stays in contact. Ignores encoder steps and Coulomb
+/// Returns the matrix that maps the state of an axis at one sample to the next. The state includes
+/// the earlier readings on which delayed forces depend. The wall is
+/// R = stiffness x_k + damping (x_k - x_{k-n}) / (n T), with T = 1/rate and
+/// n = rateSpan(rate, rate_time); the axis stays in contact. Ignores encoder steps and Coulomb
 /// friction.
 [[nodiscard]] Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
                                          double stiffness, double damping,
@@ -48,9 +49,9 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
                                      double damping = 0.0, double rate_time = kRateTime);
 
 /// Returns the stiffness up to which no hand can extract energy from the wall [N/m]; 0: at no
-/// stiffness. Exact without damping. Also exact for damping < 0 and for no delay, if the damper's
-/// velocity is taken over one period (Colgate and Schenkel). Otherwise a lower bound; amplifier lag
-/// counts as an equal delay. For encoder steps see quietStiffness.
+/// stiffness. Without amplifier lag, exact for no damping; also exact for damping < 0 and for no
+/// delay, if the damper's velocity is taken over one period (Colgate and Schenkel). Otherwise a
+/// lower bound; amplifier lag counts as an equal delay. For encoder steps see quietStiffness.
 [[nodiscard]] double passiveStiffness(const ArmParams& arm, double rate, double damping = 0.0);
 
 /// Returns the stiffness up to which Coulomb friction absorbs the encoder's steps [N/m]: 2 c / D,
@@ -69,8 +70,10 @@ struct CouplingRoom {
   double passive = 0.0;    ///< passiveStiffness [N/m]
   double stable = 0.0;     ///< stableStiffness of the arm in a hand [N/m]
   double amplitude = 0.0;  ///< holdingAmplitude at the coupling's stiffness [m]
-  double rate = 0.0;       ///< Rate, from the given one to 100 kHz, for passivity [Hz]; 0: none.
-  double viscous = 0.0;    ///< Viscous friction at which the coupling would be passive [N s/m].
+  /// First rate at which the coupling is passive, from the given rate to 100 kHz in steps of 1 %
+  /// [Hz]; 0: none.
+  double rate = 0.0;
+  double viscous = 0.0;  ///< Least viscous friction at which the coupling would be passive [N s/m].
 };
 /// Returns the margins. `stiffness` [N/m], > 0; `damping` [N s/m]; `rate` [Hz]. Takes as long as
 /// stableStiffness.

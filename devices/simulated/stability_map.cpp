@@ -17,7 +17,9 @@
 namespace palpate {
 namespace {
 
-constexpr double kFar = 0.02;       // [m]: a swing beyond this distance counts as running away
+// [m]: a larger swing counts as MapOutcome::kLeaves. Beyond 5 times this distance, the arm has run
+// away.
+constexpr double kFar = 0.02;
 constexpr double kMade = 1e-5;      // [J]: a cell is active if the hand gains more energy than this
 constexpr std::size_t kCoarse = 8;  // spacing of the cells that are computed first
 constexpr double kLastly = 0.75;    // share of the time after which the final behaviour is judged
@@ -123,7 +125,7 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
         -acted.dot(moved) + arm.viscous * moved.squaredNorm() / dt + arm.coulomb * moved.norm();
     least = std::min(least, energy);
     const auto share = static_cast<double>(i) / static_cast<double>(ticks);
-    // After half of the time, the effects of the first contact are over.
+    // Assumes that the effects of the first contact are over after half of the time.
     if (share > 0.5 && share <= kLastly) early.extend(device.position());
     if (share > kLastly) {
       lastly.extend(device.position());

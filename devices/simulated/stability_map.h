@@ -1,5 +1,5 @@
-/// Private to the program: draws maps of the couplings with which an arm rests, oscillates or
-/// diverges, for each method.
+/// Private to palpate's programs: draws maps of the couplings with which an arm rests, oscillates
+/// or diverges, for each method.
 #pragma once
 
 #include <cstdint>
@@ -51,19 +51,20 @@ using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
 /// before the limits of limitForce. The hand is at `start` [m] in the first tick.
 [[nodiscard]] MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start);
 
-/// Final behaviour, judged in the last quarter of the time, or as soon as the arm is more than 0.1
-/// m from MapContact::place.
+/// Final behaviour, judged in the last quarter of the time, or as soon as the arm has run away: it
+/// is then more than 0.1 m from MapContact::place.
 enum class MapOutcome : std::uint8_t {
-  kRests,  ///< The arm moves by at most 2.5 encoder steps, or its oscillation decays.
+  /// MapCell::swing is at most 2.5 encoder steps (of at least 0.1 um), or the oscillation decays.
+  kRests,
   /// The arm keeps oscillating by at most 0.02 m. The oscillation may still be growing.
   kCycles,
-  kLeaves,  ///< The arm diverges: it oscillates by more than 0.02 m, or leaves.
+  kLeaves,  ///< The arm diverges: it oscillates by more than 0.02 m, or has run away.
 };
 
 /// Result of tryCoupling for one stiffness and damping.
 struct MapCell {
   MapOutcome outcome = MapOutcome::kRests;  ///< Judged by `swing`.
-  bool active = false;                      ///< The hand gained over 1e-5 J at some time.
+  bool active = false;                      ///< At some time, the hand had gained more than 1e-5 J.
   /// Half the diagonal of the box that contains the positions of the last quarter [m]. If the arm
   /// ran away, its distance from MapContact::place.
   double swing = 0.0;
@@ -76,7 +77,7 @@ struct MapSetting {
   GripParams grip;       ///< Stiffness > 0, because the hand's spring applies `load`.
   double rate = 1000.0;  ///< Rate of the loop [Hz].
   double load = 1.0;     ///< Force with which the hand presses [N].
-  double kick = 2e-5;    ///< Offset from the contact at the start, on two axes [m].
+  double kick = 2e-5;    ///< Offset at the start along MapContact::outwards and across it [m].
   double seconds = 1.0;  ///< Duration of the test [s].
   double peak = 7.9;     ///< Largest force of the arm [N].
 };
@@ -98,7 +99,7 @@ struct StabilityMap {
 
 /// Computes coarse cells first, then finer cells where neighbours differ, on all cores.
 ///
-/// @param size  Cells per side: a multiple of 8, plus 1.
+/// @param size  Cells per side: a multiple of 8, plus 1. Stiffnesses in N/m, damping in N s/m.
 [[nodiscard]] StabilityMap drawMap(const MapSetting& setting, const MapContact& contact,
                                    const MapMethod& method, int size, double least_stiffness,
                                    double most_stiffness, double most_damping);
