@@ -25,7 +25,8 @@ struct Common {
   }
 };
 
-/// Samples the finite active voxels, except those with the value `common`.
+/// Samples the active voxels with finite values, except those with the value `common`, to within
+/// its noise.
 std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<Common> common) {
   const auto is_common = [common](float value) { return common && common->contains(value); };
   auto samples =
@@ -140,7 +141,7 @@ bool hasSpread(const ScalarAnalysis& scalar) {
 }
 
 /// Returns the standard deviation of noise, from the median of the second differences along the
-/// axes. In a smooth field they are small.
+/// axes. In a smooth field these differences are small.
 double noiseOf(const std::vector<ScalarSample>& samples) {
   constexpr double kMedian = 0.6745;  // median of |x| for a Gaussian of deviation 1
   std::vector<double> differences;

@@ -20,8 +20,8 @@ std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   return at;
 }
 
-/// Statistics of several scalars at the same voxels. The functions omit the scalar with the index
-/// `without`.
+/// Statistics of several scalars at the same voxels. ones() and alone() omit the scalar with the
+/// index `without`; an index beyond the last scalar omits none.
 class Sums {
  public:
   Sums(const std::vector<const SuggestInput*>& scalars, const std::vector<openvdb::Coord>& at) {
@@ -159,9 +159,9 @@ SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars) {
                                       : scalar->extent);
   }
   constexpr double kNearlyEverywhere = 0.98;  // fraction of the voxels
-  constexpr double kMost = 0.5;  // fraction of the voxels; below it, the materials are mixed
+  constexpr double kMost = 0.5;  // fraction of the voxels; up to it, the materials are mixed
   Sums sums(scalars, within);
-  // Of two scalars, both must belong to the sum.
+  // If there are only two scalars, both must belong to the sum.
   const std::size_t most = scalars.size() > 2 ? scalars.size() : 0;
   std::size_t without = scalars.size();
   sum.is_one = sums.ones(without) >= kNearlyEverywhere;

@@ -14,10 +14,11 @@ namespace palpate::guess {
 /// A boundary between two materials, or between a material and other values.
 struct Boundary {
   double value = 0.0;
-  /// Value where the mean gradient has risen by two thirds from `lower`. At a front, or if `lower`
-  /// is unknown: `value`.
+  /// First value above `lower` at which the mean gradient has risen by two thirds of the difference
+  /// between its value at `lower` and `slope`. At a front, or if `lower` is unknown: `value`.
   double foot = 0.0;
-  /// Values of the two materials. For an unknown material: the end of the range.
+  /// Values of the two materials, `lower` and `upper`. For an unknown material: the end of the
+  /// range.
   double lower = 0.0;
   double upper = 0.0;
   double slope = 0.0;  ///< Mean gradient magnitude over the boundary [values per unit of the file].
@@ -47,11 +48,14 @@ struct ScalarAnalysis {
   bool has_object = false;  ///< True if the analysis of all voxels found a boundary.
   /// Evenness of the distribution: 0 if all values are equal, 1 if all are equally frequent.
   double entropy = 0.0;
-  double whole = 0.0;  ///< Fraction of whole numbers; 0 if the range is below 1.
+  /// Fraction of whole numbers of at most 2^24 in magnitude; 0 if the range is below 1.
+  double whole = 0.0;
   /// Fraction of neighbours with equal values. Ignores pairs with the most frequent value.
   double alike = 0.0;
-  double skips = 0.0;  ///< Fraction of unequal neighbours with another value in between.
-  /// All different values; empty if there are more than kMostDistinct.
+  /// Fraction of unequal neighbours with a value of `distinct` between their two values.
+  double skips = 0.0;
+  /// All different values of the samples and of the surroundings that they touch; empty if the
+  /// samples have more than kMostDistinct.
   std::vector<float> distinct;
   std::optional<double> no_data;  ///< Value that marks missing data; the analysis ignores it.
   Distance distance = Distance::kNone;
@@ -81,7 +85,9 @@ constexpr std::size_t kMostDistinct = 1024;
 
 struct VectorAnalysis {
   bool constant = true;
-  std::vector<float> speed;  ///< Magnitudes of the flow's vectors, ascending.
+  /// Magnitudes of the flow's vectors, ascending. A vector belongs to the flow if it is longer than
+  /// 1 % of the 99.8th percentile of all lengths.
+  std::vector<float> speed;
   /// Magnitudes of the curl at the flow's vectors, where all neighbours are known; ascending.
   std::vector<float> curl;
   /// |O|^2 / |J|^2 with the Jacobian J and its antisymmetric part O: 0.5 in shear, 1 in a rotation.
@@ -95,6 +101,7 @@ struct VectorAnalysis {
 
 /// Analyse about kSuggestSamples active voxels (suggest.h). If nearly all voxels of a scalar have
 /// one value, or differ from it only by noise, analyseScalar() treats this value as the background.
+/// It then analyses the other voxels, if these are enough and vary.
 [[nodiscard]] ScalarAnalysis analyseScalar(const SuggestInput& input);
 [[nodiscard]] VectorAnalysis analyseVector(const SuggestInput& input);
 
@@ -114,7 +121,7 @@ struct SumAnalysis {
   bool is_one = false;
   /// Index of the scalar that does not belong to the sum; no value: all belong to it.
   std::optional<std::size_t> other;
-  /// True if most voxels contain at most one material; false if materials are mixed.
+  /// True if `is_at_most_one`, and most voxels contain at most one material; else false.
   bool apart = false;
   /// Mean of each scalar on the faces of the box around all scalars.
   std::vector<double> at_faces;

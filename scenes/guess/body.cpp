@@ -106,7 +106,8 @@ openvdb::MaskTree dilated(const std::vector<Run>& runs, int voxels, const Keep& 
 }  // namespace
 
 std::optional<LargestBody> findLargestBody(const SuggestInput& image) {
-  // Other bodies are noise if they have less than this fraction of the largest body's voxels.
+  // If the other bodies together have at most this fraction of the largest body's voxels, they are
+  // noise.
   constexpr double kNoise = 1e-4;
   constexpr int kReach = 2;  // [voxels]: a proxy on the surface reads the cell around it
   if (!image.isScalar() || !image.grid->isType<openvdb::FloatGrid>()) return std::nullopt;

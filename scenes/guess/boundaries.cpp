@@ -122,7 +122,8 @@ std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::ve
   // may have been smoothed. A mesh's voxels are by default smaller than its cells.
   constexpr double kThickestOfImage = 15.0;
   constexpr double kThickestOfMesh = 6.0;
-  // Least fraction of a mesh's voxels on either side. A smaller region is a margin of the field.
+  // Least fraction of a mesh's voxels on either side. A smaller region is only the margin of a
+  // smooth field.
   constexpr double kLeastOfMesh = 0.01;
 
   Boundary b;

@@ -18,7 +18,7 @@ enum class Kind : std::uint8_t {
   kLevelSet,
   kHounsfield,
   kMagnetic,  ///< An image of magnetic resonance.
-  kSegments,  ///< Labels that the metadata states.
+  kSegments,  ///< Labels that the metadata state.
   kLabels,    ///< Values that resemble labels.
   kDistance,
   kScalar,  ///< A scalar of no other kind.

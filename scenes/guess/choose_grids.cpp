@@ -325,9 +325,10 @@ void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std:
                  "");
 }
 
-/// Returns true if a scalar is redundant beside the flow. The flow's modes show no surface, so a
-/// scalar with boundaries must be a multiple of the flow: across a shock, every quantity is a
-/// linear function of the velocity.
+/// Returns true if a scalar is redundant beside the flow: nearly a linear function of a component
+/// of the flow or of its magnitude. The flow's modes show no surface. So a scalar with boundaries
+/// is redundant only if this function has no offset: across a shock, every quantity is a linear
+/// function of the velocity.
 bool isShownBy(const Candidate& flow, const Candidate& scalar) {
   const Likeness likeness =
       scalar.scalar.boundaries.empty() ? Likeness::kLinear : Likeness::kMultiple;
@@ -358,8 +359,8 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
       chosen.push_back(c);
     }
   }
-  // The first scalar may use up to kMostModes of the free modes; if a second one follows, it must
-  // leave one mode.
+  // The first scalar may use up to kMostModes of the free modes. If a second scalar follows, the
+  // first one leaves at least one mode.
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const bool more = i + 1 < chosen.size();
     draft.addVolume(*chosen[i]);
@@ -370,7 +371,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
   }
 }
 
-/// Adds the first uniform vector, which the hand can follow.
+/// Adds the first uniform vector that is not zero; the hand can follow it.
 void addUniform(const std::vector<const Candidate*>& uniform, Draft& draft) {
   for (const Candidate* c : uniform) {
     if (c->vector.speed.empty()) continue;

@@ -35,8 +35,8 @@ std::optional<std::string> stemOf(const std::string& name, std::size_t at, bool 
   return stem;
 }
 
-/// Returns true if the letter at `at` is one of two that name a component of a tensor, as in T_xy:
-/// then `names` contains a name such as T_yy or T_zy.
+/// Returns true if the letter at `at` is one of two that name a component of a tensor, as in T_xx:
+/// then `names` contains a name with another letter beside it, such as T_xy, T_yy or T_zz.
 bool isOfTensor(const std::vector<std::string>& names, const std::string& name, std::size_t at) {
   for (const std::size_t beside : {at - 1, at + 1}) {
     if (beside >= name.size()) continue;

@@ -29,7 +29,7 @@ struct Plateaus {
   float high = std::numeric_limits<float>::lowest();
   bool cut_low = false;  ///< True if the values are cut off at the lowest value.
   bool cut_high = false;
-  bool from_background = false;  ///< True if addBackground() has set one of the ends.
+  bool from_background = false;  ///< True if addBackground() has set `low` or `high`.
 
   [[nodiscard]] bool contains(float value) const {
     return std::binary_search(values.begin(), values.end(), value);
@@ -47,7 +47,8 @@ struct Plateaus {
     const bool divided = limit == 1.0 && ((cut_low && low == -1.0F) || (cut_high && high == 1.0F));
     return symmetric || divided ? limit : 0.0;
   }
-  /// Makes the background a plateau if the values of the active voxels come within `step` of it.
+  /// If the background is beyond the values of the active voxels, by at most `step`, it becomes an
+  /// end at which the values are cut off.
   void addBackground(double background, double step) {
     if (background - high > step || low - background > step) return;
     const auto value = static_cast<float>(background);

@@ -34,8 +34,8 @@ class Draft {
   [[nodiscard]] std::size_t levelSets() const { return level_sets_; }
   [[nodiscard]] bool hasModes() const { return !modes_.empty(); }
 
-  /// Adds a note that a candidate is left out. If `why` is empty, the reason is that other grids
-  /// have priority.
+  /// Adds a note that a candidate is left out, and marks the candidate as used. If `why` is empty,
+  /// the reason is that other grids have priority.
   void leaveOut(const Candidate& candidate, const std::string& why = "");
   void leaveOut(const std::string& name, const std::string& why, const std::string& remedy);
   /// Removes the note about a candidate that is used after all.

@@ -73,7 +73,7 @@ LineSample lineAt(const Reader& reader, const SuggestInput& input, const openvdb
 /// Returns true if the values on the line change by a large part of the range, nearly all of this
 /// change within a few voxels.
 bool crossesFront(const LineSample& sample, double range) {
-  constexpr double kLarge = 0.08;  // of the range
+  constexpr double kLarge = 0.08;  // fraction of the range
   // A simulation spreads a shock over three cells of up to two voxels each. A linear field would
   // have the thickness of the whole line, 12.
   constexpr double kThickest = 6.0;  // [voxels]

@@ -10,7 +10,8 @@
 
 namespace palpate {
 
-/// Kind of the volumes, as the user states it with --for. It overrides the analysis of the values.
+/// Kind of the volumes, as the user states it with --for. It has priority over most rules that use
+/// the metadata or the values (kind_rules.cpp).
 enum class GuessFor : std::uint8_t { kAnything, kCt, kMri, kCfd, kFibres, kLabels };
 
 /// A guessed scene and the reasons for it.
@@ -33,15 +34,15 @@ struct GuessVolume {
 
 /// Names that the scene uses.
 struct GuessNames {
-  std::string file;  ///< Path of the .vdb in the scene.
+  std::string file;  ///< Path of the .vdb or of the bricks in the scene.
   /// Prefix for the names of volumes, fields and modes, such as "a."; empty for a single file.
   std::string prefix;
   std::string like;  ///< Volume of another file, whose place all volumes get; "": no such volume.
 };
 
-/// Returns a first scene for the grids of a file, from a sample of their voxels. The result does
-/// not depend on the number of threads. Throws VolumeError if no grid is usable, as when all are
-/// constant.
+/// Returns a first scene for the grids of a file, from their metadata and a sample of their voxels.
+/// The result does not depend on the number of threads. Throws VolumeError if no grid is usable,
+/// for example if all are constant scalars.
 [[nodiscard]] Guess guessScene(const GuessNames& names, const std::vector<GuessVolume>& volumes,
                                GuessFor what = GuessFor::kAnything);
 

@@ -26,7 +26,8 @@ struct KindRule {
   const char* why;  ///< Reason for the kind; explain() replaces the names in braces.
 };
 
-/// Least fraction of whole numbers in values that count as whole.
+/// If more than this fraction of the values are whole numbers, the grid counts as a grid of whole
+/// numbers.
 constexpr double kNearlyWhole = 0.95;
 
 bool always(const Evidence&) {
@@ -182,17 +183,17 @@ constexpr std::array kScalarRules{
     KindRule{isSegmentation, Kind::kSegments,
              "{values}: {segments} labels, according to the file's metadata"},
     KindRule{isConstantScalar, Kind::kConstant, "nearly all values are equal"},
-    // First, rules for the user's --for.
+    // Rules for the user's --for.
     KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, set by --for cfd"},
     KindRule{isStated<GuessFor::kMri>, Kind::kMagnetic, "{values}: an MR image, set by --for mri"},
     KindRule{isLabelsStated, Kind::kLabels, "{values}: {labels} labels, set by --for labels"},
     KindRule{isHounsfieldStated, Kind::kHounsfield, "{values}: Hounsfield units, set by --for ct"},
-    // Then, rules for the file's metadata.
+    // Rules for the file's metadata.
     KindRule{isHounsfieldByMetadata, Kind::kHounsfield,
              "{values}: Hounsfield units, according to the file's metadata"},
     KindRule{isMrByMetadata, Kind::kMagnetic,
              "{values}: an MR image, according to the file's metadata"},
-    // Last, rules for the values.
+    // Rules for the values.
     KindRule{isHounsfieldByValues, Kind::kHounsfield,
              "{values}: air near -1000 and tissue at 0 to 100: Hounsfield units (if this is wrong, "
              "use --for cfd)"},
@@ -203,7 +204,8 @@ constexpr std::array kScalarRules{
              "{values}: they change evenly up to a limit: the distance to a surface, truncated"},
     KindRule{isLabelsByValues, Kind::kLabels,
              "{values}: {labels} values in constant regions, any two of which can touch: labels"},
-    KindRule{isRawCt, Kind::kScalar, "{values}: CT without air at -1000: raw values of a scanner"},
+    KindRule{isRawCt, Kind::kScalar,
+             "{values}: CT without values of air, below -20: raw values of a scanner"},
     KindRule{hasNoBoundary, Kind::kScalar, "{values}: no boundary was found"},
     KindRule{hasFront, Kind::kScalar, "{values}: a sharp front"},
     KindRule{hasOneBoundary, Kind::kScalar, "{values}: a boundary between materials"},
@@ -219,8 +221,8 @@ std::string rangeOf(const Candidate& c) {
       scalar.no_data ? fmt::format(", {} marks missing data", shown(*scalar.no_data)) : "";
   const std::string common =
       scalar.common ? fmt::format(", {} in nearly all voxels", shown(*scalar.common)) : "";
-  return fmt::format("{} from {} to {}{} (99.6 % of them){}{}", whole ? "whole numbers" : "values", end(scalar.low),
-                     end(scalar.high), c.unit(), no_data, common);
+  return fmt::format("{} from {} to {}{} (99.6 % of them){}{}", whole ? "whole numbers" : "values",
+                     end(scalar.low), end(scalar.high), c.unit(), no_data, common);
 }
 
 std::string explain(const char* why, const Candidate& c) {
@@ -233,7 +235,7 @@ std::string explain(const char* why, const Candidate& c) {
       fmt::arg("fastest", speed.empty() ? 0.0 : shown(speed.back())));
 }
 
-/// Applies the first rule whose conditions hold. Returns false if none does.
+/// Applies the first rule whose condition holds. Returns false if there is no such rule.
 bool decide(std::span<const KindRule> rules, GuessFor stated, Candidate& c) {
   const Evidence evidence{*c.input, c.scalar, c.vector, c.segments, stated};
   for (const KindRule& rule : rules) {

@@ -14,9 +14,9 @@
 namespace palpate::guess {
 namespace {
 
-/// Strength of a surface that encloses no other surface [N].
+/// Strength of a firm surface, such as that of a level set or of a material [N].
 constexpr double kFirm = 3.0;
-/// Strength of an outer surface [N]. A firm push reaches the surface inside it.
+/// Strength of a surface that a firm push passes, such as the skin [N].
 constexpr double kYielding = 1.5;
 /// Strength of bone, and of the innermost of three surfaces [N].
 constexpr double kInnermost = 3.5;
@@ -25,7 +25,7 @@ constexpr double kInnermost = 3.5;
 
 constexpr double kFewVoxels = 1e-4;
 
-/// Returns true if more than 1 of 10,000 voxels is denser than lung.
+/// Returns true if more than 1 of 10,000 voxels is above -200 HU, as fat, muscle and bone are.
 bool hasFlesh(const ScalarAnalysis& scalar) {
   return scalar.shareAbove(-200.0) > kFewVoxels;
 }
@@ -38,7 +38,8 @@ void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
       "The surface between air (-1000 HU) and skin (about 0 HU). It yields to a firm push."));
 }
 
-/// Adds the surface of bone: at a boundary near the lowest value of bone, otherwise at this value.
+/// If more than 1 of 10,000 voxels is above 400 HU, adds the surface of bone: at the lowest
+/// boundary from 150 to 500 HU, otherwise at 300 HU.
 void addHounsfieldBone(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kBone = 300.0;
   constexpr double kWithin = 100.0;  // some voxels must exceed kBone by this value
@@ -156,7 +157,7 @@ void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
                              "The highest label alone: no other label is above it."));
 }
 
-/// Adds the surface of each label of a segmentation. A firm push passes from one to the next.
+/// Adds the surface of each label of a segmentation. If there are several, a firm push passes them.
 void addSegments(const Candidate& c, std::vector<Json>& modes) {
   for (const Label& label : c.segments) {
     const bool by_name = !label.name.empty();
@@ -172,7 +173,7 @@ void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
   const bool above = c.scalar.positive_inside;
   modes.push_back(isosurface(c.name, c.name, 0.0, above, kFirm,
                              above ? "The surface at distance 0, solid where the values are above "
-                                     "0, because the values on the volume's faces are below 0."
+                                     "0, because most values on the volume's faces are below 0."
                                    : "The surface at distance 0, solid where the values are below "
                                      "0."));
 }
@@ -210,8 +211,8 @@ std::string reasonOf(const Boundary& b, const Candidate& c) {
   const auto value = [&](double v) { return fmt::format("{}{}", c.scalar.round(v), c.unit()); };
   if (b.front) {
     return fmt::format(
-        "A front, such as a shock: values jump within a few voxels wherever they pass {}, which is "
-        "the value at the steepest places. A first guess.",
+        "A front, such as a shock: nearly everywhere, values jump within a few voxels where they "
+        "pass {}, which is the value at the steepest places. A first guess.",
         value(b.value));
   }
   if (b.lower_known && b.upper_known) {
@@ -233,8 +234,9 @@ std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most)
   return found;
 }
 
-/// Adds a drag that grows from the outermost to the innermost boundary of `side`, on one side of
-/// the surroundings. With one boundary, the drag grows up to the value of the enclosed material.
+/// Adds a drag that grows from the outermost to the innermost boundary of `side`. These boundaries
+/// have values above that of the surroundings if `above` is true, otherwise below. With one
+/// boundary, the drag grows up to the value of the enclosed material.
 void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool above,
                    std::vector<Json>& modes) {
   constexpr double kMost = 0.2;  // [N]: weaker than every surface
@@ -284,7 +286,7 @@ std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
 Json dragByValue(const Candidate& c) {
   const double low = c.scalar.round(percentile(c.scalar.values, 5.0));
   const double high = c.scalar.round(percentile(c.scalar.values, 95.0));
-  // Without surfaces, this drag is the only mode, and therefore stronger than that of
+  // Without surfaces, this drag is the only mode of the scalar. So it is stronger than the drag of
   // addDragWithin.
   return drag(c.name + " drag", c.name, {{low, 0}, {high, 0.4}},
               fmt::format("A drag that grows with the value, from its 5th to its 95th "
@@ -292,9 +294,10 @@ Json dragByValue(const Candidate& c) {
                           low, high, c.unit()));
 }
 
-/// Returns a curve of the speed: 0 at the 10th percentile, 1 N at the median, 2 N at the 95th.
+/// Returns a curve of the speed: 0 N at the 10th percentile, 1 N at the median, 2 N at the 95th
+/// percentile. If all speeds are about equal: 0 N at half the median, 1.5 N at 0.9 of it.
 Json strengthBySpeed(const VectorAnalysis& flow) {
-  // if the fast speed is below this multiple of the slow one, all speeds count as equal
+  // if the 95th percentile is below this multiple of the 10th, all speeds count as equal
   constexpr double kOneSpeed = 1.05;
   const double slow = percentile(flow.speed, 10.0);
   const double middle = percentile(flow.speed, 50.0);

@@ -31,7 +31,7 @@ inline constexpr double kSkinHounsfield = -300.0;
 
 [[nodiscard]] Json followUniform(const Candidate& vector);
 
-/// Returns true if a flow has enough curl for vortexDrag().
+/// Returns true if a flow has enough curl for vortexTube() or vortexDrag().
 [[nodiscard]] bool hasVortices(const VectorAnalysis& flow);
 /// Returns true if the flow turns like a rigid body where its curl is highest; shear layers do not.
 [[nodiscard]] bool hasVortexCores(const VectorAnalysis& flow);

@@ -113,9 +113,9 @@ std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
 struct KeepAll {};
 
 /// Returns make(reader, coord) for every n-th active voxel with keep(value), leaves before tiles. n
-/// limits the results to about `most`. In each leaf and tile, a hash of its origin selects the
-/// first voxel, so that the results do not depend on threads. `keep` requires another pass over all
-/// active voxels.
+/// is the smallest number for which there are about `most` results or fewer. In each leaf and tile,
+/// a hash of its origin selects the first voxel, so that the results do not depend on threads.
+/// `keep` requires another pass over all active voxels.
 template <class Out, class ReaderT, class GridT, class Make, class Keep = KeepAll>
 std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make,
                         const Keep& keep = {}) {
@@ -191,7 +191,8 @@ struct Neighbours {
 };
 
 /// Returns the values of the two neighbours of a voxel along an axis. In an image
-/// (SuggestInput::inactive_is_data), inactive neighbours within the extent are data.
+/// (SuggestInput::inactive_is_data), inactive neighbours within the extent are data; if the extent
+/// is unknown, all inactive neighbours are.
 template <class Accessor>
 auto neighboursOf(const Accessor& accessor, const openvdb::Coord& c, int axis,
                   const SuggestInput& input) {

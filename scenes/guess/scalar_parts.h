@@ -12,24 +12,28 @@ namespace palpate::guess {
 
 struct ScalarSample {
   float value = 0.0F;
-  /// Values of the lower neighbour on each axis; 0 if unknown.
+  /// Values of the neighbours with the lower index on each axis; 0 if unknown.
   std::array<float, 3> before{};
-  std::array<float, 3> after{};
-  std::array<bool, 3> known{};
-  bool at_edge = false;  ///< True if a neighbour is in an image's surroundings.
+  std::array<float, 3> after{};  ///< The same for the higher index.
+  std::array<bool, 3> known{};   ///< True for an axis on which both neighbours are known.
+  /// True if a neighbour is in the surroundings: inactive in an image, or with the common value.
+  bool at_edge = false;
 };
 
 /// Number of levels, evenly spaced from ScalarAnalysis::low to ScalarAnalysis::high.
 constexpr std::size_t kBins = 256;
 using Bins = std::array<double, kBins>;
 
-/// Integrals over the isosurface of each level: of 1, and of the gradient magnitude. If a level is
-/// between a voxel's neighbours on an axis, the voxel adds the area volume / edge, projected along
-/// the axis, times |gradient| / |gradient's component along the axis|.
+/// Integrals over the isosurface of each level, up to a common factor: of 1, and of the gradient
+/// magnitude. If a level is between a voxel's neighbours on axis a, the voxel adds the area
+/// volume / edge_a * |g_a| / |g|, where g is the gradient. The sum over the axes is proportional to
+/// the area of the isosurface in the voxel.
 struct LevelIntegrals {
   Bins area{};
   Bins gradient{};
-  Bins count{};  ///< Number of voxels with a value in the bin.
+  /// Number of voxels with a value in the bin. In the bin of the surroundings, also the voxels
+  /// beside them.
+  Bins count{};
 };
 
 /// Computes the integrals for the levels of `scalar`, whose range must be above 0. `edges` are a

@@ -19,7 +19,7 @@ std::string inlined(const Json& json) {
 }
 
 std::string indented(const Json& json, std::size_t depth) {
-  constexpr std::size_t kShort = 90;  // [characters]: shorter items are on one line
+  constexpr std::size_t kShort = 90;  // [characters]: shorter inner items are on one line
   std::string line = inlined(json);
   if (!json.is_structured() || json.empty() || (depth > 1 && line.size() < kShort)) return line;
   const std::string margin(2 * depth, ' ');

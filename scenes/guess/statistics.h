@@ -9,7 +9,8 @@ namespace palpate::guess {
 [[nodiscard]] double percentile(const std::vector<float>& sorted, double percent);
 
 /// Rounds to a thousandth of the largest power of ten that is at most `range`, which keeps four
-/// digits of the range. The result is finite.
+/// digits of the range. If `range` is not above 0, returns the value unchanged. Returns 0 for a
+/// value that is not finite.
 [[nodiscard]] double rounded(double value, double range);
 
 /// Returns the evenness of ascending values: 0 if all are equal, 1 if all from the 1st to the 99th

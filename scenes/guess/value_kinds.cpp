@@ -30,7 +30,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   scalar.whole =
       scalar.range() >= 1.0 ? share(whole, static_cast<double>(scalar.values.size())) : 0.0;
   if (distinct.size() > kMostDistinct) return;
-  // Ignores pairs with the most frequent value, which surrounds the others.
+  // `alike` ignores pairs with the most frequent value, which surrounds the others.
   float common = scalar.values.front();
   std::ptrdiff_t most = 0;
   for (const float value : distinct) {

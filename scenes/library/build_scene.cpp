@@ -37,7 +37,8 @@ void checkSize(const SceneSpec& spec, const std::string& path, double value, dou
                    "give a number within the limit");
 }
 
-/// Checks all numbers except the places of volumes, which Placer checks.
+/// Checks the sizes of the numbers of the coupling, the modes and the keyframes. Placer checks the
+/// places of volumes.
 void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
   checkSize(spec, "/coupling/stiffness", stiffestCoupling(spec).stiffness, kLargestProperty,
             " N/m");
@@ -63,7 +64,7 @@ void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
   }
 }
 
-/// Rejects modes that need a gradient of a volume with nearest-neighbour interpolation.
+/// Rejects surfaces and isosurfaces of volumes with nearest-neighbour interpolation.
 void checkGradients(const SceneSpec& spec) {
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
@@ -89,7 +90,7 @@ const GridInfo& infoOf(const BuiltScene& built, const std::string& name) {
                                        : built.volumes.at(name)->info();
 }
 
-/// Opens a volume in bricks. Rejects options that would change the grid while it is loaded.
+/// Opens a volume in bricks. Rejects options that volumes in bricks do not support.
 void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& built,
                 SceneCache& cache) {
   const VolumeSpec& volume = spec.volumes.at(name);
@@ -318,7 +319,7 @@ void noteEmptySurfaces(const SceneSpec& spec, BuiltScene& built) {
       built.notes.push_back(pathIn(
           spec, fmt::format(
                     "/modes/{}/smooth: a Gaussian of {:g} voxels removes the whole label, which is "
-                    "thin: give a smaller \"smooth\"",
+                    "small or thin: give a smaller \"smooth\"",
                     i, of->second.mask->smooth)));
       continue;
     }

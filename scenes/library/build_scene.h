@@ -25,7 +25,9 @@ namespace palpate {
 
 class SceneCache;
 
-/// Receives the progress of loading, 0 to 1. Any thread may call it, but only one at a time.
+/// Receives the progress of a function, 0 to 1. buildScene() reports this range twice if the scene
+/// has parts: for loading the volumes, and for building the parts. Any thread may call it, but only
+/// one at a time.
 using Progress = std::function<void(double done)>;
 
 /// Deformation of a placed volume (key "warp" of a scene file). The deformed volume has, at x and
@@ -34,8 +36,9 @@ struct WarpSpec {
   /// Name of the volume that contains u: one vector grid per frame, in its file's unit of length.
   /// Modes and fields cannot read this volume.
   std::string field;
-  std::vector<double> times;  ///< Times of the frames [s]; ignored if there is one frame.
-  /// If true, the deformation repeats; the last frame must then equal the first one.
+  std::vector<double> times;  ///< Times of the frames, ascending [s]; empty: one frame.
+  /// If true, the deformation repeats. There must then be two or more frames, and the last frame
+  /// must equal the first one.
   bool repeat = false;
   WarpPtr warp;  ///< If set, the members above are ignored.
 };
@@ -44,7 +47,7 @@ struct WarpSpec {
 struct PlaceSpec {
   /// Selects how the members below determine the place of the volume.
   enum class Kind : std::uint8_t {
-    kFit,   ///< The longest side of the active bounds becomes `size` [m].
+    kFit,   ///< The longest side of the box around the active voxels becomes `size` [m].
     kUnit,  ///< True size: `size` is metres per unit of the file.
     kMap,   ///< p_W = translate + R scale p_file, with R from `rotation_wxyz`.
     /// Same transform and motion as the volume `like`, so that both stay aligned.
@@ -98,12 +101,15 @@ struct MaskSpec {
   bool operator==(const MaskSpec&) const = default;
 };
 
-/// A volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the caller.
+/// A volume: a grid of a file, a sequence, a volume in bricks or in memory, a mask, or a field of
+/// the caller.
 struct VolumeSpec {
   /// A .vdb file, the folder or address of bricks, or a pattern for numbered files. Ignored if
   /// `volume` or `field` is set.
   std::filesystem::path file;
-  std::string grid;  ///< Name of the grid; empty: the only grid of the file.
+  /// Name of the grid; empty: the only grid of the file. For a sequence in one file: the frames are
+  /// the grids of this name; empty: all grids.
+  std::string grid;
   /// Treatment of values that are not finite; see LoadOptions.
   NonFinite non_finite = NonFinite::kRefuse;
   SmoothWidth smooth;  ///< Width of a Gaussian that smooths the grid; see LoadOptions.
@@ -111,13 +117,13 @@ struct VolumeSpec {
   /// If not empty, replaces `place` by several places, none with kLike, keyframes or a warp.
   /// Volumes that are placed like this volume (kLike) get the same instances.
   std::vector<PlaceSpec> instances;
-  Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
+  Sampling sampling;  ///< Interpolation between voxels; SceneSpec::slope_reach applies.
   std::optional<FramesSpec> frames;  ///< If set, the volume is a sequence.
   std::optional<double> budget_mb;   ///< For bricks: memory [MiB]; unset: 256.
   /// If set, the volume is a mask of another volume, and has no file. Ignored if `volume` is set.
   std::optional<MaskSpec> mask;
   std::shared_ptr<const Volume> volume;  ///< Volume in memory; if set, no file is read.
-  /// Field of the caller; if set, only the keyframes and the warp apply.
+  /// Field of the caller; if set, only the keyframes, their `repeat` and the warp apply.
   FieldPtr field;
 };
 
@@ -181,7 +187,7 @@ struct BuiltScene {
   std::map<std::string, MotionPtr> motions;  ///< Motions of the moving volumes.
   /// Computed fields by name; `volumes` contains their volumes.
   std::map<std::string, ComputedField> computed;
-  std::vector<PartGroup> parts;  ///< All groups of parts, ordered by their modes.
+  std::vector<PartGroup> parts;  ///< All groups of parts, ordered by their first modes.
   /// Box around all fields, at all times of their motions and at all instances, in W [m].
   Box bounds;
   std::vector<std::string> notes;  ///< Notes for the user about values and settings, one line each.
@@ -194,13 +200,14 @@ struct BuiltScene {
 /// VolumeError. A running scene is not affected. Slow.
 ///
 /// @param cache  If not null, volumes in the cache are not loaded again. If the new scene has the
-///               same fields as the previous one, hands keep their contacts (Scene::shape).
+///               same fields and kinds of modes as the previous one, and no motions, the force
+///               stays on when the new scene replaces it (Scene::shape).
 [[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr,
                                     SceneCache* cache = nullptr);
 
-/// Returns `spec` with the coarsest level of each volume in bricks and the first frame of each
-/// sequence, at their places in `built`, the scene built from `spec`. A search for contacts in the
-/// result loads no bricks and no frames.
+/// Returns `spec` with the coarsest level of each volume in bricks, and with the first frame with
+/// data of each sequence. They are at their places in `built`, the scene built from `spec`. A
+/// search for contacts in the result loads no bricks and no frames.
 [[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
 
 /// Lowers the stiffness to the limit of a device, unless the user has set the stiffness. Returns a

@@ -71,7 +71,8 @@ class FieldComputer {
     return names;
   }
 
-  /// Returns null if the name is unknown, or if the derivation does not apply to the volume.
+  /// Returns null if the name is unknown, if the fields form a circle, or if the derivation does
+  /// not apply to the volume.
   const Made* make(const std::string& name) {
     const auto known = made_.find(name);
     if (known != made_.end()) return known->second.volume != nullptr ? &known->second : nullptr;

@@ -9,7 +9,8 @@
 
 namespace palpate {
 
-/// Returns true for a pattern that stands for several files: it has %d or %0Nd for a number.
+/// Returns true for a pattern that stands for several files: its name has %d or %0Nd (N: one digit)
+/// in the place of a number, and no other %.
 [[nodiscard]] bool isPattern(const std::filesystem::path& file);
 
 /// Returns the load requests for the frames of a volume, in order. For a pattern, these are the

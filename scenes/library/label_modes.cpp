@@ -29,7 +29,7 @@ std::string volumeNameOf(const MaskSpec& mask) {
   return mask.smooth == kMaskSigma ? name : fmt::format("{} (smooth {:g})", name, mask.smooth);
 }
 
-/// Path and name of the first mode that reads a mask; the mask's own path without such a mode.
+/// Path and name of the first mode that reads a mask. If no mode reads it: those of the mask.
 struct MaskReader {
   std::string path;
   std::string name;

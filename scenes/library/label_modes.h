@@ -1,4 +1,5 @@
-/// Private to scenes: modes of one label of a volume. Each gets a mask as its own volume.
+/// Private to scenes: modes of labels of a volume. The mode reads a mask of its labels; the mask is
+/// a volume of the scene.
 #pragma once
 
 #include <cstddef>
@@ -15,11 +16,12 @@ namespace palpate {
 
 /// Adds the mask that mode number `number` reads, as a volume such as "labels:liver", and lets the
 /// mode read it. Modes with equal masks share the volume. Throws SceneError if `mask.of` is not a
-/// volume of the scene, or if another volume has the mask's name.
+/// volume of the scene, or if another volume or a field has the mask's name.
 void addMask(SceneSpec& spec, std::size_t number, MaskSpec mask);
 
-/// Computes the masks of the loaded volumes. Throws SceneError for unknown labels, and for masks of
-/// volumes that are sequences, in bricks, smoothed, or fields of the caller.
+/// Computes the masks of the loaded volumes. Throws SceneError if makeLabelMask rejects the labels,
+/// and for masks of volumes that are sequences, in bricks, smoothed, displacements, or fields of
+/// the caller.
 void computeMasks(const SceneSpec& spec, BuiltScene& built, SceneCache& cache);
 
 /// Returns true if the volume is a mask that computeMasks() makes.

@@ -1,4 +1,4 @@
-/// Private to scenes: the units of length that scene files know.
+/// Private to scenes: the units of length in scene files.
 #pragma once
 
 #include <array>

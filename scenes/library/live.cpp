@@ -17,7 +17,7 @@
 namespace palpate {
 namespace {
 
-// [Hz]: rate of ticks with primitives; above a window's frame rate
+// [Hz]: approximate rate at which ticks with primitives are published
 constexpr double kWholeRate = 100.0;
 const char* const kSubject = "window";
 

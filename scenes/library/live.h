@@ -83,8 +83,8 @@ struct LivePrimitive {
   std::uint16_t mode = 0;
 };
 
-/// A tick with its primitives. Published about 100 times a second, and when the fault changes; in
-/// each tick at rates below 100 Hz.
+/// A tick with its primitives. Published about 100 times a second (in each tick at rates below
+/// 150 Hz), and when the fault changes.
 struct LiveTick {
   std::int64_t tick = 0;                       ///< Telemetry::tick, the number of the tick.
   std::uint64_t scene = 0;                     ///< Scene::id.
@@ -115,12 +115,13 @@ struct LiveRow {
 /// Largest gain that the user can set in a window.
 inline constexpr float kMostDial = 8.0F;
 
-/// The gain of one mode. A mode keeps its number (`mode`) if an edit of the scene keeps its name
-/// or, without a name, its kind and what it reads. Other modes get new numbers, so that a late
-/// request cannot change their gains.
+/// The gain of one mode. A mode keeps its number (`mode`) if an edit of the scene keeps the mode's
+/// name. A mode without a name keeps its number if the edit keeps the kind and the volume. Other
+/// modes get new numbers, so that a late request cannot change their gains.
 struct LiveDial {
   std::uint32_t mode = 0;  ///< Number that identifies the mode.
-  /// Gain: factor of the mode's strength and viscosity, 0 to kMostDial; 0: off.
+  /// Gain: factor of the mode's strength and viscosity, 0 to kMostDial; 0: off. Not for
+  /// user-defined modes.
   float factor = 1.0F;
 };
 
@@ -139,7 +140,7 @@ struct LiveScene {
   std::array<Mode, kLiveModes> modes{};  ///< Modes outside parts, then those of the groups.
 };
 
-/// Requests of the window's user. The window makes a request by increasing its count.
+/// Requests of the window's user. To make a request, the window increases the request's count.
 struct LiveWishes {
   std::uint64_t cuts = 0;        ///< Number of requests to cut the force.
   std::uint64_t clears = 0;      ///< Number of requests to restore the force.

@@ -13,7 +13,8 @@
 
 namespace palpate {
 
-/// Description of a volume that writeMade() can make.
+/// Description of a volume that writeMade() can make. The edges are those of the first grid's
+/// voxels; other grids may have other edges.
 struct MadeVolume {
   std::string name;          ///< Name of the volume, for writeMade().
   std::string what;          ///< Short description.
@@ -33,13 +34,13 @@ struct MadeGrid {
   std::string value_unit;  ///< Unit of the values, such as "m/s"; empty: they have no unit.
   std::uint64_t active_voxels = 0;  ///< Number of active voxels, including those in active tiles.
   double voxel = 0.0;               ///< Edge of a voxel, in MadeVolume::length_unit.
-  int frames = 1;                   ///< Number of grids with this name: name[0], name[1] and so on.
+  int frames = 1;  ///< Number of grids with this name; if above 1: name[0], name[1] and so on.
 };
 
 /// Computes a volume and writes it as a .vdb, with palpate's version and the units. `voxel` is the
-/// edge of a voxel, in MadeVolume::length_unit; unset: MadeVolume::voxel. Throws Error if the name
-/// is unknown, if the edge is out of range, or if the file cannot be written; then an incomplete
-/// file may remain.
+/// edge of a voxel of the first grid, in MadeVolume::length_unit; unset: MadeVolume::voxel. Throws
+/// Error if the name is unknown, if the edge is out of range, or if the file cannot be written. A
+/// failed write may leave an incomplete file.
 [[nodiscard]] std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> voxel,
                                               const std::filesystem::path& file);
 
@@ -75,9 +76,10 @@ struct Wind {
 ///
 /// One bundle is straight along x; the other is bent in the plane z = 0. At each point, the
 /// diffusion tensor is the mean of isotropic tissue and the bundles, weighted by their shares. The
-/// anisotropy (Basser & Pierpaoli 1996) is 0.80 in the core of a bundle, falls towards its edge,
-/// and is 0 outside. Where both bundles have equal shares, the anisotropy is 0.48, and two
-/// directions have the greatest eigenvalue.
+/// share of a bundle is 1 up to 6 mm from its axis, and falls to 0 at 9 mm. The anisotropy (Basser
+/// & Pierpaoli 1996) is 0.80 in the core of a single bundle, falls towards its edge, and is 0
+/// outside. At the origin both bundles have their full shares: the anisotropy is 0.48 there, and
+/// two directions have the greatest eigenvalue.
 struct Fibre {
   /// Unit eigenvector of the greatest eigenvalue, with either sign; zero outside the bundles.
   Vec3 direction = Vec3::Zero();

@@ -10,7 +10,7 @@
 
 namespace palpate {
 
-/// Begins the ending of a partial file's name.
+/// The name of a partial file is the name of the file, this text, and digits.
 inline constexpr const char* kPartialMark = ".partial-";
 
 /// Returns an unpredictable path in the folder of `file`. The caller writes the output there, and

@@ -56,7 +56,7 @@ Placement Placer::placementOf(const std::string& name) {
 Placement Placer::compute(const std::string& name, const PlaceSpec& place,
                           const std::string& path) {
   Placement placed = computeAny(name, place, path);
-  // Also checks a volume that is placed like another volume, because the two grids differ.
+  // Also checks a volume that is placed like another volume, because the two grids may differ.
   const GridInfo& info = *volumes_.at(name);
   const double voxel = placed.scale * info.voxel.minCoeff();
   const double reach = placed.translate.norm() +

@@ -9,7 +9,8 @@
 
 namespace palpate {
 
-/// Largest distance of a volume or guide from the origin of W [m].
+/// Largest distance of a volume from the origin of W, and largest coordinate of a guide or of a
+/// keyframe's translation [m].
 inline constexpr double kFarthestPlace = 1e6;
 
 /// Computes the placements of all volumes. A volume with "like" gets the placement of the named
@@ -34,8 +35,8 @@ class Placer {
   const SceneSpec& spec_;
   const std::map<std::string, const GridInfo*>& volumes_;
   std::map<std::string, Placement> done_;
-  /// Volumes whose placement is being computed. A second request for the same volume means a circle
-  /// of "like".
+  /// Volumes whose placement was requested. A second request before the placement is in `done_`
+  /// means a circle of "like".
   std::set<std::string> open_;
 };
 

@@ -111,7 +111,8 @@ struct Division {
   }
 };
 
-/// Joins volumes and fields that depend on each other, or that a mode reads together.
+/// Joins volumes and fields that depend on each other, that a mode reads together, or that have the
+/// same instances.
 Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
   Together together;
   for (const auto& [name, volume] : volumes) together.add(name);

@@ -9,9 +9,10 @@
 
 namespace palpate {
 
-/// A thing: volumes that modes read together, and these modes. A thing may become a part.
+/// A thing: volumes that modes read together or that have the same instances, and the modes that
+/// read them. A thing may become a part.
 struct PartPlan {
-  GraphSpec graph;  ///< Graph of the thing; its modes have the names that the scene uses.
+  GraphSpec graph;  ///< Graph of the thing, with the scene's names of modes and volumes.
   std::vector<std::string> volumes;  ///< Names of its volumes.
   /// Name of the volume that has the thing's instances; may be empty.
   std::string leader;
@@ -32,10 +33,14 @@ struct PlanVolume {
 
 /// Divides a scene into parts. A thing with instances always becomes a part. Another thing becomes
 /// a part if the scene has more than kFewThings things and the thing is suitable. A thing is
-/// suitable if it fits in a part, and all its volumes may be in a part. No guide, user-defined
-/// mode, coupling or mode with an unknown name may read them. Throws SceneError, with the JSON
-/// path, if a volume with instances cannot be in a part. Also throws if the scene has parts or
-/// instances, and a mode or field reads an unknown name.
+/// suitable under three conditions:
+///
+/// - it has at most kMaxPartFields volumes and kMaxPartModes modes;
+/// - all its volumes may be in a part (PlanVolume::may_be_part);
+/// - no guide, user-defined mode, coupling, or mode with an unknown name reads them.
+///
+/// Throws SceneError, with the JSON path, if a volume with instances cannot be in a part. Also
+/// throws if the scene has parts or instances, and a mode or field reads an unknown name.
 [[nodiscard]] ScenePlan planParts(const GraphSpec& graph,
                                   const std::map<std::string, PlanVolume>& volumes);
 

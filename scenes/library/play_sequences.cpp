@@ -74,7 +74,7 @@ PlayParams playOf(const SceneSpec& spec, const BuiltScene& built) {
     end = std::max(end, when.repeat ? kForEver : when.times.back());
     all_repeat = all_repeat && when.repeat;
   }
-  // A repeating sequence has frames for all times, also before its first frame.
+  // A repeating sequence has frames for all times, also for times before that of its first frame.
   out.from = play.from.value_or(all_repeat && !out.repeat ? -kForEver : first);
   out.to = play.to.value_or(end);
   out.begin = play.from.value_or(std::min(first, out.to));

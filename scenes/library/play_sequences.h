@@ -8,8 +8,8 @@
 
 namespace palpate {
 
-/// Throws SceneError if a sequence has a setting that is not allowed for sequences, or has not
-/// exactly one of a rate and times.
+/// Throws SceneError if a sequence has a setting that is not allowed for sequences, an invalid
+/// rate, both a rate and times, or neither.
 void checkSequence(const SceneSpec& spec, const std::string& name);
 
 [[nodiscard]] std::shared_ptr<const FrameSequence> openSequence(const SceneSpec& spec,
@@ -20,7 +20,8 @@ void checkSequence(const SceneSpec& spec, const std::string& name);
 /// Returns the playback of the scene's sequences. Throws SceneError.
 [[nodiscard]] PlayParams playOf(const SceneSpec& spec, const BuiltScene& built);
 
-/// Adds notes about sequences with one frame, or with too little memory for the playback speed.
+/// Adds notes about sequences with one frame, with frames without data, or with too little memory
+/// for the playback speed.
 void noteSequences(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

@@ -37,7 +37,7 @@ void checkHalf(const GridT& grid, const std::string& name) {
   using Value = typename GridT::ValueType;
   const auto check = [&](const Value& value) {
     if (fitsHalf(value)) return;
-    throw VolumeError("\"" + name + "\"", "a value is too large for 16 bits (65504)",
+    throw VolumeError("\"" + name + "\"", "a value is too large for 16 bits (at most 65504)",
                       "save it with 32 bits (half=False)");
   };
   check(grid.background());

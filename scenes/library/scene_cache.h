@@ -23,11 +23,12 @@
 namespace palpate {
 
 /// Calls functions that load or build components, and reuses results for equal inputs. If a new
-/// scene has the same fields, hands keep their contacts (Scene::shape). Only one thread may use a
-/// cache.
+/// scene has the same fields and kinds of modes as the previous one, and no motions, the force
+/// stays on when the scenes change (Scene::shape). Only one thread may use a cache.
 class SceneCache {
  public:
-  /// Calls loadVolumes. Loads a file again if the file has changed since its last load.
+  /// Calls loadVolumes. Loads a file again if the size or the modification time of the file has
+  /// changed since its last load.
   [[nodiscard]] std::vector<LoadResult> load(const std::vector<VolumeRequest>& requests,
                                              const std::function<void(double)>& progress);
   /// Calls deriveVolume.
@@ -45,8 +46,8 @@ class SceneCache {
     std::shared_ptr<const BrickWindow> window;  ///< Not null.
     std::shared_ptr<const Volume> coarsest;     ///< BrickWindow::coarsest().
   };
-  /// Calls openBricks and the constructor of BrickWindow, again if the bricks were rewritten.
-  /// Throws VolumeError.
+  /// Calls openBricks. Calls the constructor of BrickWindow if no entry has the same place,
+  /// parameters and BrickManifest::identity. Throws VolumeError.
   [[nodiscard]] Bricks bricks(const std::filesystem::path& place, const WindowParams& params);
   /// Calls makeBrickField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const BrickWindow>& window,
@@ -62,7 +63,8 @@ class SceneCache {
     /// Returns true if both structures describe the same sequence.
     [[nodiscard]] bool operator==(const Played&) const = default;
   };
-  /// Calls the constructor of FrameSequence. Loads frames again if they were rewritten.
+  /// Calls the constructor of FrameSequence. Loads the frames again if the modification time of a
+  /// file has changed.
   [[nodiscard]] std::shared_ptr<const FrameSequence> sequence(const Played& wanted);
   /// Calls makeSequenceField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const FrameSequence>& sequence);

@@ -36,7 +36,8 @@ std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path)
   return files;
 }
 
-/// Returns true for a .json file, an empty file, and a file that begins with a brace.
+/// Returns true for a .json file, an empty or unreadable file, and a file whose first character
+/// after spaces and line breaks is a brace.
 bool mayBeScene(const std::filesystem::path& file) {
   if (file.extension() == ".json") return true;
   std::ifstream in(file, std::ios::binary);

@@ -11,12 +11,13 @@
 namespace palpate {
 
 /// Reads a scene file and checks it against the JSON Schema of scene files. Relative paths start at
-/// the file's folder. If `text` is not null, it receives the file's text. Throws SceneError.
+/// the file's folder. If `text` is not null, it receives the file's text. Throws SceneError, or
+/// VolumeError for a file that is neither JSON nor a .vdb.
 [[nodiscard]] SceneSpec readSceneFile(const std::filesystem::path& file,
                                       std::string* text = nullptr);
 
 /// Reads a scene from text as readSceneFile() does. Errors name `source`. Relative paths start at
-/// `folder`.
+/// `folder`. Throws SceneError.
 [[nodiscard]] SceneSpec parseScene(const std::string& text, const std::string& source,
                                    const std::filesystem::path& folder);
 
@@ -26,13 +27,14 @@ namespace palpate {
 [[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path,
                                      const Progress& progress = nullptr);
 
-/// Returns the scene guess for a .vdb file or a folder of bricks, with its reasons. The JSON
-/// contains the path as given.
+/// Returns the scene guess for a .vdb file, or for bricks in a folder or at an address, with its
+/// reasons. The JSON contains the path as given, without a slash at its end. Throws SceneError for
+/// a path of another kind, and VolumeError if no grid is usable.
 [[nodiscard]] Guess guessVdb(const std::filesystem::path& file, GuessFor what = GuessFor::kAnything,
                              const Progress& progress = nullptr);
 
 /// Opens a scene file, or guesses a scene for volumes. If `text` is not null, it receives the text
-/// of the scene file; for volumes it becomes empty.
+/// of the scene file; for volumes it becomes empty. Throws SceneError or VolumeError.
 [[nodiscard]] SceneSpec openScene(const std::filesystem::path& path,
                                   const Progress& progress = nullptr, std::string* text = nullptr);
 

@@ -480,14 +480,14 @@ JsonObject<SceneSpec> accuracyRows() {
            [](SceneSpec& spec, double voxels) { spec.slope_reach = voxels; })
       .may("max_substeps",
            jsonWhole(1, 64).says(
-               "Largest number of sub-steps in a tick while a primitive holds the proxy. The proxy "
-               "moves at most one voxel between two sub-steps. The default is 16."),
+               "Largest number of sub-steps in a tick while a primitive holds the proxy. The rest "
+               "of the path then waits for the next tick. The default is 16."),
            [](SceneSpec& spec, int most) { spec.step.max_substeps = most; })
       .may("max_iterations",
            jsonWhole(1, 1000000)
                .says("Largest number of iterations of the balance in a tick. After these the tick "
-                     "reads no more values, and the rest of the path waits for the next tick. The "
-                     "default is 130."),
+                     "ends early, and the rest of the path waits for the next tick. The default is "
+                     "130."),
            [](SceneSpec& spec, int most) { spec.step.max_iterations = most; });
 }
 

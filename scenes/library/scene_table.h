@@ -6,7 +6,8 @@
 
 namespace palpate {
 
-/// Returns the table that reads scene files, with file names as written, and prints their schema.
+/// Returns the table that reads scene files and defines their schema. Names of files in the result
+/// are as written in the scene file.
 [[nodiscard]] const JsonObject<SceneSpec>& sceneTable();
 
 /// Returns the whole schema: title, table and definitions.

@@ -15,8 +15,8 @@
 
 namespace palpate {
 
-/// Writes grids with Blosc compression. Throws Error if the file is incomplete, which
-/// openvdb::io::File does not detect, because that class never checks its stream.
+/// Writes grids with Blosc compression. Throws Error if the file cannot be written completely. The
+/// class openvdb::io::File does not detect this, because it never checks its stream.
 inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPtrVec& grids) {
   struct Archive final : openvdb::io::Archive {
     void put(std::ostream& out, const openvdb::GridCPtrVec& grids) const {

@@ -122,7 +122,7 @@ std::string explainLine(const Run& run, std::size_t h, double time) {
   if (devices != FeelOptions().devices) {
     for (const std::string& device : devices) add("--device", device);
   }
-  // The path of a simulated hand depends on the length of the run.
+  // Without --seconds, the repeated run of a simulated hand would end after kFeelSeconds.
   if (simulated && options.seconds) add("--seconds", number(*options.seconds));
   if (!isReplay(devices[0])) {
     line += rateOption(options.rate);

@@ -8,7 +8,7 @@
 
 namespace palpate::cli {
 
-/// Formats a position [m], rounded to 0.01 mm and five digits: "0.012,0,-0.00351".
+/// Formats a position, rounded to 1e-5 of its unit and to five digits: "0.012,0,-0.00351".
 [[nodiscard]] std::string placeWords(const Vec3& p);
 
 /// A push in one tick.
@@ -25,8 +25,8 @@ struct Again {
 /// `scene` is the scene that the command will read, which may differ from the scene of `most`.
 [[nodiscard]] Again againOf(const Most& most, const Scene& scene, double rate);
 
-/// Returns "palpate explain SCENE --at x,y,z --push x,y,z", with coordinates rounded to 100 nm.
-/// SCENE is quoted for a shell.
+/// Returns "palpate explain SCENE --at x,y,z --push x,y,z", with coordinates rounded to 100 nm, and
+/// with --rate if it is not 1000 Hz. SCENE is quoted for a shell if necessary.
 [[nodiscard]] std::string explainLine(const std::string& scene, const Again& again);
 
 /// Returns "palpate explain SCENE --device replay:FILE --until TIME".
@@ -34,10 +34,11 @@ struct Again {
                                       double time);
 
 /// Returns true if explainLine() has a command that repeats the run of hand `h`: the run was in
-/// virtual time or is recorded, and its scene was not edited.
+/// virtual time or is recorded without lost ticks, and its scene was not edited.
 [[nodiscard]] bool repeats(const Run& run, std::size_t h);
 
-/// Returns "palpate explain SCENE --until TIME", with the options of the run that affect hand `h`.
+/// Returns "palpate explain SCENE --until TIME", with the options of the run that affect hand `h`,
+/// for a run that repeats() accepts.
 [[nodiscard]] std::string explainLine(const Run& run, std::size_t h, double time);
 
 }  // namespace palpate::cli

@@ -19,7 +19,7 @@ void checkHdf5(const std::string& path);
 /// `text`. Attributes of the file: `rate` [Hz] and, as JSON, `units`, `device` and `about` of the
 /// recording's header. Equal recordings give equal bytes.
 ///
-/// The HDF5 library supports only one thread: the calling thread makes all calls.
+/// The HDF5 library may not be thread-safe, so the calling thread makes all calls.
 void writeHdf5(const Recording& recording, const std::string& path);
 
 /// Type of the module's function. The function writes to `place`; its messages name the file

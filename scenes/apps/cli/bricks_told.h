@@ -8,6 +8,7 @@ namespace palpate::cli {
 
 /// Returns the report as JSON (docs/formats.md).
 [[nodiscard]] OrderedJson bricksJson(const BrickManifest& manifest);
+/// Prints the levels and the size of the bricks as text.
 void sayBricks(const BrickManifest& manifest);
 
 }  // namespace palpate::cli

@@ -246,8 +246,8 @@ void addCompare(CLI::App& app, std::function<int()>& body) {
   verb->add_option("B", options->b, "The second recording")->required();
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(
-      "Exit status: 0 if the recordings are identical to the last bit, 1 if they "
-      "differ\n\nExample:\n  palpate feel head.json --device replay:a.rec --record b.rec\n  "
+      "Exit status: 0 if the inputs and outputs of all ticks are identical to the last bit, 1 if "
+      "not\n\nExample:\n  palpate feel head.json --device replay:a.rec --record b.rec\n  "
       "palpate compare a.rec b.rec");
   verb->callback([=, &body] { body = [=] { return compareThem(*options); }; });
 }

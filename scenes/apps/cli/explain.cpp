@@ -93,7 +93,7 @@ void printBalance(const OrderedJson& json) {
       limiter["slewed"].get<bool>()    ? "limited the growth"
       : limiter["peaked"].get<bool>()  ? "reduced the force to the peak"
       : limiter["heated"].get<bool>()  ? "reduced the force because the motors are hot"
-      : limiter["ramped"].get<bool>()  ? "begins gently"
+      : limiter["ramped"].get<bool>()  ? "reduced the force by an engagement"
       : limiter["drained"].get<bool>() ? "reduced the force by the energy tank"
                                        : "inactive",
       text(limiter["peak"]), text(limiter["growth"]));
@@ -218,7 +218,7 @@ void addExplain(CLI::App& app, std::function<int()>& body) {
   verb->add_option("SCENE", run.scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
       ->required();
   verb->add_option("--at", options->at,
-                   "x,y,z: position of the proxy; the hand first rests there [m]");
+                   "x,y,z: position at which the hand rests before the push [m]");
   verb->add_option("--push", options->push,
                    "x,y,z: the hand's move from --at in the explained tick [m]");
   verb->add_option("--until", run.until,

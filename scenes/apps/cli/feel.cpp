@@ -258,7 +258,7 @@ int feel(FeelOptions options) {
   OrderedJson search;
   const HandTarget target =
       targetOf(options, plays ? buildScene(coarsely(spec, built), {}) : built, search);
-  // After this call, an interrupt lowers the forces and the run still writes its results.
+  // After this call, an interrupt ends the run early, and the run still writes its results.
   noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices =
       openDevices(options, built, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);
@@ -395,7 +395,8 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                  "Also print the numbers behind the stability margin");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
-      "Exit status: 4 if the hand felt no force, 1 if the force was cut at the end\n\nExample:\n  "
+      "Exit status: 4 if the hand felt no force, 1 if the force was cut at the end or a recording "
+      "is incomplete\n\nExample:\n  "
       "palpate feel head.json --seconds 10 --trace trace.csv --summary summary.json --picture "
       "felt.png");
   verb->callback([=, &body] { body = [=] { return feel(*options); }; });

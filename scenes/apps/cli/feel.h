@@ -9,7 +9,7 @@ namespace palpate::cli {
 /// tick instead. Returns the exit status. Throws Error.
 [[nodiscard]] int feel(FeelOptions options);
 
-/// Adds the option --rate.
+/// Adds the option --rate, which also sets FeelOptions::rate_given.
 void addRate(CLI::App& verb, FeelOptions& options);
 
 }  // namespace palpate::cli

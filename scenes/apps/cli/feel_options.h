@@ -28,7 +28,10 @@ inline constexpr double kMostFeelSeconds = 1e6;  ///< Longest duration of a run 
 /// Returns the output file of a hand: for `asked` = "T.csv", T.csv, T.2.csv, T.3.csv and so on.
 [[nodiscard]] std::string placeOf(const std::string& asked, std::size_t hand);
 
+/// Throws Error if a value is out of range, or options cannot be combined. Prints a note about a
+/// low rate.
 void checkFeelOptions(const FeelOptions& options);
+/// Throws Error if two outputs are the same, or an output is also an input of the run.
 void checkFeelOutputs(const FeelOptions& options, const SceneInput& scene);
 /// Returns the tick rate of ReplayDevices [Hz]. Throws Error if their rates differ from each other
 /// or from the --rate that the user has set.

@@ -29,14 +29,14 @@ GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
 TITLE, TITLE_LINE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.14, 0.36, 0.4, 1.1, 0.15
 EVENT_LINE, EVENT_SIZE, EVENT_GAP = 0.1, 6, 0.03  # [in], font size, and gap beside events' names [in]
 ROBUST = (0.5, 99.5)  # percentiles of the values that are drawn black and white
-FAR = 0.1             # distance from a slice at which the path is palest, as a fraction of the longest side
+FAR = 0.1             # distance from a slice at which the path is faintest, as a fraction of the longest side
 FAINT = 0.2
 ARROWS = SKY
 LEVELS = ((SKY, "-"), (GREEN, "--"), (ORANGE, ":"), (RED, "-."))
 # Letters for a patient's directions: along -x and +x, -y and +y, -z and +z.
 LETTERS = (("L", "R"), ("P", "A"), ("I", "S"))
 ALONG = (0.5, 0.2, 0.8)  # places of a letter along its edge: the first that is far enough from the largest force
-APART = 0.2              # distance of a letter from the mark of the largest force [in]
+APART = 0.2              # wanted distance of a letter from the mark of the largest force [in]
 # Colours of the force. The smallest is visible on black; a dark rim makes the largest one visible on white.
 FORCES = ListedColormap(plt.get_cmap("plasma")(np.linspace(0.4, 0.97, 256)))
 RIM, RIM_ALPHA, LINE_WIDTH = 1.8, 0.6, 1.0
@@ -96,8 +96,9 @@ def thinned(path, force, step):
 
 
 def events(press, width):
-    """Returns the names of a press's events, and the number of lines above the axes, which are `width` wide [in]: a
-    name is its depth, its lines, and the number of lines below the name. Names do not overlap."""
+    """Returns labels for a press's events, and the number of text lines that the labels need above the axes. The axes
+    are `width` wide [in]. A label is its depth [m], its lines, and the number of lines below it. Labels do not overlap.
+    """
     scale = width / max(row[0] for row in press["in"] + press["out"])  # [in/m]
     places = []  # depths with the names of the events there
     for mark in sorted(press["marks"], key=lambda mark: mark["depth"]):

@@ -75,8 +75,8 @@ std::string shareWords(const OrderedJson& most) {
   return text;
 }
 
-/// Returns the text before a `palpate explain` command, which explains another force if the run can
-/// not be repeated.
+/// Returns the text before a `palpate explain` command. If the run cannot be repeated, the command
+/// may explain another force, and the text gives this force.
 std::string explains(const OrderedJson& most) {
   if (most["explain"].is_null()) return "";
   const auto spring = most["spring"].get<double>();
@@ -237,7 +237,8 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
   run.fetched.tellTroubles();
   bool kept = true;
   for (std::size_t h = 0; h < hands.size(); ++h) kept = endRecording(run, h) && kept;
-  // A second interrupt ends only the drawing of the picture; the results are already written.
+  // From here on, an interrupt ends only the drawing of pictures, after report() has written the
+  // results.
   const bool cut_short = interrupted != 0;
   interrupted = 0;
   report(run, search, outputs);

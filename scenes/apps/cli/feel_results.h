@@ -22,7 +22,7 @@ struct Outputs {
   std::optional<WholeFile> summary;
 };
 
-/// Returns the processor, its number of cores, the compiler and the build type.
+/// Returns the processor, its number of logical cores, the compiler and the build type.
 [[nodiscard]] OrderedJson machineJson();
 
 /// Completes recordings, prints results and draws pictures. Returns the exit status. `run.scene`

@@ -25,8 +25,8 @@ class Durations {
  public:
   Durations() : counts_(kExact + kCoarse) {}
   void add(std::int64_t ns);
-  /// Returns the least duration [ns] that at least the fraction `share` does not exceed, to within
-  /// a bin; 0 without durations.
+  /// Returns the least duration [ns] that at least the fraction `share` of the durations does not
+  /// exceed, to within a bin; 0 without durations.
   [[nodiscard]] std::int64_t percentile(double share) const;
   [[nodiscard]] std::int64_t count() const noexcept { return count_; }
   [[nodiscard]] std::int64_t max() const noexcept { return max_; }
@@ -47,13 +47,13 @@ struct Most {
   Vec3 probe = Vec3::Zero();  ///< Position of the probe [m].
   Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
   double stiffness = 0.0;     ///< Stiffness of the coupling [N/m].
-  double wanted = 0.0;        ///< Force of spring and damper, before the limiter [N].
-  std::string mode;
-  MotionPtr motion;  ///< Motion of the mode's volume; null: at rest.
-  Pose pose;         ///< Pose by `motion` at `time`.
+  double wanted = 0.0;        ///< Magnitude of StepReport::wanted, before the limiter [N].
+  std::string mode;           ///< Name of the mode with the largest force in this tick.
+  MotionPtr motion;           ///< Motion of the mode's volume; null: at rest, or a mode of a part.
+  Pose pose;                  ///< Pose by `motion` at `time`.
 };
 
-/// Force of each mode of the run's first scene, then of all its parts together [N].
+/// Magnitude of the force of each mode of the run's first scene, then of all parts together [N].
 using Loads = std::array<double, kMaxModes + 1>;
 
 /// Accumulates the results of a run. Only the loop's thread calls add().
@@ -77,14 +77,16 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     return {loads_.data(), carriers_.size()};
   }
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
-  /// Returns true if a mode gave at least 1 mN, or a hand at another site pulled, in any tick.
+  /// Returns true if a mode gave at least 1 mN, or hands at other sites more than 1 mN, in any
+  /// tick.
   [[nodiscard]] bool anything() const;
-  /// Returns the first mode in whose solid the proxy was in its first tick, or an empty text.
+  /// Returns the name of the first mode that began with the proxy inside its solid (its Side went
+  /// from kUnknown to kInside); an empty text if there is none.
   [[nodiscard]] std::string inside() const;
   [[nodiscard]] Most most() const;
   /// Returns the number of scenes of the run.
   [[nodiscard]] std::size_t scenes() const { return scenes_.size(); }
-  /// Returns the time integral of each mode's force by name [N s]; parts of a kind are summed.
+  /// Returns the time integral of each mode's force by name [N s]. Modes of equal names are summed.
   [[nodiscard]] std::map<std::string, double> impulses() const;
   /// Returns the content of the summary file, without the fields that callers add.
   [[nodiscard]] OrderedJson summary() const;
@@ -94,7 +96,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   struct ModeFelt {
     std::int64_t active = 0;  ///< Ticks in which the mode gave force.
     std::int64_t last_active = -1;
-    bool inside = false;       ///< The proxy was in the solid in its first tick.
+    bool inside = false;       ///< The mode began with the proxy inside its solid.
     std::int64_t touches = 0;  ///< Contacts; a pause of 50 ms without force separates them.
     std::int64_t yields = 0;   ///< Number of times the proxy was pushed through a surface.
     double impulse = 0.0;      ///< Sum of the force's magnitude over all ticks [N].
@@ -149,8 +151,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
                TickForces& forces) noexcept;
   void countMode(ModeFelt& mode, double held, const ModeTick& tick) const noexcept;
-  /// Lists how often and how long faults cut the force, and how many ticks had each other status.
-  /// Empty if all ticks converged without a fault.
+  /// Lists how often and how long faults cut the force, and the numbers of ticks with a status
+  /// other than "converged" and "fault". Empty if all ticks converged without a fault.
   [[nodiscard]] std::string troublesOf(const OrderedJson& statuses) const;
   [[nodiscard]] Legible partsWords(const OrderedJson& parts) const;
   [[nodiscard]] Legible tankWords(const OrderedJson& tank, double ticks) const;
@@ -196,7 +198,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::int64_t near_ = 0;  ///< Sum over all ticks of the number of parts near the hand.
   std::int64_t most_near_ = 0;
   std::int64_t crowded_ = 0;  ///< Ticks in which some of the near parts did not fit.
-  double missing_ = 0.0;      ///< Largest force of parts that did not fit [N].
+  double missing_ = 0.0;      ///< Largest StepReport::missing [N].
   std::uint64_t scene_ = 0;   ///< Scene::id that own_ and slots_ belong to.
   Contacts own_;
   std::array<Contacts, kMaxNearParts> slots_;

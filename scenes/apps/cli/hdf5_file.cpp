@@ -18,7 +18,7 @@
 namespace palpate::cli {
 namespace {
 
-/// Rows of one compressed block: 0.41 MB, which fits in a reader's default cache (1 MB).
+/// Rows of one compressed block: 0.58 MB, which fits in a reader's default cache (1 MB).
 constexpr hsize_t kBlock = 1024;
 
 /// Returns why a call failed: HDF5's innermost message, or the system's message in it.
@@ -182,7 +182,7 @@ class Hdf5File {
       const auto* const found = std::find_if(
           words.begin(), words.end(), [&](const Word& word) { return word.name == field.type; });
       if (found == words.end())
-        throw Error(field.name, "HDF5 lacks its type", "report this message");
+        throw Error(field.name, "palpate cannot write its type to HDF5", "report this message");
       return *found;
     };
     std::vector<RecordedField> fields;

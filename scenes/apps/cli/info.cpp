@@ -17,8 +17,8 @@
 namespace palpate::cli {
 namespace {
 
-/// Returns the key of a mode for the first label: its name, or its value if the name is empty or
-/// also that of another label.
+/// Returns the key "label" of a mode for the first label: with the label's name, or with its value
+/// if the name is empty or another label has the same name.
 std::string firstLabelled(const std::vector<Label>& labels) {
   const Label& first = labels.front();
   const bool by_name =

@@ -81,8 +81,8 @@ void Keys::look() {
   }
 }
 
-/// Moves play by the shortest step of a sequence at the present position. At the end of a play that
-/// repeats, continues at the other end.
+/// Moves play by one frame of the sequence with the shortest step (FrameTimes::stepFrom). At the
+/// end of a play that repeats, continues at the other end.
 void Keys::stepFrame(bool forward) {
   double shortest = 0.0;
   for (const FrameTimes& times : played_) {

@@ -18,13 +18,14 @@
 namespace palpate::cli {
 namespace {
 
-constexpr int kPixels = 256;  // Values along the longest side of a slice
+constexpr int kPixels = 256;  // Values along the longest side of the drawn box
 constexpr int kArrows = 18;
 constexpr std::size_t kMostFields = 2;
-constexpr double kLeastShare = 0.01;  // Fields with a smaller share of the force are not drawn
+// Fields with a smaller share of the impulse are not drawn, except the first.
+constexpr double kLeastShare = 0.01;
 constexpr std::size_t kMostTicks = 20000;
 constexpr double kTouched = 0.05;          // [N]: smallest force of a contact
-constexpr std::size_t kMostTouches = 500;  // Ticks with contact, used to choose the fields
+constexpr std::size_t kMostTouches = 500;  // Ticks that choose the fields, at most
 constexpr std::size_t kMostParts = 12;
 // Horizontal and vertical axis of each slice: x points to the right, z points up.
 constexpr int kPlanes[3][2] = {{0, 1}, {0, 2}, {1, 2}};
@@ -103,7 +104,7 @@ OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value
   return json;
 }
 
-/// Returns the parts that contain the proxy in the most ticks, at most kMostParts.
+/// Returns the parts whose bounds contain the proxy in the most ticks, at most kMostParts.
 std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& touches) {
   std::vector<std::pair<std::size_t, std::size_t>> counts;
   for (std::size_t i = 0; i < scene.parts.size(); ++i) {
@@ -421,7 +422,7 @@ void addPictureOptions(CLI::App& verb, PictureOptions& options, const std::strin
   verb.add_option("--picture", options.file, description);
   verb.add_option("--slices", options.slices,
                   "With --picture: x,y,z, where the slices meet, in the picture's coordinates "
-                  "(default: the place of the largest force)");
+                  "(default: the place of the largest force; without a force, the middle)");
   verb.add_option("--title", options.title, "With --picture: the title");
 }
 

@@ -24,7 +24,7 @@ struct PictureOptions {
   std::string file;                  ///< Empty: no picture.
   std::optional<std::string> title;  ///< Unset: the scene's name, and where the slices meet.
   /// "x,y,z", where the slices meet, in the picture's coordinates; empty: the place of the largest
-  /// force.
+  /// force (Felt::most) or, without a force, the middle.
   std::string slices;
 };
 /// Adds --picture, with this description, and the options that apply only to it.
@@ -38,7 +38,8 @@ class Picture {
   /// Throws Error if the file cannot be written, its ending is unknown, or matplotlib is missing.
   explicit Picture(const PictureOptions& options);
   void add(const Telemetry& tick);
-  /// Draws the picture. Throws Error. If draw() throws, the file stays as it was.
+  /// Draws the picture. Throws Error, and Interrupted after an interrupt. If draw() throws, the
+  /// file stays as it was.
   /// @param press  Null, or the curve of a press, which replaces the force over time: "in" and
   ///   "out" are rows of depth [m] and force [N], "marks" are events with a name and a depth.
   void draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,

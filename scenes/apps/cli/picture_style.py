@@ -1,4 +1,4 @@
-"""The style of palpate's pictures for papers, and how they are saved; used by the scripts in this folder."""
+"""The style of palpate's pictures for papers, and how they are saved: for feel_picture.py and trace_picture.py."""
 import signal
 import sys
 

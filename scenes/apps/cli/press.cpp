@@ -16,7 +16,8 @@
 namespace palpate::cli {
 namespace {
 
-// [N]: yields at smaller loads do not count, because drags often yield at small loads
+// [N]: yields at smaller loads do not count, because drags often yield at small loads. Exception:
+// the proxy passes a surface within one tick.
 constexpr double kLoad = 0.05;
 constexpr double kMostSteps = 1e6;  // Largest number of steps in one direction
 
@@ -134,7 +135,7 @@ class Curve {
     if (!row.in) return;
     if (carries && !mode.touched) {
       mode.touched = row.depth;
-      // A yield within a tick before the contact does not count if the mode then carries a load.
+      // A yield before the mode's first load does not count.
       mode.yield.reset();
     }
     // A surface that the proxy has passed in this tick is not among the loads at the tick's end.
@@ -181,7 +182,7 @@ class Curve {
   }
 
   /// Returns the slope of a line fitted between the first force and the first yield of a load of at
-  /// least 50 mN [N/m]; empty if the force does not rise.
+  /// least 50 mN [N/m]; empty if the force does not rise, or fewer than three ticks have a force.
   [[nodiscard]] std::optional<double> slope() const;
 
   const Scene& scene_;

@@ -22,7 +22,8 @@ struct SceneInput {
   std::vector<std::filesystem::path> files;  ///< For a recording: files of all its scenes.
 };
 /// Opens a scene as openScene does. For a recording, restores the scene of its first tick with a
-/// scene, and reports files that have changed since the recording. Throws Error.
+/// scene (if there is no such tick, the first scene), and reports files that have changed since the
+/// recording. Throws Error.
 [[nodiscard]] SceneInput openSceneInput(const std::string& scene);
 
 /// Opens a scene, and returns the scene with its source text. Throws Error.
@@ -34,8 +35,8 @@ struct SceneInput {
                                         const SceneSpec& spec, const std::vector<LiveDial>& dials,
                                         const Windows& windows);
 
-/// Returns the scene with this id. Returns no value if the scene is missing, if the scene's files
-/// have changed, or if the scene has changed gains. Throws Error.
+/// Returns the scene with this id. Returns no value if the scene is missing, if the scene file or
+/// its volumes have changed, or if gains were recorded with the scene. Throws Error.
 [[nodiscard]] std::optional<SceneInput> sceneAsItIs(const Recording& recording, std::uint64_t id);
 
 struct SceneAgain {
@@ -47,8 +48,8 @@ struct SceneAgain {
 
 /// Scenes by the ids in a recording's ticks.
 using ScenesById = std::map<std::uint64_t, SceneAgain>;
-/// Builds all scenes of a recording for the recorded device. `first` is the built scene of the
-/// first tick. Throws Error.
+/// Builds all scenes of a recording for the recorded device, except the scene that openSceneInput()
+/// restores: `first` is this scene, already built. Throws Error.
 [[nodiscard]] ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> first,
                                   SceneCache& cache);
 

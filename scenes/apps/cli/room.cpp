@@ -63,7 +63,7 @@ std::string roomWords(const OrderedJson& room) {
   const bool device_limits =
       room["stable"].is_null() || room["most"].get<double>() < room["stable"].get<double>();
   if (exceedsDevice(room) && device_limits) {
-    return fmt::format("stiffness {}: more than {} may have: use at most {}", asked, arm,
+    return fmt::format("stiffness {}: above the limit of {}: use at most {}", asked, arm,
                        newtons("most"));
   }
   if (swingsUp(room)) {

@@ -9,9 +9,9 @@
 
 namespace palpate::cli {
 
-/// Returns the stability margin as JSON; null if the arm's mass or friction is unknown. `coupling`
-/// is the stiffest coupling that can occur in the scene. `rate` is the tick rate of the loop [Hz].
-/// If the device's output is slower, the margin is for the rate of the output.
+/// Returns the stability margin as JSON; null if the arm's mass or viscous friction is unknown.
+/// `coupling` is the stiffest coupling that can occur in the scene. `rate` is the tick rate of the
+/// loop [Hz]. If the device's output is slower, the margin is for the rate of the output.
 [[nodiscard]] OrderedJson roomFor(const DeviceInfo& device, double rate,
                                   const CouplingParams& coupling);
 /// Returns true if the coupling is unstable even while a relaxed hand holds the arm. In this and
@@ -23,7 +23,7 @@ namespace palpate::cli {
 [[nodiscard]] std::string roomWords(const OrderedJson& room);
 /// Returns the limits on which roomWords bases its advice.
 [[nodiscard]] std::string roomNumbers(const OrderedJson& room);
-/// Prints the lines `stability`, with their text from `column` on, and the limits if `verbose`.
+/// Prints the line `stability`, with its text from `column` on, and the limits if `verbose`.
 /// Prints no line if `room` is null.
 void sayRoom(const OrderedJson& room, int column, bool verbose);
 

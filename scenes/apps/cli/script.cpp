@@ -16,8 +16,8 @@ namespace palpate::cli {
 namespace {
 
 /// Runs a program that reads `input` from a pipe and writes to the descriptor `output`. Returns the
-/// program's exit status; -1 if the program did not run or was killed. After an interrupt, kills
-/// the program and throws Interrupted.
+/// program's exit status; -1 if no process could be started or a signal ended it; 127 if the
+/// program could not be executed. After an interrupt, kills the program and throws Interrupted.
 int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
@@ -26,7 +26,7 @@ int run(std::vector<std::string> command, const std::string& input, int output) 
   const pid_t child = fork();
   if (child < 0) return -1;
   if (child == 0) {
-    // Ctrl-C reaches parent and child. The child ignores SIGINT, because the parent ends the child.
+    // Ctrl-C reaches parent and child. The child starts with SIGINT ignored: the parent ends it.
     signal(SIGINT, SIG_IGN);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     dup2(from.get(), STDIN_FILENO);

@@ -1,4 +1,4 @@
-/// Runs the installed Python programs that draw pictures (matplotlib).
+/// Runs the Python programs of palpate that draw pictures with matplotlib.
 #pragma once
 
 #include <filesystem>
@@ -14,7 +14,8 @@ class Script {
  public:
   /// Throws Error if the program, Python or matplotlib is missing; the message names `option`.
   Script(const std::string& name, const std::string& option);
-  /// Draws a picture into `file`, which the caller commits. Throws Error.
+  /// Draws a picture into `file`, which the caller commits. Messages name the file `path`. Throws
+  /// Error, and Interrupted after an interrupt.
   void draw(const OrderedJson& json, const WholeFile& file, const std::string& path,
             const std::vector<std::string>& arguments = {}) const;
 

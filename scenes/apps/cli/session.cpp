@@ -79,7 +79,7 @@ class OnTime {
     last_tick_ = now.tick;
     return thread_->running() && now.tick < run_.ticks;
   }
-  /// Returns true if the last looks found no new tick.
+  /// Returns true if the last kStanding calls of look() found no new tick.
   [[nodiscard]] bool stands() const { return stood_ >= kStanding; }
   void feel(const std::shared_ptr<const Scene>& scene, const std::vector<LiveDial>& dials) {
     hand_.log.expect(*scene, dials);
@@ -126,8 +126,8 @@ class OnTime {
     const double after = run_.options.reengage.value_or(kReengage);
     if (!(after > 0.0)) return "";
     return fmt::format(
-        "; unless another fault occurs, the force returns {} s after the last late tick, at most "
-        "{} times a minute",
+        "; unless another fault or a pause over 0.5 s occurs, the force returns {} s after the "
+        "last late tick, at most {} times a minute",
         after, Reengagement::kMost);
   }
 
@@ -138,7 +138,7 @@ class OnTime {
   LoopWatch watch_;
   std::uint32_t plugging_ = 1;
   std::chrono::steady_clock::time_point told_plugged_;
-  /// Calls of look() without a new tick after which the loop stands still: about 3 s.
+  /// Calls of look() without a new tick after which the loop counts as standing still: about 3 s.
   static constexpr int kStanding = 300;
   int stood_ = 0;
   std::int64_t last_tick_ = 0;

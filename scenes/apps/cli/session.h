@@ -88,7 +88,8 @@ struct RunSoFar {
   void add(const Telemetry& tick, const ProxyState& state);
 };
 
-/// Receives every tick of a hand, adds it to the results, and queues a row for the trace.
+/// Receives every tick of a hand: adds it to the results, passes it to the window and the recorder,
+/// and queues a row for trace and picture.
 class Log final : public TickSink {
  public:
   Log(const Scene& scene, double rate, bool rows) : felt(scene, rate) {
@@ -180,7 +181,8 @@ class Fetched {
     sequences_ = built.sequences;
   }
   void tellTroubles() const;
-  /// Adds the keys "bricks" and "sequences", with an entry for each volume, to the summary.
+  /// Adds the keys "bricks" and "sequences" to the summary, with an entry for each volume of this
+  /// kind. Without such a volume, the key is missing.
   void addTo(OrderedJson& summary) const;
   void sayThem() const;
   [[nodiscard]] const std::map<std::string, std::shared_ptr<const FrameSequence>>& sequences()
@@ -249,11 +251,11 @@ struct Run {
 
 /// Runs the ticks in virtual time, as fast as possible. Repeated runs give equal results.
 void runInVirtualTime(const Run& run);
-/// Replays recorded hands at `run.options.speed`; each device must be a ReplayDevice. `scenes`
-/// contains scenes by recorded id; ticks of other ids, except 0 (no scene), use `run.scene`. Ends
-/// early if the user closes the window.
+/// Replays recorded hands one after the other, at `run.options.speed`; each device must be a
+/// ReplayDevice. `scenes` contains scenes by recorded id; ticks of other ids, except 0 (no scene),
+/// use `run.scene`. Ends early after an interrupt, or if the window closes or fails.
 void runAgain(const Run& run, const ScenesById& scenes);
-/// Runs the hands in real time, each in its own thread.
+/// Runs the hands in real time, each in its own thread. If a loop stands still, ends the program.
 void runOnTime(Run& run, Guardian& guardian);
 
 }  // namespace palpate::cli

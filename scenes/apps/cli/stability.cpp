@@ -125,7 +125,8 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   return setup;
 }
 
-/// Copies the measured parameters of a tested arm, except those that the user has given.
+/// Copies the measured parameters of a tested arm, and encoder step and rate of its profile. Keeps
+/// the values that the user has given.
 void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {
@@ -200,7 +201,7 @@ void check(const StabilityOptions& options) {
                     rounded(options.delay * options.rate), kMostPeriods),
         fmt::format("give at most {} s, or a lower --rate", rounded(kMostPeriods / options.rate)));
   }
-  // At a larger angle the hand touches neither plane.
+  // At a larger angle the planes are nearly parallel to the direction in which the hand presses.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0, "degrees");
   if (options.planes && !options.scene.empty()) {
     throw Error("--planes", "it cannot be combined with a scene", "leave out --planes or SCENE");
@@ -363,7 +364,7 @@ int draw(const StabilityOptions& options) {
   const Setup setup = setupOf(options, out.names);
   const MapSetting setting = settingOf(options);
   const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
-  constexpr double kMost = 1e5;  // [N/m]: largest stiffness in the map
+  constexpr double kMost = 1e5;  // [N/m]: upper bound of the largest stiffness in a map
   const double most = std::min(kMost, 6.0 * std::max(stable, 10.0 * kLeastStiffness));
   const std::vector<StabilityMap> maps = drawMaps(setup, setting, options.size, most);
   const OrderedJson json = report(options, setup, setting, most, maps);

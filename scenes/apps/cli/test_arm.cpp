@@ -117,8 +117,8 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   return ruled;
 }
 
-/// Returns the ruler's length [m]: three moves of this length in a row fit into the arm's
-/// workspace.
+/// Returns the ruler's length [m]. Three moves of this length in a row fit into the arm's
+/// workspace, unless its radius is below about 17 mm.
 double rulerFor(const ArmTraits& traits) {
   const double most = 2.0 / std::sqrt(3.0) * traits.workspace_radius;
   return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
@@ -183,7 +183,7 @@ Tested run(Arm& arm, Guardian& guardian, double force, bool simulated) {
     if (dt > arm.info().watch.late) out.fault = Fault::kLate;
     if (const Fault said = guardian_says.look(t); said != Fault::kNone) out.fault = said;
     if (out.fault != Fault::kNone) break;
-    // Waits until the arm has reported a position, is homed, and is held by the user.
+    // Waits until the arm is ready, at most kPatience.
     arm.carry(hand.ready);
     if (!hand.ready) {
       arm.write(Vec3::Zero());
@@ -207,7 +207,8 @@ Tested run(Arm& arm, Guardian& guardian, double force, bool simulated) {
   return out;
 }
 
-/// Returns the stability margin of the measured arm with the profile's stiffest coupling.
+/// Returns the stability margin of the measured arm with the largest stiffness that the arm allows;
+/// null if the friction of a driven axis was not measured.
 OrderedJson roomOf(const SelfTestResult& result, const Arm& arm) {
   DeviceInfo info = arm.info();
   ArmDissipation& known = info.limits.tank.arm;

@@ -14,7 +14,7 @@ namespace palpate::cli {
 /// Writes a CSV row for each tick, or does nothing without a file.
 class Trace {
  public:
-  /// Throws Error if `path` cannot be written. Empty: no file. Each carrier gets a column.
+  /// Throws Error if `path` cannot be written. An empty path: no file. Each carrier gets a column.
   Trace(const std::string& path, std::span<const std::string> carriers);
   /// Adds a row for a tick. `loads` contains the force of each carrier [N].
   void add(const Telemetry& tick, std::span<const double> loads);

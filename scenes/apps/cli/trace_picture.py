@@ -27,7 +27,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: E4
 
 LONGEST = 65534  # bytes of a row
 LINE = 1000      # sections of a line over time; a section shows its smallest and largest value
-PATH = 60000     # sections of all paths in a row of panels
+PATH = 60000     # largest number of sections of a path, to be divided by the number of runs
 BINS = 60        # bins of the histogram
 NUMBERS = ["t", *(f"{what}_{a}" for what in ("probe", "proxy", "force") for a in AXES),
            "error_bound", "tick_ns", "limited"]
@@ -65,8 +65,8 @@ class Run:
         # The force of a tick acts until the next reading of the hand. Work in N mm is energy in mJ.
         work = np.einsum("ij,ij->i", forces[:-1], np.diff(self.probe, axis=0))
         self.energy = np.concatenate([[0.0], np.cumsum(np.nan_to_num(work))])
-        # Maps a share to the smallest time that this share of the ticks does not exceed, as in the summary of `palpate
-        # feel`.
+        # Maps the name of a share to the smallest time that this share of the ticks does not exceed, as in the summary
+        # of `palpate feel`.
         ticks = np.sort(self.tick[np.isfinite(self.tick)])
         self.percentiles = {word: float(ticks[max(0, math.ceil(share * len(ticks)) - 1)])
                             for word, share in SHARES.items()} if len(ticks) else {}
@@ -187,7 +187,7 @@ def along(path, force, step, stretches):
 
 
 def spans(marks, t, stretches):
-    """Returns at most `stretches` intervals of time in which consecutive ticks are marked."""
+    """Returns the intervals of time in which ticks are marked, to the resolution of `stretches` sections."""
     ends = np.linspace(0, len(t), min(len(t), stretches) + 1).astype(int)
     some = np.maximum.reduceat(marks.astype("u1"), ends[:-1])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], some, [0]])))

@@ -136,7 +136,7 @@ void Watcher::tellOfEdits(const Made& made) {
       changed[edit.stamp.site].push_back(key);
     }
   }
-  // One program can send edits under the names of many sites, so limits the lines.
+  // One program can send edits under the names of many sites, so the number of lines is limited.
   constexpr std::size_t kMostLines = 4;
   std::size_t lines = 0;
   for (const auto& [site, keys] : changed) {

@@ -24,8 +24,8 @@
 namespace palpate::cli {
 
 /// Lowers the coupling's stiffness to the lowest limit of the devices, unless the user has set the
-/// stiffness. Returns true if the stiffness was lowered. Throws SceneError if a device cannot
-/// render the coupling.
+/// stiffness. If it lowers the stiffness, prints a note and returns true. Throws SceneError if a
+/// device cannot render the coupling.
 [[nodiscard]] bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices);
 
 /// Rebuilds a scene on its own thread when its file, its gains or a volume's image changes, or when

@@ -1,4 +1,5 @@
-/// Reads a window's requests from memory that another process writes, and limits all numbers.
+/// Reads a window's requests from memory that another process writes. Gains and positions are
+/// limited to their ranges, because this memory may contain any numbers.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +20,7 @@ struct Asked {
 [[nodiscard]] Asked asked(const LiveWishes& before, const LiveWishes& now);
 
 /// Returns a hand that follows the mouse from `start` [m], below WatchLimits::max_speed. A low-pass
-/// filter smooths the mouse's 30 positions per second. `mouse` must outlive the result.
+/// filter smooths the steps between the mouse's positions. `mouse` must outlive the result.
 [[nodiscard]] HandTarget behindMouse(const Published<LiveHand>& mouse, const Vec3& start);
 
 }  // namespace palpate::cli

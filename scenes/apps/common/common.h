@@ -1,4 +1,4 @@
-/// Functions that several verbs of `palpate` use.
+/// Functions that the programs of palpate share.
 #pragma once
 
 #include <cmath>
@@ -28,7 +28,8 @@ inline constexpr int kInternal = 3;
 inline constexpr int kNothingFelt = 4;
 inline constexpr int kInterrupted = 130;
 
-/// Not 0 after SIGINT, SIGTERM or SIGHUP, if noteInterrupts() was called.
+/// Not 0 after SIGINT, SIGTERM or SIGHUP, once noteInterrupts() or another function has installed a
+/// handler that sets it.
 extern volatile std::sig_atomic_t interrupted;
 
 /// Returns the number, or null if it is not finite.
@@ -47,7 +48,7 @@ extern volatile std::sig_atomic_t interrupted;
 [[nodiscard]] inline std::string counted(std::int64_t count, const char* one, const char* more) {
   return std::to_string(count) + " " + (count == 1 ? one : more);
 }
-/// Returns the number with four significant digits.
+/// Returns the number with at most four significant digits.
 [[nodiscard]] std::string rounded(double value);
 [[nodiscard]] OrderedJson toJson(const Vec3& v);
 
@@ -68,7 +69,7 @@ extern volatile std::sig_atomic_t interrupted;
 void checkReplaceable(const std::filesystem::path& file);
 
 /// An output file that appears complete or not at all: commit() renames a temporary file in the
-/// same folder. The path `-` is standard output.
+/// same folder. The path `-` is standard output, which may get incomplete output.
 class WholeFile {
  public:
   /// Creates the temporary file. Throws Error, also if the path is a pipe, device or folder.
@@ -77,13 +78,14 @@ class WholeFile {
   WholeFile& operator=(const WholeFile&) = delete;
   ~WholeFile();
 
+  /// Appends text. Throws Error if writing fails.
   void write(const std::string& text);
   /// Returns the descriptor of the file, for a child process that writes to it.
   [[nodiscard]] int descriptor() const;
   /// Returns the temporary path, for a library that writes to it. Throws Error for standard output.
   [[nodiscard]] std::filesystem::path place() const;
   /// Completes the file; only flushes standard output, whose errors flushOutput() reports at the
-  /// program's end. Throws Error if writing a file has failed.
+  /// program's end. Throws Error if the file cannot be completed.
   void commit();
 
  private:
@@ -95,7 +97,8 @@ class WholeFile {
 /// Returns true if both paths name the same file, which need not exist.
 [[nodiscard]] bool isSamePlace(const std::filesystem::path& a, const std::filesystem::path& b);
 
-/// Throws Error if two outputs are the same file, or if an output is also an input.
+/// Throws Error if two outputs are the same file or are both standard output, or if an output is
+/// also an input. Ignores empty outputs.
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs);
 
@@ -103,13 +106,18 @@ void checkOutputsApart(const std::vector<std::string>& outputs,
 [[noreturn]] void endWithoutFiles(int status) noexcept;
 
 /// Lets SIGINT, SIGTERM and SIGHUP remove uncommitted files and end the program with kInterrupted.
+/// Signals that the parent process ignores, as nohup does, stay ignored.
 void endAtInterrupts() noexcept;
 /// Lets SIGINT, SIGTERM and SIGHUP only set `interrupted`, so that the program can finish its work.
+/// Ignored signals stay ignored here too.
 void noteInterrupts() noexcept;
-/// Thrown after an interrupt: the program writes no output and ends with kInterrupted.
+/// Thrown after an interrupt. Unless a caller handles it, the program drops unfinished output and
+/// ends with kInterrupted.
 struct Interrupted {};
+/// Throws Interrupted if `interrupted` is not 0.
 void endIfInterrupted();
 
+/// Returns the folder of the running program, or "." if it is unknown.
 [[nodiscard]] std::filesystem::path programFolder();
 
 }  // namespace palpate::cli

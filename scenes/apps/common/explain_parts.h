@@ -50,7 +50,7 @@ struct ExplainedTick {
   return tick.properties().vectors[static_cast<std::size_t>(i)];
 }
 
-/// Returns the fields whose bounds contain place().
+/// Returns the fields whose bounds contain place(), moved to the rest pose of each field.
 [[nodiscard]] FieldSet fieldsAround(const ExplainedTick& tick);
 
 [[nodiscard]] OrderedJson fieldsReport(const ExplainedTick& tick);

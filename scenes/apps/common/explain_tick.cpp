@@ -69,7 +69,7 @@ std::string limiterWords(const ExplainedTick& tick) {
   if (tick.limited.peaked)
     return fmt::format("the limiter's peak is {} N", shown(tick.limits.peak));
   if (tick.limited.heated) return "the heat of the motors limits the force";
-  if (tick.limited.ramped) return "the force begins gently";
+  if (tick.limited.ramped) return "an engagement reduces the force";
   if (tick.limited.drained) return "the energy tank reduces the force";
   return "";
 }
@@ -89,7 +89,7 @@ std::string forceSentence(const ExplainedTick& tick) {
   const double length = (r.proxy - tick.hand).norm();
   const double spring = r.stiffness * length;
   constexpr double kNothing = 1e-9;  // [N]: a smaller force counts as zero
-  if (spring < kNothing) return "The proxy is at the hand, so the force is zero.";
+  if (spring < kNothing) return "The proxy is at the hand, so the spring's force is zero.";
   std::string text =
       fmt::format("The proxy is {} m from the hand, and the spring of {} N/m pulls with {} N",
                   shown(length), shown(r.stiffness), shown(spring));

@@ -10,7 +10,7 @@ namespace palpate::cli {
 
 struct Explained {
   OrderedJson json;    ///< The report, in the format of docs/formats.md.
-  bool fault = false;  ///< True if a value that is not finite has cut the force.
+  bool fault = false;  ///< True if a fault has cut the force.
 };
 
 /// Explains a tick of 1/rate [s], in which the hand moves from rest at `at` [m] by `push` [m].
@@ -24,9 +24,9 @@ struct RunTick {
   bool scene = true;  ///< False before the first scene arrived.
 };
 
-/// Explains the last tick of a run, at `time` [s]. Repeats all ticks with a hand of these limits,
-/// so the force is the run's force. In a scene with parts it may differ: the limiter's heat and
-/// tank then lack the contacts with parts that `opened` leaves out.
+/// Explains the last of `ticks`, at `time` [s]. `ticks` must not be empty. Repeats all ticks with
+/// the run's limits, so the force is the run's force. In a scene with parts the force may differ:
+/// the limiter's heat and tank then lack the contacts with parts that `opened` leaves out.
 [[nodiscard]] Explained explainRun(const Opened& opened, std::span<const RunTick> ticks,
                                    const ForceLimits& limits, double time);
 

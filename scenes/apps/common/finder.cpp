@@ -22,8 +22,8 @@ constexpr double kRest = 0.15;      // [s]: rest at the deepest point
 constexpr double kCircle = 4e-3;    // [m]: radius of a stroke
 constexpr double kFine = 2.5e-4;    // [m]: step of the probe near contacts
 constexpr double kCoarse = 2e-3;    // [m]: step of the probe between contacts
-constexpr double kFelt = 0.3;       // [N]: modes with a smaller force are visited later
-constexpr double kPlan = 60.0;      // [s]: least length of the planned path, which then repeats
+constexpr double kFelt = 0.3;       // [N]: modes with a smaller force count less
+constexpr double kPlan = 60.0;      // [s]: planned length of a path; a longer path repeats
 constexpr std::size_t kMostStops = 3;
 
 /// Depths along a ray [m] for one mode.
@@ -133,8 +133,8 @@ class Plan {
     return best;
   }
 
-  /// Adds a visit: approaches, then strokes, presses and rests at each stop, then withdraws. The
-  /// path moves with a volume that is slow (ride).
+  /// Adds a visit: approaches, then strokes, presses and rests at each stop, then withdraws. If the
+  /// volume of `mode` moves slowly, the path moves with the volume.
   void visit(const ProbeRay& ray, std::size_t mode, const std::vector<double>& top) {
     ride(mode);
     scout_.lift();
@@ -301,7 +301,7 @@ class Plan {
   const Scene& scene_;
   HandRange within_;
   SearchProbe probe_;  ///< Follows the path; its ticks advance the scene's time.
-  SearchProbe scout_;  ///< Probes rays without advancing the scene's time.
+  SearchProbe scout_;  ///< Probes rays and straight ways, during which its time stands still.
   std::vector<PathPoint> path_;
   Vec3 at_ = Vec3::Zero();
   MotionPtr ride_;            ///< Motion that the path follows, or null.
@@ -336,7 +336,7 @@ HandTarget findingHand(const Scene& scene, const Box& bounds, double radius, dou
     }
     const auto [ray, mode] = plan.choose(*found);
     if (ray == nullptr) {
-      // A scene without modes gets a path through the middle of the range.
+      // If no ray has a contact, the path leads through the middle of the range.
       ProbeRay through;
       const auto [from, to] = within.part(within.box.centre(), through.along);
       through.from = within.box.centre() + from * through.along;

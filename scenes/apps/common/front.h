@@ -8,7 +8,8 @@
 
 namespace palpate::cli {
 
-/// Returns the rotation to W of the first volume in a patient's space (RAS), if there is one.
+/// Returns the rotation to W of the first volume, by name, in a patient's space (RAS); no value if
+/// there is none.
 [[nodiscard]] inline std::optional<Mat3> patientOf(const BuiltScene& built) {
   for (const auto& [name, volume] : built.volumes) {
     const auto placement = built.placements.find(name);
@@ -19,8 +20,8 @@ namespace palpate::cli {
 }
 
 /// Returns the horizontal unit vector from the scene's centre to the viewer, in W. It points to the
-/// patient's front (anterior). Without a patient, or if the patient faces up or down, the vector is
-/// -y.
+/// patient's front (anterior). Without a patient, or if the patient faces mainly up or down, the
+/// vector is -y.
 [[nodiscard]] inline Vec3 frontOf(const BuiltScene& built) {
   constexpr double kLeast = 0.3;  // a shorter vector points mainly up or down
   const std::optional<Mat3> patient = patientOf(built);

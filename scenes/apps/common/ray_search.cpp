@@ -13,12 +13,13 @@ namespace {
 
 constexpr int kLeastRays = 256;
 constexpr int kMostRays = 4096;
-constexpr int kEnough = 32;           // the search ends once each mode acted on this number of rays
-constexpr int kSteps = 96;            // steps along a ray as long as the diagonal of the range
-constexpr long kMostReads = 1000000;  // about the largest number of field readings
-constexpr std::size_t kMostBoxes = 512;  // largest number of boxes for rays
+// After kLeastRays rays, the search ends once each mode acted on this number of rays.
+constexpr int kEnough = 32;
+constexpr int kSteps = 96;               // steps along a ray as long as the diagonal of the range
+constexpr long kMostReads = 1000000;     // about the largest number of field readings
+constexpr std::size_t kMostBoxes = 512;  // largest number of boxes of parts
 
-/// Returns boxes in which contacts are possible at `time` [s].
+/// Returns boxes of fields, guides and parts, in which contacts are possible at `time` [s].
 std::vector<Box> boxesOf(const Scene& scene, double time) {
   std::vector<Box> boxes;
   const auto add = [&](const Box& at_rest, int motion) {
@@ -67,7 +68,7 @@ std::array<double, 5> spread(int n) {
   return out;
 }
 
-/// Moves the probe along a ray, until the opposing force exceeds kHardestPress.
+/// Moves the probe along a ray, and ends the ray where the opposing force exceeds kHardestPress.
 void cast(SearchProbe& probe, ProbeRay& ray, double step) {
   probe.lift();
   const auto modes = probe.forces().size();

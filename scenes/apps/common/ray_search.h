@@ -15,13 +15,13 @@ inline constexpr double kClearance =
     8e-3;  ///< Distance between a visit's start and the contact [m].
 
 /// A probe that forces do not deflect, with the force of each mode on the probe. Parts whose lists
-/// of mode names are equal share one entry for each name.
+/// of mode names are equal share the entries of forces().
 class SearchProbe {
  public:
   /// The scene has to outlive the probe.
   explicit SearchProbe(const Scene& scene);
 
-  /// Moves the probe away from all fields, which ends its contacts.
+  /// Ends all contacts, and clears a fault: the next touch() begins with the proxy at the probe.
   void lift();
   /// Runs a tick with the probe at `at` [m]. If dt [s] is 0, the scene's time stands still.
   void touch(const Vec3& at, double dt);
@@ -59,16 +59,16 @@ struct HandRange {
 };
 
 /// Returns the range in a scene with the given bounds [m], within `radius` of the origin of W [m].
-/// If the scene lies outside the workspace, the range is the workspace.
+/// If the scene lies outside the cube around the workspace, the range is the workspace.
 [[nodiscard]] HandRange handRangeOf(const Scene& scene, const Box& bounds, double radius);
 
 struct ProbeRay {
   Vec3 from = Vec3::Zero();    ///< Start of the ray in W [m].
   Vec3 along = Vec3::UnitX();  ///< Direction of the ray; a unit vector.
-  double length = 0.0;         ///< Length [m]; the ray ends where the force exceeds kHardestPress.
-  std::vector<float> held;     ///< Largest force of each mode against the probe's direction [N].
-  std::vector<float> depth;    ///< Distance to each mode's largest force [m].
-  double hardest = 0.0;        ///< Largest total force against the probe's direction [N].
+  double length = 0.0;       ///< Length [m]; the ray ends if `hardest` would exceed kHardestPress.
+  std::vector<float> held;   ///< Largest force of each mode against the probe's direction [N].
+  std::vector<float> depth;  ///< Distance from the start to each mode's largest force [m].
+  double hardest = 0.0;      ///< Largest total force against the probe's direction [N].
 
   [[nodiscard]] Vec3 at(double t) const { return from + t * along; }
 };
@@ -79,9 +79,10 @@ class RaySearch {
   /// Searches at `time` [s]. `share`, in (0, 1], scales the limits of rays and readings.
   RaySearch(const Scene& scene, const HandRange& within, double time, double share);
 
-  std::vector<ProbeRay> rays;  ///< Rays on which the forces opposed the probe.
-  std::vector<double> top;     ///< Largest force of each mode on any ray [N].
-  int rays_cast = 0;           ///< Number of all rays, also those on which no mode acted.
+  std::vector<ProbeRay> rays;  ///< Rays on which a force opposed the probe (kLeastContact).
+  std::vector<double> top;     ///< Largest value of ProbeRay::held of each mode [N].
+  int rays_cast = 0;           ///< Number of rays tried, also those without contact or outside the
+                               ///< range.
   long reads = 0;              ///< Number of field readings.
 };
 

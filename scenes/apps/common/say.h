@@ -74,7 +74,7 @@ template <class T>
   } else if constexpr (std::is_convertible_v<const T&, std::string_view>) {
     return Legible(value).text();
   } else {
-    static_assert(std::is_arithmetic_v<T>, "text has to be seen as such");
+    static_assert(std::is_arithmetic_v<T>, "convert this argument to a string or a number");
     return value;
   }
 }

@@ -76,7 +76,7 @@ std::vector<std::filesystem::path> inputsOf(const std::string& scene, const Scen
 
 void checkReach(const std::string& name, const Vec3& p) {
   if ((p.array().abs() < kFarthest).all()) return;  // the condition is false for NaN
-  throw Error(name, "the place is farther than 1,000 km from the origin",
+  throw Error(name, "a coordinate is 1,000 km or more from 0, or not a number",
               "give coordinates in metres");
 }
 

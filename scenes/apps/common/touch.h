@@ -1,4 +1,4 @@
-/// Moves a hand in a scene and describes the modes, for `check`, `explain` and `press`.
+/// Moves a hand in a scene, and describes the loads of its modes.
 #pragma once
 
 #include <cstdint>
@@ -16,11 +16,11 @@
 
 namespace palpate::cli {
 
-/// Returns the numbers of "x,y,z"; empty if the text is not three finite numbers.
+/// Returns the numbers of "x,y,z"; no value if the text is not three finite numbers.
 [[nodiscard]] std::optional<Vec3> numbersOf(const std::string& text);
 
-/// Parses "x,y,z" [m]. Throws Error about `option` unless the text is three finite numbers below
-/// 1,000 km.
+/// Parses "x,y,z" [m]. Throws Error about `option` unless the text is three finite numbers with
+/// magnitudes below 1e6 m.
 [[nodiscard]] Vec3 readVector(const std::string& option, const std::string& text);
 
 /// Returns true if p is in the box or on its faces.
@@ -30,7 +30,8 @@ namespace palpate::cli {
 [[nodiscard]] std::vector<std::filesystem::path> inputsOf(const std::string& scene,
                                                           const SceneSpec& spec);
 
-/// Throws Error about `name` (an option or argument) if a coordinate exceeds hapticStep's limit.
+/// Throws Error about `name` (an option or argument) if a coordinate [m] is not finite, or has a
+/// magnitude of 1e6 m or more, which hapticStep() rejects.
 void checkReach(const std::string& name, const Vec3& p);
 
 /// Throws Error unless the rate is 10 to 100,000 Hz.
@@ -46,7 +47,7 @@ struct Opened {
 };
 struct Near {
   std::set<std::size_t> parts;  ///< Indices into Scene::parts.
-  double missing = 0.0;         ///< Largest force of near parts that did not fit in a tick [N].
+  double missing = 0.0;         ///< Largest StepReport::missing of the ticks [N].
 
   /// Adds the parts that were near the hand in a tick.
   void add(const ProxyState& state, const StepReport& report);
@@ -56,9 +57,11 @@ using TrialRun = std::function<Near(const BuiltScene&)>;
 /// Receives messages to the user, one line each.
 using Say = std::function<void(const std::string&)>;
 void complainOf(const std::string& line);
-/// Reduces a scene with parts to those near the hand, in one graph. Throws SceneError if there are
-/// no near parts, or too many for one graph.
+/// Reduces a scene with parts to those near the hand, in one graph. Throws Error if there are no
+/// near parts, or too many for one graph.
 void narrow(Opened& opened, const Near& near, SceneCache& cache, const Say& say);
+/// Builds a scene that waits for its data, and passes its notes to `say`. Calls `trial` only if the
+/// scene has parts. Throws Error.
 [[nodiscard]] Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress,
                              const Say& say);
 /// Opens a scene from a file, and shows the progress on a terminal.
@@ -104,10 +107,10 @@ struct Load {
 /// Returns the sum of the loads: the mode's force on the proxy [N].
 [[nodiscard]] Vec3 totalOf(const std::vector<Load>& loads);
 /// Returns the loads that decide whether a mode holds: its planes, or its other loads if it has no
-/// planes. Friction and, beside planes, the drag of a surface do not count. Two opposed planes
-/// count as their sum.
+/// planes. Leaves out friction and, beside planes, the drag of a surface.
 [[nodiscard]] std::vector<Load> bearersOf(const std::vector<Load>& loads);
-/// Returns the most severe state of the loads; kIdle if their sum is zero.
+/// Returns the most severe state of bearersOf(loads); kIdle if the sum of these is zero, to within
+/// its uncertainty.
 [[nodiscard]] Hold holdOf(const std::vector<Load>& loads);
 
 /// Returns "idle", "holds", "yields" or "pushes"; for friction lines "idle", "sticks" or "slips".
@@ -115,7 +118,8 @@ struct Load {
 [[nodiscard]] const char* wordFor(Side side);
 [[nodiscard]] const char* wordFor(SolverKind kind);
 
-/// Formats a number with four significant digits for the user. Magnitudes below 1e-12 become 0.
+/// Formats a number with at most four significant digits for the user. Magnitudes below 1e-12
+/// become 0.
 [[nodiscard]] std::string shown(double value);
 
 }  // namespace palpate::cli

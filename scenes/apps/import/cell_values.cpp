@@ -22,7 +22,8 @@ namespace {
 
 using Cells = std::vector<vtkIdType>;
 
-/// Values of the cells, their averages at the points, and their range.
+/// Values of the cells, their averages at the points, and the range of a scalar's cell values. The
+/// range of a vector is unlimited.
 struct Moved {
   vtkDataArray* cells = nullptr;
   vtkDataArray* points = nullptr;

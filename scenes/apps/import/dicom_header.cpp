@@ -120,7 +120,8 @@ Slice sliceOf(vtkDICOMMetaData* meta, int frame) {
   return slice;
 }
 
-/// Returns true for classes of images, and for "": a truncated file may lack its class.
+/// Returns true for the classes of CT, MR, PET and nuclear medicine images. Also returns true for
+/// "", because a truncated file may lack its class.
 bool isImageClass(const std::string& uid) {
   if (uid.empty()) return true;
   static constexpr std::array kClasses = {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "130"};
@@ -150,7 +151,8 @@ void takePurpose(File& file, vtkDICOMMetaData* meta) {
   file.is_localiser = kind.find("LOCALIZER") != std::string::npos;
 }
 
-/// Returns true if the decoder supports this transfer syntax: still images with any compression.
+/// Returns true if the decoder supports this transfer syntax: no compression, or a compression of
+/// still images that vtk-dicom knows.
 bool isReadable(const std::string& syntax) {
   constexpr std::array kPlain = {"",  // not stated in old files
                                  "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"};

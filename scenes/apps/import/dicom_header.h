@@ -32,7 +32,8 @@ inline constexpr std::array kTimeTags = {
     TimeTag{DC::AcquisitionTime, 1.0},
 };
 
-/// A tag that differs between kinds of images, whose values must be equal in all time steps.
+/// A tag that differs between kinds of images. Its value must be the same in all images at one
+/// position.
 struct KindTag {
   DC::EnumType tag;
   const char* name;
@@ -81,7 +82,7 @@ struct File {
   std::string remedy = kCopyDicomAgain;  ///< Remedy for `damage`.
   bool is_image = false;
   bool is_colour = false;
-  bool is_packed = false;  ///< True if the pixels are compressed and GDCM must decode them.
+  bool is_packed = false;  ///< True if GDCM must decode the pixels: compressed, but not by RLE.
   bool is_lossy = false;
   bool is_capture = false;      ///< True if its class is Secondary Capture.
   bool is_screen_save = false;  ///< True if its ImageType is SCREEN SAVE.
@@ -97,7 +98,7 @@ struct File {
   std::string frame_of_reference;  ///< UID of the space of the positions; may be empty.
   std::string modality;
   std::string unit;
-  double thickness = 0.0;
+  double thickness = 0.0;  ///< Thickness of a slice [mm]; 0: not stated.
   double time_step = 0.0;  ///< Time between two steps [s]; 0: not stated.
   std::vector<Slice> slices;
 };

@@ -16,7 +16,7 @@ struct Candidate {
   Series series;
   std::size_t number = 0;
   double key = kUnsaid;  ///< Time or phase, by which the series are sorted; NaN: not stated.
-  double end = kUnsaid;  ///< AcquisitionTime of the last image [s].
+  double end = kUnsaid;  ///< AcquisitionTime of the last image [s]; NaN: not used.
 };
 
 std::size_t indexOf(DC::EnumType tag) {
@@ -124,7 +124,8 @@ bool keepKeyed(std::vector<Candidate>& candidates, std::vector<std::string>& not
   return true;
 }
 
-/// Sets the keys to the earliest AcquisitionTime [s]. Returns false unless all series state it.
+/// Sets each key to the earliest AcquisitionTime of the series [s]. Returns false unless all images
+/// state it.
 bool setAcquisitionTimes(std::vector<Candidate>& candidates) {
   const std::size_t tag = indexOf(DC::AcquisitionTime);
   for (Candidate& candidate : candidates) {

@@ -9,9 +9,10 @@
 
 namespace palpate::importer {
 
-/// Time steps in several series. The order follows the first of these that the series state: a time
-/// or a number of the step, which is the same in all images of a series (kTimeTags); a percentage
-/// in SeriesDescription, such as "Gated, 30%"; AcquisitionTime.
+/// Time steps in several series. The order follows the first of these that at least two series
+/// state: a time or a number of the step, which is the same in all images of a series (kTimeTags);
+/// a percentage in SeriesDescription, such as "Gated, 30%". Otherwise it follows AcquisitionTime,
+/// which all images must state.
 struct Phases {
   /// Copies of the files. All have the UID of the first series. Of kTimeTags, their images state
   /// only the time [s], or the number of the step.
@@ -22,9 +23,9 @@ struct Phases {
   std::string problem;
 };
 
-/// Joins the series that can be volumes. Series without a percentage are left out if others have
-/// one, and so are series without the number of a step. Series of one volume have equal modality,
-/// frame of reference, positions and size.
+/// Joins the series that can be volumes. If at least two series state a time, number or percentage,
+/// leaves out those that do not. Series of one volume have equal modality, frame of reference,
+/// positions, orientation, pixel spacing and size.
 [[nodiscard]] Phases phasesOf(const std::vector<Series>& all);
 
 }  // namespace palpate::importer

@@ -57,8 +57,8 @@ std::vector<Group> byPlace(std::vector<Slice> slices) {
   return groups;
 }
 
-/// Sorts each group by time. Returns the index in kTimeTags of the tag that distinguishes the
-/// times; no value if no tag does.
+/// Sorts each group by time. Returns the index in kTimeTags of the first tag whose value differs
+/// between all images of each group; no value if there is none.
 std::optional<std::size_t> sortByTime(std::vector<Group>& groups) {
   for (std::size_t tag = 0; tag < kTimeTags.size(); ++tag) {
     const auto earlier = [&](const Slice& a, const Slice& b) {
@@ -117,7 +117,8 @@ class Stacker {
     throw VolumeError(what_, why, remedy);
   }
 
-  /// Returns all images. Throws VolumeError unless they have equal size, orientation and format.
+  /// Returns all images. Throws VolumeError unless they state their positions, are grey, and have
+  /// equal size, spacing, orientation and format.
   std::vector<Slice> alike() const {
     std::vector<Slice> slices;
     std::vector<std::string> colour;
@@ -202,7 +203,8 @@ class Stacker {
                                      : "keep one image at each position";
   }
 
-  /// Finds the times of several images at each position. Throws VolumeError without times.
+  /// Finds the times of the steps if there are several images at each position. Throws VolumeError
+  /// if no tag states a different time for each of them.
   void separate(std::vector<Group>& groups, const Ruler& ruler, Stack& out) const {
     const auto fewer = [](const Group& a, const Group& b) { return a.size() < b.size(); };
     const auto [fewest, most] = std::minmax_element(groups.begin(), groups.end(), fewer);
@@ -269,7 +271,7 @@ class Stacker {
 
   /// Returns the transform. Its step between slices follows their positions, because a tilted
   /// gantry shears the volume. Sets `out.depths` if distances vary. Throws VolumeError if slices
-  /// are missing.
+  /// are missing or not on a line, or if the shear exceeds 80 degrees.
   Affine mapOf(const std::vector<Group>& groups, const Vec3& normal, const Ruler& ruler,
                Stack& out) const {
     const Slice& first = groups.front().front();
@@ -381,7 +383,7 @@ class Stacker {
 
   /// Returns the number of slices missing in gap i. Slices are missing if the image numbers jump in
   /// the gap, and the gap is at least 1.5 times a neighbouring gap. Without numbers, the gap must
-  /// be a multiple of both neighbouring gaps.
+  /// be a multiple, at least twofold, of each neighbouring gap.
   static std::size_t missingIn(const std::vector<double>& gaps, const std::vector<double>& jumps,
                                std::size_t i) {
     std::vector<double> ratios;  // relative to the neighbouring gaps; for i = 0, i - 1 is not a gap

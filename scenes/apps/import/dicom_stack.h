@@ -19,16 +19,17 @@ struct Series {
 /// Returns a line for the user, such as: 2: "T1 axial" MR 24 images.
 [[nodiscard]] std::string nameOf(std::size_t number, const Series& series);
 
-/// Groups files by series, sorted by number, then by UID. `files` must outlive the result.
+/// Groups the files that are images by series, sorted by number, then by UID. `files` must outlive
+/// the result.
 [[nodiscard]] std::vector<Series> seriesOf(const std::vector<File>& files);
 
 /// Returns the reason why a series cannot be a volume; "" if it can be a volume, or if one of its
 /// files is damaged.
 [[nodiscard]] std::string reasonAgainst(const Series& series);
 
-/// Returns the series that the user requests by number, UID or description, otherwise the only
-/// series that can be a volume. Adds notes about localisers, screen saves, single images and images
-/// without a position. Throws VolumeError with a list of the series unless exactly one fits.
+/// Returns the series that the user requests by number, UID or description. Without a request,
+/// returns the only series, or the only one of several that can be a volume, and adds a note about
+/// each of the others. Throws VolumeError with a list of the series unless exactly one fits.
 [[nodiscard]] const Series& chosen(const std::vector<Series>& all, const Request& request,
                                    std::vector<std::string>& notes);
 
@@ -45,8 +46,9 @@ struct Stack {
   std::vector<std::string> notes;
 };
 
-/// Stacks the images of a series. Throws VolumeError, which names `what`, if images differ in kind,
-/// size or orientation, are missing or duplicated, are not on a line, or have equal times.
+/// Stacks the images of a series. Throws VolumeError, which names `what`, if they do not form a
+/// volume: for example, if images differ in kind, size or orientation, are missing or duplicated,
+/// are not on a line, or have equal times.
 [[nodiscard]] Stack stackOf(const Series& series, const std::string& what);
 
 }  // namespace palpate::importer

@@ -25,7 +25,7 @@ constexpr double kConverged = 1e-3;
 /// distance exceeds the rounding of float vectors and the residual at which the iteration ends.
 constexpr double kOnFace = 1e-4;
 
-/// Returns a unit of length in metres; a millimetre for other units and "".
+/// Returns the length of a unit [m]; 1e-3 for unknown units and "".
 double metresOf(const std::string& unit) {
   const LengthUnit* known = lengthUnitOf(unit);
   return known == nullptr ? 1e-3 : known->metres;

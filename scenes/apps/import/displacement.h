@@ -32,7 +32,7 @@ enum class Direction : std::uint8_t {
 /// too large for a "warp".
 /// @param made         Grid of vectors in its world space, all of whose voxels are active. Its name
 ///                     becomes "displacement".
-/// @param length_unit  Unit of the world space; "" counts as "mm".
+/// @param length_unit  Unit of the world space; "" and unknown units count as "mm".
 void takeDisplacement(Gridded& made, Direction direction, const std::string& length_unit,
                       const std::string& file, const Progress& progress,
                       std::vector<std::string>& notes);

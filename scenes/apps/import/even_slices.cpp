@@ -15,7 +15,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Two neighbouring slices, of which `first` is the lower, and the weight of the upper one.
+/// Two neighbouring slices: the index of the lower one, and the weight of the upper one.
 struct Neighbours {
   std::size_t first = 0;
   double weight = 0.0;

@@ -13,11 +13,12 @@ namespace palpate::importer {
 ///
 /// A fill value satisfies two conditions. First, programs write this number for missing data
 /// (isFillNumber), or the number is the lowest stored integer (Values::lowestCode) or the negative
-/// of another fill value. Second, the number is isolated: its distance to all other values of its
-/// component is at least the range of these values. The other values must differ, so an array of
-/// two labels stays unchanged; a note says so if one of them looks like a fill value. Changes
-/// floats and doubles in place. Converts whole numbers to floats or doubles, and may subtract an
-/// offset from them (wholeOffset).
+/// of another fill value. Second, the number is isolated: its distance to the data is at least the
+/// range of the data. The data are the values of the same component that are not fill values. They
+/// must differ, so an array of two labels stays unchanged; a note says so if one of them looks like
+/// a fill value. A component has at most two fill values at each end of its range. Changes floats
+/// and doubles in place. Converts whole numbers to floats or doubles, and may subtract an offset
+/// from them (wholeOffset).
 /// @param shared  Process group; all ranks find the same fill values.
 bool hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared);
 

@@ -1,4 +1,5 @@
-/// Selects the reader of a file by the file's first bytes, otherwise by the file's name.
+/// Selects the reader of an input: of a folder by its files, and of a file by its first bytes or
+/// its name.
 #include <algorithm>
 #include <array>
 #include <cctype>

@@ -11,7 +11,7 @@
 namespace palpate::importer {
 
 enum class Along : std::uint8_t {
-  kOther,      ///< Other positions, in `unit`; indices if `unit` is empty.
+  kOther,      ///< Other positions in `unit`, or indices.
   kLongitude,  ///< Longitude [degrees].
   kLatitude,   ///< Latitude [degrees].
   kPressure,   ///< Pressure [hPa].
@@ -22,7 +22,7 @@ enum class Along : std::uint8_t {
 struct Axis {
   Along along = Along::kOther;
   std::vector<double> at;
-  std::string unit;
+  std::string unit;  ///< As the file states it; empty: not stated.
 };
 
 /// Fields on one grid. Values are in the order of `axes`, the first axis fastest.
@@ -40,12 +40,13 @@ struct EarthGrid {
 
 /// Converts a grid to pieces: an image if its points form an even lattice, otherwise a mesh.
 ///
-/// Longitudes and latitudes become km on a plane, at the scale of the middle latitude. Pressures
-/// become heights in the standard atmosphere (ISO 2533). If the range of heights is below a quarter
-/// of the longer horizontal side, all heights are multiplied by a round number. The range is then
-/// at least a quarter. Components of wind or current become one vector, with its z component
-/// stretched too. Adds a note for each change. Throws VolumeError if positions along an axis are
-/// not finite, or neither increase nor decrease. Also throws if a longitude or latitude is out of
+/// If x is longitude and y is latitude, they become km on a plane, at the scale of the middle
+/// latitude. On such a grid and on a map projection, pressures become heights in the standard
+/// atmosphere (ISO 2533). If the range of heights there is below a quarter of the longer horizontal
+/// side, all heights are multiplied by a round number. The range is then at least a quarter.
+/// Components of wind or current become one vector, whose z component is multiplied by the same
+/// number. Adds a note for each change. Throws VolumeError if positions along an axis are not
+/// finite, or neither increase nor decrease. Also throws if a longitude or latitude is out of
 /// range.
 [[nodiscard]] std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                              const std::string& file, Content& content);

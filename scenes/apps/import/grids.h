@@ -20,15 +20,16 @@ struct Gridded {
   GridBox make;
   std::uint64_t voxels = 0;  ///< Number of voxels in the image, or inside the mesh.
   std::uint64_t active = 0;
-  std::uint64_t holes = 0;  ///< Number of these without data: not finite, or hidden.
+  std::uint64_t holes = 0;  ///< Number of voxels without data: not finite, or hidden.
   double lowest = 0.0;      ///< Range of the active values.
   double highest = 0.0;
   double background = 0.0;
   double tolerance = 0.0;
   /// Suggested tolerance that hides noise around the object: 99 % of the values on the image's
-  /// faces are within it. `quieter_share` is the fraction of voxels that would stay active. Both
-  /// are 0 for vectors, meshes and images with missing voxels, if few voxels would become inactive,
-  /// or if the tolerance would exceed 5 % of the range.
+  /// faces differ from the background by at most this value. `quieter_share` is the fraction of
+  /// voxels that would stay active. Both are 0 for vectors, labels, meshes and images with missing
+  /// voxels. They are also 0 if at most a tenth of the active voxels would become inactive, or if
+  /// the suggestion is not between `tolerance` and 5 % of the range.
   double quieter_tolerance = 0.0;
   double quieter_share = 0.0;
 };
@@ -43,10 +44,11 @@ struct Gridded {
 /// Makes a grid of floats from an image. Voxels without data (not finite, or hidden) are inactive.
 /// Voxels within the tolerance of the background get its value. They are inactive too, unless the
 /// image has voxels without data: then only these are inactive (kMetaInactiveIsMissing). The
-/// background is the median of the values on the image's faces; for vectors it is zero. Works in
-/// parallel. Needs memory only for the grid. Throws VolumeError, which names `file`, if the
+/// background is the median of the values on the image's faces; for vectors and labels it is 0.
+/// Works in parallel. Does not copy the array. Throws VolumeError, which names `file`, if the
 /// transform is singular, not finite, or too small for OpenVDB.
-/// @param tolerance  Tolerance of the background, in the array's unit, >= 0.
+/// @param tolerance  Tolerance of the background, in the array's unit. If it is negative, no voxel
+///                   counts as background.
 [[nodiscard]] Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
                                     const std::string& file, const Progress& progress);
 
@@ -59,13 +61,14 @@ struct Gridded {
                                     const Shared& shared);
 
 /// Makes a grid of cubes with edge `voxel` as gridFromImage does, by trilinear interpolation. The
-/// first cube is at the lowest corner of the image's bounds. A cube has no data if one of the
-/// voxels that it reads has none. Throws VolumeError as gridFromImage and countCubes do.
+/// centre of the first cube is at the lowest corner of the image's bounds. A cube has no data if
+/// one of the voxels that it reads has none. Throws VolumeError as gridFromImage and countCubes do.
 [[nodiscard]] Gridded gridOnCubes(const Piece& image, const Array& array, double voxel,
                                   double tolerance, const std::string& file,
                                   const Progress& progress);
 
-/// Throws VolumeError if the edge is below about 1.4e-5, because OpenVDB cannot represent it.
+/// Returns the transform of cubes. The centre of the first cube is at `origin`. Throws VolumeError
+/// if the edge is below about 1.4e-5, because OpenVDB cannot represent it.
 [[nodiscard]] openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
                                                   const std::string& file);
 
@@ -76,7 +79,7 @@ struct Gridded {
 [[nodiscard]] std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel,
                                             double slack, const std::string& file);
 
-/// Largest number of voxels in a box.
+/// Largest number of cubes in a resampled volume. Some readers use it as a limit for values.
 inline constexpr double kMostVoxels = 4e9;
 
 }  // namespace palpate::importer

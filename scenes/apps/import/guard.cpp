@@ -31,7 +31,8 @@ void passOn(int /*signal*/) {
   if (child_of_signals != 0) kill(static_cast<pid_t>(child_of_signals), SIGKILL);
 }
 
-/// Length of a message's head: a letter, and the length of the text in 8 hexadecimal digits.
+/// Length of a message's head [bytes]: a letter, and the length of the text in 8 hexadecimal
+/// digits.
 constexpr std::size_t kHead = 9;
 
 bool writeAll(int file, const char* data, std::size_t count) {
@@ -86,7 +87,7 @@ struct Written {
   std::filesystem::path file;
 };
 
-/// A file with its final name.
+/// An output file that has its final name.
 struct Appeared {
   std::filesystem::path partial;
   std::filesystem::path target;
@@ -113,8 +114,9 @@ Appeared appearOne(const Written& one) {
   return {one.partial, target, false, was_there};
 }
 
-/// Gives all files their final names. If one fails, removes the new files, restores the older files
-/// that they replaced, and throws Error.
+/// Gives all files their final names. If one fails, removes the new files, restores the older
+/// files, and throws Error. On a file system that cannot exchange two names, replaced files stay
+/// replaced.
 void appear(const std::vector<Written>& files) {
   std::error_code error;
   std::vector<Appeared> done;

@@ -30,14 +30,16 @@ class Teller {
 };
 
 /// Runs `work` in a child process and returns its exit status. If the work fails, prints one line
-/// on standard error. The status is then 2 for Error and for a crash (the file is at fault), 1 for
-/// a lack of memory, 3 for other failures. If this process is interrupted or terminated, the child
-/// is killed and the status is 130, unless its work is complete. The announced files appear only if
-/// the child succeeds, all or none; on a file system that cannot exchange two names (NFS), replaced
-/// files stay replaced. Throws Error if a pipe, a process or a file cannot be created, or if
-/// standard output cannot be written. `what` is the file that is read, `need_less` the remedy for a
-/// lack of memory. If the child ends without a message, the parent prints `silent`; if `silent` is
-/// empty, a message that the file is probably damaged.
+/// on standard error. The status is then 2 for Error, for an error of the file system and for a
+/// crash (the file is at fault), 1 for a lack of memory, 3 for other failures. A child that another
+/// process kills (SIGKILL) counts as a lack of memory. If this process is interrupted, terminated
+/// or hung up, it kills the child. The status is then 130, unless the work is complete. The
+/// announced files appear only if the child succeeds, all or none; on a file system that cannot
+/// exchange two names (NFS), replaced files stay replaced. Throws Error if a pipe, a process or a
+/// file cannot be created, or if standard output cannot be written. `what` is the file that is
+/// read, `need_less` the remedy for a lack of memory. If the child exits with a failure but without
+/// a message, the parent prints `silent`; if `silent` is empty, a message that the file is probably
+/// damaged.
 [[nodiscard]] int runGuarded(const std::string& what, const std::string& need_less,
                              const std::function<int(Teller&)>& work,
                              const std::string& silent = "");

@@ -21,8 +21,8 @@ namespace palpate::importer {
 [[nodiscard]] std::string firstBytesOf(const std::filesystem::path& file);
 
 /// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if the data
-/// file is unreadable. Unless `follow` is true, the file (after all links) must also be in the
-/// header's folder or below it.
+/// file is missing or is not a regular file. Unless `follow` is true, the file (after all links)
+/// must also be in the header's folder or below it.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,
                                 const std::filesystem::path& data, bool follow);
 
@@ -30,7 +30,7 @@ namespace palpate::importer {
 void checkHeld(const std::filesystem::path& header, const std::filesystem::path& data, double held,
                double least);
 
-/// Returns the smallest size after deflate, which compresses at most 1032:1 [bytes].
+/// Returns a lower limit of the size after deflate [bytes]. Deflate compresses at most 1032:1.
 [[nodiscard]] constexpr double leastDeflated(double bytes) noexcept {
   return bytes / 1040.0;
 }

@@ -38,14 +38,14 @@ std::string emptyBecause(const Imported& imported) {
 }
 
 /// Replaces fill values by NaN, subtracts an offset from large whole numbers, and adds a note about
-/// the loss that remains.
+/// the loss that remains. Leaves the values of labels unchanged.
 void prepareValues(Array& array, EarlierSteps& earlier, std::vector<std::string>& notes,
                    const Shared& shared) {
   if (!array.labels) {
     hideFillValues(array, notes, shared);
     subtractOffset(array, earlier.value_offsets[array.name], shared);
   }
-  // Floats hold all numbers of 1 and 2 bytes.
+  // Floats represent all whole numbers of 1 and 2 bytes.
   if (array.values.bytesEach() < 4) return;
   const Loss own = shared.isKnown() ? Loss() : floatLoss(array.values);
   if (const Loss loss = shared.worst(own); !loss.empty()) {
@@ -182,7 +182,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
         smoothImage(piece, array, options.smooth, in, telling.progress, shared);
     telling.stage(array.name);
     imported.smoothing = smoothed.rms_change;
-    // The filter leaves small values around each object, so the default makes them inactive.
+    // The filter leaves small values around each object. The default tolerance makes them inactive.
     if (!options.tolerance) tolerance = 1e-3 * smoothed.range;
   }
   const bool on_cubes = options.voxel > 0.0 && !options.iso;
@@ -227,7 +227,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array,
                                [make = imported.made.make](std::size_t) { return make; }};
   }
   if (isDisplacement(options)) {
-    // This follows errorOf(), which compares the given vectors with the array, not an inverse.
+    // Inverts the field after errorOf(), which must compare the given vectors with the array.
     telling.stage("displacement");
     takeDisplacement(imported.made,
                      options.direction == "forward" ? Direction::kForward : Direction::kBackward,
@@ -281,10 +281,10 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   made.active = made.voxels;
   made.quieter_tolerance = 0.0;
   if (made.active == 0 && !std::exchange(earlier.has_empty, true)) {
-    step.notes.push_back(fmt::format(
-        "{}: no surface has the value of --iso in this step: as for each such step, its file has "
-        "an empty level set, which a scene plays as background",
-        made.grid->getName()));
+    step.notes.push_back(
+        fmt::format("{}: no surface has the value of --iso in this step: the file of each such "
+                    "step has an empty level set, which a scene plays as background",
+                    made.grid->getName()));
   }
 }
 
@@ -327,7 +327,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
-  // From these entries, `palpate scene` guesses the same scene as this import.
+  // From the metadata, `palpate scene` guesses the same scene as this import.
   text(kMetaImportedFrom, imported.image ? "image" : "mesh");
   if (imported.image && !imported.image->empty() && !imported.level_set) {
     const openvdb::Coord size = imported.image->dim();

@@ -27,7 +27,8 @@ struct Options {
   /// Edge of cubic voxels [unit of the file]; 0: the image's voxels, or a suggestion for a mesh.
   double voxel = 0.0;
   SmoothWidth smooth;  ///< Standard deviation of the smoothing filter; 0: no smoothing.
-  /// Tolerance of the background [unit of the values], >= 0; unset: the default.
+  /// Tolerance of the background [unit of the values], >= 0; unset: 0, or 1e-3 of the range after
+  /// smoothing.
   std::optional<double> tolerance;
   std::optional<double> iso;  ///< If set, makes a level set of the surface at this value.
   /// Direction of a displacement field: "backward" or "forward"; empty: backward.
@@ -52,8 +53,8 @@ struct Imported {
   /// Box of the image's voxels, where the image cuts objects off. Empty if the image was resampled
   /// to cubes. No value for a mesh.
   std::optional<openvdb::CoordBBox> image;
-  /// The grid for --bricks, if it has the image's own voxels: they are not in `made.grid`. `open`
-  /// uses the reader and the group.
+  /// For --bricks with the image's own voxels: the grid in parts. `made.grid` then has no voxels.
+  /// The function `open` of the parts uses the reader and the group.
   std::optional<GridParts> parts;
 };
 
@@ -74,15 +75,16 @@ struct Telling {
   Progress progress;
 };
 
-/// Opens the file. In a process group, a rank reads only its part, if the format allows this. For
-/// bricks of a large image, a single process divides the group into slabs if the reader can go to
-/// any slice. All arguments must outlive the reader.
+/// Opens the file. For bricks in a process group, a rank reads only its part, if the format allows
+/// this. For bricks of a large image, a single process divides the group into slabs if the reader
+/// can go to any slice. All arguments must outlive the reader.
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                               SlabGroup& group);
 
-/// Data that a step of a series needs from earlier steps, by the name of a scalar array.
+/// Data that a step of a series needs from earlier steps. The keys of maps and the elements of sets
+/// are names of arrays.
 struct EarlierSteps {
-  /// Background of the last step whose values vary. A step without such values gets this value, so
+  /// Background of the last step whose scalars vary. A step without any data gets this value, so
   /// that the sequence has all frames.
   std::map<std::string, double> backgrounds;
   std::map<std::string, std::optional<double>> value_offsets;  ///< Array::value_offset.
@@ -92,22 +94,24 @@ struct EarlierSteps {
   std::set<std::string> bodies;
 };
 
-/// Returns true if a grid of the step has values that vary, or is a level set that is not empty.
+/// Returns true if a grid of the step has values (for vectors, lengths) that vary, or is a level
+/// set that is not empty.
 [[nodiscard]] bool hasContrast(const Step& step);
 
-/// Reads a step, makes its grids and sets their metadata. Leaves out constant scalars, unless
-/// --time is "all" without --iso. With --iso and --time all, a step without the surface gets an
-/// empty level set, except with --bricks. Throws Error, also if --bricks would get several arrays.
-/// If no grid remains, the notes state the reason. In a process group, each rank gets its parts of
-/// an image's grid (Imported::parts), and other grids completely. In a divided group, reads the
-/// image once for each value that all slabs share.
+/// Reads a step, makes its grids and sets their metadata. Leaves out arrays of an image that have
+/// no data, or whose values all count as background, and notes the reason. Without --iso, keeps
+/// such vectors, and with --time all also such scalars. With --iso and --time all, a step without
+/// the surface gets an empty level set, except with --bricks. Throws Error, also if --bricks would
+/// get several arrays. In a process group, each rank gets its parts of an image's grid
+/// (Imported::parts), and other grids completely. In a divided group, reads the image once more for
+/// each value that all slabs share.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, SlabGroup& group, EarlierSteps& earlier);
 
-/// Writes the grids, or an empty frame without a grid, with Blosc compression, frees them, and
-/// reads grids back as a scene does. Throws Error, which names `file`, if it cannot be written.
-/// Throws Error, which names `in`, if a grid is rejected; the file then remains. Does not read an
-/// empty frame back.
+/// Writes the grids with Blosc compression, frees them, and reads them back as a scene does.
+/// Without grids, writes an empty frame. Throws Error, which names `file`, if it cannot be written.
+/// Throws Error, which names `in`, if a scene would reject a grid; the file then remains. Does not
+/// read back a file without grids, or with an empty level set.
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
 /// Writes the only grid as bricks and frees it. All ranks must call this function.

@@ -76,7 +76,7 @@ fs::path sceneFolder(const Options& options) {
                                         : fs::absolute(options.scene).parent_path());
 }
 
-/// Returns the path of a file in the scene.
+/// Returns the path of a file, relative to the scene's folder.
 std::string pathInScene(const Options& options, const fs::path& file) {
   return fs::weakly_canonical(fs::absolute(file)).lexically_relative(sceneFolder(options)).string();
 }
@@ -109,7 +109,7 @@ void writeScene(const Options& options, const std::string& scene, Teller& teller
               "choose another path, or free space on the disk");
 }
 
-/// Throws Error if the scene would not play the steps' files, and only these.
+/// Throws Error if the scene could not play the files of the steps, or would also play other files.
 void checkPlayed(const Options& options, std::size_t steps) {
   if (options.out.stem().string().find('%') != std::string::npos) {
     throw Error(options.out.string(),
@@ -124,8 +124,8 @@ void checkPlayed(const Options& options, std::size_t steps) {
               "remove this file and those with higher numbers, or choose another name");
 }
 
-/// Returns the last lines of output. `first` is the first .vdb, or empty. `played` is the number of
-/// steps that the scene plays, or 0.
+/// Returns the last lines of output. `first` is the file or folder that they name if there is no
+/// scene, or empty. `played` is the number of steps that the scene plays, or 0.
 std::string lastWords(const Options& options, const fs::path& first, const std::string& scene,
                       std::size_t played) {
   std::string text;
@@ -167,7 +167,7 @@ void writeStep(const Options& options, const fs::path& out, Step& step, Teller& 
   writeVdb(partial, step, options.request.file.string());
 }
 
-/// Adds the note of a step without grids. Throws Error if it is the only step.
+/// Adds a note to a step without grids. Throws Error if no other step is imported.
 void noteSkipped(const Options& options, Step& step, std::size_t steps) {
   if (steps == 1) {
     throw Error(options.request.file.string(), step.notes.back(),
@@ -198,7 +198,8 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
 
   std::string text;
   std::string scene;
-  fs::path first;  // the first step with contrast, otherwise the first step
+  // Output of the first step with contrast, otherwise of the first step with a grid.
+  fs::path first;
   bool has_contrast = false;
   EarlierSteps earlier;
   PlayedSteps played{reader->times(), reader->timeUnit(), 0, ""};
@@ -336,8 +337,8 @@ void addSmooth(CLI::App& app, SmoothWidth& width) {
       ->type_name("WIDTH");
 }
 
-/// Imports. Converts OpenVDB's exceptions to VolumeError: the file has invalid transforms or
-/// positions.
+/// Imports the file. Converts exceptions of OpenVDB, such as for an invalid transform, to
+/// VolumeError.
 int import(const Options& options, Teller& teller, ProcessGroup& group) {
   try {
     return importAll(options, teller, group);
@@ -373,7 +374,8 @@ std::string needLess(const Options& options) {
                "bricks (--bricks)";
 }
 
-/// Every rank checks options and files, which may differ between machines. One rank reports.
+/// Imports as one rank of a group. Every rank checks options and files, which may differ between
+/// machines. One rank reports errors.
 int importTogether(const Options& options) {
   // MPI may end a process by exit() without a message; palpate then prints this message.
   const Error silent("mpirun", "this rank stopped without a message",
@@ -488,7 +490,8 @@ int main(int argc, char** argv) {
   bool quiet = rank.value_or(0) != 0;
   try {
     app.parse(argc, argv);
-    // mpirun may have started a script that calls this program once: then this rank works alone.
+    // A single rank without --bricks works alone: mpirun may have started a script that calls this
+    // program.
     const bool together = rank && (options.bricks || importer::ranksByEnvironment() > 1);
     if (together) importer::checkTogether(options);
     quiet = false;

@@ -104,8 +104,10 @@ vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file
   if (solid->GetNumberOfIds() == 0) return nullptr;
   if (flat > 0) notes.push_back(fmt::format("{} cells without volume were skipped", flat));
   if (hidden > 0) {
-    notes.push_back(
-        fmt::format("{} cells were skipped, which the file marks as hidden or duplicate", hidden));
+    notes.push_back(fmt::format(
+        "{} cells were skipped: the file marks them or one of their points as hidden, or "
+        "the cells as duplicate",
+        hidden));
   }
 
   vtkSmartPointer<vtkDataSet> out = mesh;

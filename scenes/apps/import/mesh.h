@@ -12,8 +12,9 @@
 namespace palpate::importer {
 
 /// Returns the cells that have a volume, are neither hidden nor duplicate, and have no hidden
-/// point; null if there are none. Splits all cells into tetrahedra if VTK cannot locate points in
-/// some of them, such as polyhedra. Throws VolumeError if cells refer to points that do not exist.
+/// point; null if there are none. Splits all cells into tetrahedra if isInsideCell() does not
+/// support the type of some, such as polyhedra. Throws VolumeError if cells refer to points that do
+/// not exist.
 [[nodiscard]] vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file,
                                                      std::vector<std::string>& notes);
 

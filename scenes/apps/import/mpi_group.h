@@ -11,6 +11,7 @@ namespace palpate::importer {
 /// Returns the rank of this process; no value without mpirun or a similar launcher.
 [[nodiscard]] std::optional<int> rankByEnvironment();
 
+/// Returns the number of ranks; 1 if the environment does not state it.
 [[nodiscard]] int ranksByEnvironment();
 
 [[nodiscard]] bool canJoinGroup();

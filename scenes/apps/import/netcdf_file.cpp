@@ -18,7 +18,8 @@ namespace palpate::importer {
 namespace {
 
 /// Returns the text of an attribute in a file or group, without spaces at its end. Returns "" if
-/// the attribute is absent, is not a text or is too long.
+/// the attribute is absent, is not a text, or is an array of more than 4096 characters. Cuts a
+/// string of netCDF-4 to 4096 bytes.
 std::string textIn(int id, int variable, const char* name) {
   nc_type type = NC_NAT;
   std::size_t length = 0;
@@ -177,7 +178,7 @@ void NetcdfFile::findMeaning(int d) {
   const auto named = [&](std::initializer_list<const char*> names) {
     return std::find(names.begin(), names.end(), name) != names.end();
   };
-  // Members of an ensemble, and forecast steps beside a time dimension, are not in space.
+  // Members of an ensemble and forecast steps are not dimensions of space.
   const std::string standard =
       dimension.variable < 0 ? "" : text(dimension.variable, "standard_name");
   if (standard == "realization" || standard == "forecast_period" ||

@@ -56,7 +56,8 @@ class NetcdfFile {
   /// Returns all dimensions except time.
   [[nodiscard]] std::vector<int> spaceOf(int variable) const;
 
-  /// Return the text or the numbers of an attribute; empty if it is absent.
+  /// Return the text or the numbers of an attribute; empty if it is absent, too long or of another
+  /// type.
   [[nodiscard]] std::string text(int variable, const char* name) const;
   [[nodiscard]] std::vector<double> numbers(int variable, const char* name) const;
   /// Returns the text of an attribute of a group in the file; "" if it is absent.

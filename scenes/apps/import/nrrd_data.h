@@ -28,8 +28,8 @@ using NrrdFile = std::unique_ptr<std::FILE, CloseNrrdFile>;
 class NrrdData {
  public:
   /// Checks, before memory is allocated, that the files are large enough for the values that the
-  /// header states. Throws VolumeError. The parsed header, `nrrd` and `state`, must outlive this
-  /// object.
+  /// header states. Data in bzip2 or ZRL encoding may have any size. Throws VolumeError. The parsed
+  /// header, `nrrd` and `state`, must outlive this object.
   NrrdData(const Request& request, std::vector<NrrdPart> parts, Nrrd* nrrd, NrrdIoState* state);
 
   /// Reads the values [first, first + count) of all parts in sequence, in the byte order of this

@@ -146,7 +146,7 @@ class OmeParser {
     }
   }
 
-  /// Reads one scale, and a translation or none after it.
+  /// Reads one scale, and an optional translation after it.
   void transform(const Json& list, const std::string& what, OmeLevel& level) const {
     level.translation.assign(out_.axes, 0.0);
     for (const Json& one : list.is_array() ? list : Json::array()) {

@@ -28,7 +28,7 @@ struct OmeImage {
   int channel = -1;                   ///< Axis of the array; -1: none.
   std::string unit;                   ///< Unit of lengths, such as "um"; empty: not stated.
   std::string time_unit;              ///< Unit of times, such as "second"; empty: not stated.
-  std::vector<OmeLevel> levels;       ///< From the finest to the coarsest.
+  std::vector<OmeLevel> levels;       ///< In the file's order: by NGFF, from finest to coarsest.
   std::vector<std::string> channels;  ///< Labels; some may be empty or absent.
 };
 

@@ -54,8 +54,8 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
   return name.empty() ? "density" : name;
 }
 
-/// Returns the arrays with valid names and with 1 or 3 components (makeReady). Leaves out tensors
-/// of a mesh, because directions cannot be interpolated in a cell.
+/// Returns the arrays with valid names and with 1 or 3 components (makeReady). Leaves out other
+/// arrays, and also tensors of a mesh, because directions cannot be interpolated in a cell.
 std::vector<Array> readyArrays(std::vector<Array> given, const Content& content, bool image,
                                std::vector<std::string>& notes) {
   std::vector<Array> arrays;

@@ -9,8 +9,9 @@ namespace palpate::importer {
 
 /// Prepares the arrays of `content` for grids, and moves the pieces out of it. Names become valid
 /// and unique. Arrays with two components get a third one, which is 0. Tensors of images become
-/// scalars and vectors. Adds notes about omitted arrays. Throws VolumeError if no array is left, or
-/// if an image has only one layer of voxels.
+/// scalars and vectors. Adds notes about omitted and converted arrays. Throws VolumeError if no
+/// array is left, or if an image has a single point along an axis. The centres of another image's
+/// cells may have a single point.
 [[nodiscard]] std::vector<Piece> makeReady(Content& content, const std::string& file,
                                            std::vector<std::string>& notes);
 

@@ -15,8 +15,8 @@ double rounded(double value, int digits) {
   return std::stod(fmt::format("{:.{}g}", value, digits));
 }
 
-/// Returns the times after the first one [s], which increase. If the file's times do not, or are
-/// too close or too far apart, the steps get a distance of 1 s.
+/// Returns increasing times [s], of which the first is 0. If the file's times do not increase, or
+/// are too close or too far apart, the steps get a distance of 1 s.
 std::vector<double> playTimes(const PlayedSteps& steps, std::vector<std::string>& notes) {
   const std::vector<double>& given = steps.times;
   const double unit = steps.unit.value_or(1.0);
@@ -46,7 +46,7 @@ std::vector<double> playTimes(const PlayedSteps& steps, std::vector<std::string>
   return times;
 }
 
-/// Returns true if all steps have equal distances.
+/// Returns true if all steps have equal distances, within kUneven.
 bool isEven(const std::vector<double>& times) {
   constexpr double kUneven = 1e-4;  // relative to the distance: files round times to floats
   const double step = times.back() / static_cast<double>(times.size() - 1);
@@ -57,11 +57,11 @@ bool isEven(const std::vector<double>& times) {
 }
 
 /// Returns the speed of play for distances of steps in ascending order: 1, the speed of the data,
-/// unless most steps would take longer than 1 s or less than 0.01 s.
+/// unless the median step would take longer than 1 s or less than 0.01 s.
 double speedFor(const std::vector<double>& distances) {
   constexpr double kLongest = 1.0;
   constexpr double kShortest = 0.01;
-  constexpr double kComfortable = 0.2;  // [s], at which most surfaces stay slower than the hand
+  constexpr double kComfortable = 0.2;  // [s]: time of the median step if the speed is not 1
   const double middle = distances[distances.size() / 2];
   if (middle >= kShortest && middle <= kLongest) return 1.0;
   return rounded(middle / kComfortable, 2);

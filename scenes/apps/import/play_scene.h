@@ -11,7 +11,7 @@ namespace palpate::importer {
 /// Time steps, each of which has its own .vdb.
 struct PlayedSteps {
   std::vector<double> times;   ///< Time of each step [`unit`]; at least two.
-  std::optional<double> unit;  ///< Unit of `times` [s]; no value: the file does not state it.
+  std::optional<double> unit;  ///< Unit of `times` [s]; no value: not stated, or unknown.
   std::uint64_t largest = 0;   ///< Memory of the largest grid of a step [bytes].
   std::string file_of_guess;   ///< The step's .vdb for which the scene was guessed.
 };

@@ -7,8 +7,9 @@
 
 namespace palpate::importer {
 
-/// Returns the value below which the fraction `share` (0 to 1) of the values is; 0 without values.
-/// Of two middle values, returns the upper one. Changes the order of `values`.
+/// Returns the value at the fraction `share` (0 to 1) of the sorted values; 0 without values.
+/// Between two values, returns the nearer one, or the upper one if both are equally near. Changes
+/// the order of `values`.
 template <class T>
 [[nodiscard]] T quantile(std::vector<T>& values, double share) {
   if (values.empty()) return T(0);

@@ -32,7 +32,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns a folder's DICOM files by name. Adds its subfolders to `folders`.
+/// Returns a folder's DICOM files, sorted by name. Adds its subfolders to `folders` unless that is
+/// null.
 std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -99,8 +100,9 @@ Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
 }
 
 /// Returns slope * stored + intercept, as 16-bit integers if these are exact, otherwise as floats.
-/// vtkDICOMReader would choose a type that clips values, or doubles the memory. `hidden` is not 0
-/// where a value is padding; may be null.
+/// If no slice has a scale, returns `stored`. May write into the memory of `stored`. vtkDICOMReader
+/// would choose a type that clips values, or doubles the memory. `hidden` is not 0 where a value is
+/// padding; may be null.
 Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
                       const std::uint8_t* hidden) {
   const bool plain = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
@@ -182,7 +184,8 @@ class Overheard {
     std::cerr.rdbuf(chat_);  // also clears error flags that writes without a buffer have set
   }
 
-  /// Returns the first line that reports damage, or "". Extraneous bytes are not damage.
+  /// Returns the first line, or "" if there is none. Skips messages about extraneous bytes, which
+  /// are not damage.
   [[nodiscard]] std::string damage() const {
     std::fflush(stderr);
     if (file_ == nullptr) return "";
@@ -220,7 +223,7 @@ class DicomReader final : public Reader {
     if (table) stack_.notes.emplace_back("the table of values (Modality LUT) is not applied");
     if (std::any_of(series.files.begin(), series.files.end(),
                     [](const File* f) { return f->is_lossy; })) {
-      stack_.notes.emplace_back("the images were compressed with loss");
+      stack_.notes.emplace_back("some or all images were compressed with loss");
     }
     if (head_.modality == "CT" && !table && !stack_.steps.front().front().has_rescale) {
       stack_.notes.emplace_back(
@@ -238,7 +241,6 @@ class DicomReader final : public Reader {
                                      static_cast<int>(slices.size())};
     const Values stored = storedOf(slices);
 
-    // Takes only the values from vtkDICOMReader's output, which also has the patient's name.
     Content content;
     Piece image;
     image.size = size;
@@ -309,6 +311,7 @@ class DicomReader final : public Reader {
     } else {
       run(reader, paths_[file].string(), nullptr, kCopyDicomAgain);
     }
+    // Takes only the values from vtkDICOMReader's output, which also has the patient's name.
     vtkDataArray* values = reader->GetOutput()->GetPointData()->GetScalars();
     return values == nullptr ? Values() : valuesOf(values);
   }
@@ -366,7 +369,8 @@ class DicomReader final : public Reader {
   std::vector<std::int64_t> bits_at_;
 };
 
-/// Returns the DICOM files in the folders of a study or a patient, and in folders below them.
+/// Returns the DICOM files in the given folders and in two levels of folders below them. Skips
+/// links to folders.
 std::vector<fs::path> filesBelow(std::vector<fs::path> folders) {
   constexpr int kDeepest = 3;  // patient, study, series
   std::vector<fs::path> files;
@@ -421,7 +425,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::vector<File> files;
   files.reserve(paths.size());
   for (const fs::path& path : paths) files.push_back(headerOf(path));
-  // A damaged file without a series UID may belong to the requested series, so its error is thrown.
+  // A damaged file without a series UID or without an image size may belong to the requested
+  // series, so its error is thrown.
   for (const File& file : files) {
     if (file.damage.empty() || (!file.series.empty() && file.is_image)) continue;
     throw VolumeError(file.path.string(), file.damage, file.remedy);

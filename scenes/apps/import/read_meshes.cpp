@@ -45,7 +45,8 @@ class ExodusReader final : public Reader {
     reader_->ApplyDisplacementsOff();
     reader_->UpdateInformation();
     times_ = timesOf(reader_);
-    // Reads only the requested arrays. If none is found, reads all, to list them in the error.
+    // Reads only the arrays that --field names. If the file has none of them, reads all, so that
+    // the error can list them.
     constexpr std::array kTypes{vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK};
     bool any = false;
     for (const int type : kTypes) {

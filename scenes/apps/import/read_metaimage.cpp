@@ -26,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kCorrectHeader = "correct the header";
-/// Largest number of time steps, and of data files.
+/// Largest number of time steps, and of data files that a pattern names.
 constexpr double kMostParts = 100000.0;
 
 std::string trimmed(const std::string& text) {
@@ -79,7 +79,8 @@ class Header {
     return "";
   }
 
-  /// Returns a field's numbers; empty if absent. Throws VolumeError unless it has `count`.
+  /// Returns a field's numbers; empty if the field is absent. Throws VolumeError unless it has
+  /// `count` finite numbers.
   [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
                                             std::size_t count) const {
     std::istringstream words(text(keys));
@@ -319,7 +320,7 @@ class Header {
       apart = apart && directions[i] == 0.0;
     }
     if (apart) return;
-    refuse("the TransformMatrix turns the fourth axis, which palpate reads as time",
+    refuse("the TransformMatrix turns or inverts the fourth axis, which palpate reads as time",
            "export the image with 0 0 0 1 as the last row and the last column of the matrix");
   }
 
@@ -430,8 +431,8 @@ class MetaImageReader final : public Reader {
     Piece image;
     const std::vector<double> sizes = header_.sizes();
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
-    // Positions are in ITK's space: x to the left, y to the back. Like ITK, ignores
-    // AnatomicalOrientation; otherwise a CT and its dose could be misaligned.
+    // Positions are in ITK's space: x to the left, y to the back. As in ITK, AnatomicalOrientation
+    // does not change positions; otherwise a CT and its dose could be misaligned.
     const Mat3 turn = Vec3(-1.0, -1.0, 1.0).asDiagonal();
     const std::string axes = header_.text({"AnatomicalOrientation"});
     content.patient = !axes.empty() && axes.find('?') == std::string::npos;

@@ -96,7 +96,7 @@ class MincScale {
 
   [[nodiscard]] bool isReal() const { return real_; }
   /// Returns the value of a number stored in row j of slice k; an image has `rows` rows. Returns
-  /// NaN if the number is outside the valid range.
+  /// NaN for an integer outside the valid range.
   [[nodiscard]] double operator()(double stored, std::size_t k, std::size_t j,
                                   std::size_t rows) const {
     if (real_) return stored;

@@ -62,7 +62,7 @@ class Unpacking {
       low_ = range[0];
       high_ = range[1];
     }
-    // An attribute may have more digits than a float, so rounds it like the variable's values.
+    // An attribute may have more digits than a float, so it is rounded like the variable's values.
     if (type_ == NC_FLOAT) {
       for (double& value : missing_) value = static_cast<double>(static_cast<float>(value));
     }
@@ -79,7 +79,8 @@ class Unpacking {
     }
   }
 
-  /// Returns true if floats keep the precision of the values.
+  /// Returns true if the values become floats, not doubles: packed values, floats, and integers of
+  /// 1 or 2 bytes.
   [[nodiscard]] bool fitsFloat() const {
     return isPacked() || type_ == NC_FLOAT || type_ == NC_BYTE || type_ == NC_UBYTE ||
            type_ == NC_SHORT || type_ == NC_USHORT;
@@ -101,7 +102,8 @@ class Unpacking {
  private:
   [[nodiscard]] bool isPacked() const { return scale_ != 1.0 || offset_ != 0.0; }
 
-  /// Returns the library's fill value for a type; NaN for types of one byte, which have none.
+  /// Returns the library's fill value for a type. Returns NaN for types of one byte, which have
+  /// none, and for integers of 8 bytes.
   static double fillOf(nc_type type) {
     switch (type) {
       case NC_SHORT:
@@ -276,7 +278,8 @@ class NetcdfReader final : public Reader {
                        [&](std::size_t a) { return file_.dimension(own[a]).centres >= 0; });
   }
 
-  /// Returns true if a variable contains the longitude or latitude of each point of a level.
+  /// Returns true if another variable has a longitude or latitude for each point of the field's
+  /// levels.
   [[nodiscard]] bool isCurved(int v, const Field& field) const {
     const std::vector<int>& own = dimensionsOf(field);
     const std::array plane{file_.centresOf(own[field.axes[0]]),
@@ -466,7 +469,8 @@ class NetcdfReader final : public Reader {
   std::optional<WrfGrid> wrf_;
   std::vector<Field> fields_;
   std::vector<std::string> left_;
-  std::vector<std::string> flat_;  ///< Variables with fewer than three dimensions in space.
+  /// Variables with fewer than three dimensions of space that have two or more points.
+  std::vector<std::string> flat_;
   int time_ = -1;
   std::vector<double> times_;
 };

@@ -38,7 +38,7 @@ struct Header {
   int intent = 0;
   int type = 0;
   int bits = 0;
-  /// size[0] is the number of dimensions; the others are at least 1.
+  /// size[0] is the number of dimensions. Sizes of dimensions beyond this number are 1.
   std::array<std::int64_t, 8> size{};
   std::array<double, 8> spacing{};  ///< spacing[0] is the handedness of the qform.
   double offset = 0.0;
@@ -403,7 +403,7 @@ class NiftiReader final : public Reader {
               isGzip(data) ? leastDeflated(least) : least);
   }
 
-  /// Returns the file with the values: name.img if the header is name.hdr.
+  /// Returns the file with the values: name.img or name.img.gz if the header is name.hdr.
   [[nodiscard]] fs::path dataFile() const {
     fs::path data = request_.file;
     const bool packed = data.extension() == ".gz";

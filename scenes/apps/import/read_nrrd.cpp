@@ -1,4 +1,4 @@
-/// Reads NRRD through teem, which parses the header and decodes the data.
+/// Reads NRRD. teem parses the header, and decodes data that are not gzipped (nrrd_data.h).
 #include <algorithm>
 #include <array>
 #include <cstdint>

@@ -46,7 +46,7 @@ struct SliceStack {
   std::vector<std::string> notes;
 };
 
-/// Throws VolumeError unless a slice has the format of the first slice. Both have names.
+/// Throws VolumeError, which names `subject`, unless a slice has the format of the first slice.
 void checkAlike(const fs::path& subject, const PictureFormat& first, const std::string& first_name,
                 const PictureFormat& other, const std::string& other_name) {
   if (first == other) return;
@@ -153,7 +153,8 @@ SliceStack stackOfPages(const fs::path& file) {
 }
 
 /// Returns the spacing of --spacing, or else that of the files, with a note. Throws VolumeError if
-/// neither is complete.
+/// neither is complete. Without --spacing, also throws if the numbers of the slices increase by
+/// more than 1, because the distance in the files may not hold.
 Spacing chooseSpacing(const Request& request, SliceStack& stack) {
   if (request.spacing) {
     if (stack.step > 1) {

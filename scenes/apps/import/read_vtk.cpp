@@ -65,8 +65,8 @@ double cellsOf(const std::string& extent) {
          (static_cast<double>(e[5]) - e[4]);
 }
 
-/// Throws unless the pieces of a file cover its extent: VTK would leave the other values
-/// uninitialized.
+/// Throws VolumeError if the pieces of a file have fewer cells than its extent: VTK would leave the
+/// other values uninitialized.
 void checkPieces(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::regex whole_extent("WholeExtent=\"([^\"]*)\"");
@@ -122,7 +122,7 @@ bool isCollection(const std::filesystem::path& file) {
 /// The files of each time step, by time.
 using TimedFiles = std::map<double, std::vector<std::filesystem::path>>;
 
-/// Returns the path of a file that `request.file` lists. Throws VolumeError if it is unreadable.
+/// Returns the path of a file that `request.file` lists. Throws VolumeError as sizeOfData() does.
 std::filesystem::path listedFile(const Request& request, const std::string& name) {
   std::filesystem::path file = request.file.parent_path() / name;
   (void)sizeOfData(request.file, file, request.follow);
@@ -200,7 +200,8 @@ TimedFiles filesOfSeries(const Request& request) {
   return files;
 }
 
-/// Reads lists of files. A file has VTK's XML format or, by its first bytes, the legacy format.
+/// Reads the files of a list. A file that begins like VTK's legacy format is read as such; all
+/// others are read as XML.
 class ListReader final : public Reader {
  public:
   ListReader(Request request, TimedFiles files)

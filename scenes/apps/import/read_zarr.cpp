@@ -63,7 +63,8 @@ class ZarrReader final : public Reader {
     content.length_unit = image_.unit;
     content.description = image_.name;
     Piece piece;
-    // The axes along i, j and k, which are x, y and z in any order: the last axis is i.
+    // The array's axes along i, j and k: the last of the axes in space is i. They may be x, y and z
+    // in any order.
     std::array<std::size_t, 3> axes = image_.space;
     std::sort(axes.begin(), axes.end(), std::greater<>());
     piece.file_from_index.linear.setZero();
@@ -182,7 +183,8 @@ class ZarrReader final : public Reader {
     return one ? "density" : fmt::format("channel_{}", channel);
   }
 
-  /// Returns the channels that --field names. If a name is not a channel's, returns all.
+  /// Returns the channels that --field names. Returns all channels without --field, or if a name is
+  /// not a channel's.
   [[nodiscard]] std::vector<int> channelsToRead() const {
     const int count = image_.channel < 0 ? 1 : shape()[static_cast<std::size_t>(image_.channel)];
     std::vector<int> all;

@@ -52,20 +52,22 @@ using Progress = std::function<void(double done)>;
 
 struct Resampled;
 
-/// Suggested edges of cubic voxels for a mesh, in the file's unit.
+/// Suggested edges of cubic voxels for a mesh, in the file's unit. If the mesh has cells, they are
+/// rounded to two digits.
 struct SuggestedVoxel {
   /// `by_cell`, or the larger edge that limits the voxels to kVoxelsPerPoint per point of the mesh.
   /// 33 x 33 x 33 voxels are always allowed.
   double edge = 0.0;
   /// Half the edge of a cube with the median volume of the cells' bounding boxes, limited to 32 to
-  /// 512 voxels along the mesh's longest side. For a mesh without cells: the edge for 64 voxels.
+  /// 512 voxels along the mesh's longest side. For a mesh without cells: the edge for 64 voxels
+  /// along this side.
   double by_cell = 0.0;
   double voxels_by_cell = 0.0;  ///< Estimated number of voxels in the mesh with `by_cell`.
 };
 
-/// Largest number of voxels per point of a mesh. A mesh of equal cells needs 8. If most cells are
-/// small cells at a wall, half their edge would need hundreds, which are useless in the large
-/// cells.
+/// Largest number of voxels per point of a mesh. With half the cells' edge, a mesh of equal cells
+/// needs about 8. A mesh whose cells are mostly small cells at a wall would need hundreds, which
+/// are useless in its large cells.
 inline constexpr double kVoxelsPerPoint = 16.0;
 
 class Mesh {
@@ -77,9 +79,10 @@ class Mesh {
 
   [[nodiscard]] virtual SuggestedVoxel suggestVoxel() const = 0;
 
-  /// Resamples arrays of the mesh's points to the same voxels. The first voxel is at the lowest
-  /// corner of the mesh's bounds. Interpolates in the cell that contains a voxel's centre. Works in
-  /// parallel. Throws VolumeError if there would be too many voxels, or if no voxel gets data.
+  /// Resamples arrays of the mesh's points to the same voxels. The centre of the first voxel is at
+  /// the lowest corner of the mesh's bounds. Interpolates in the cell that contains a voxel's
+  /// centre. Works in parallel. Throws VolumeError as countCubes and cubes (grids.h) do, or if no
+  /// voxel gets data.
   [[nodiscard]] virtual std::vector<Resampled> resample(const std::vector<Array>& arrays,
                                                         double voxel, const std::string& file,
                                                         const Progress& progress) const = 0;
@@ -108,14 +111,14 @@ struct Piece {
 /// Content of a file at one time step, in the file's own space. If the format names a patient's
 /// axes, the space is RAS (+x right, +y front, +z up).
 struct Content {
-  /// Vectors have 3 components in the file's space. Tensors have 9 components, or 6 in VTK's order
-  /// xx yy zz xy yz xz.
+  /// Vectors have 3 components in the file's space, or 2 without z. Tensors have 9 components, or 6
+  /// in VTK's order xx yy zz xy yz xz.
   std::vector<Piece> pieces;
   Modality modality = Modality::kUnknown;
   std::string description;
   std::string length_unit;  ///< Unit of lengths, such as "mm"; empty: not stated in the file.
   bool patient = false;     ///< True if the file names the axes of a patient.
-  /// Unit of each array's values, by the name of the array.
+  /// Units of values, by the name of the array. An array without an entry keeps Array::unit.
   std::map<std::string, std::string> value_unit;
   std::vector<std::string> notes;  ///< Assumptions and losses, one line each.
 };
@@ -141,10 +144,10 @@ struct Request {
   bool follow = false;  ///< True: a header may name data files outside its folder.
   bool timed = false;   ///< True if the user chose time steps: DICOM series may then be steps.
   Progress progress;
-  /// Returns the slices of an image that are needed. Empty: all. Readers that can read a part of a
-  /// file read only these slices (Piece::held). `is_packed`: the reader must unpack the file from
-  /// its beginning each time it reads slices. `depth`: the number of consecutive slices that the
-  /// reader decodes together.
+  /// Returns the slices of an image that are needed. If the function is empty, all slices are.
+  /// Readers that can read a part of a file read only these slices (Piece::held). `is_packed`: the
+  /// reader must unpack the file from its beginning each time it reads slices. `depth`: the number
+  /// of consecutive slices that the reader decodes together.
   std::function<Slab(const std::array<int, 3>& size, const Affine& file_from_index, bool is_packed,
                      int depth)>
       slices;
@@ -157,9 +160,10 @@ class Reader {
   Reader& operator=(const Reader&) = delete;
   virtual ~Reader() = default;
 
-  /// Returns the time of each step; empty for a file with one step, whose time has no use.
+  /// Returns the time of each step; empty for a file without steps. Most readers also return no
+  /// time for a single step.
   [[nodiscard]] virtual std::vector<double> times() const { return {}; }
-  /// Returns the unit of times() [s]; no value if the file does not state it.
+  /// Returns the unit of times() [s]; no value if the file does not state it, or if it is unknown.
   [[nodiscard]] virtual std::optional<double> timeUnit() const { return std::nullopt; }
   /// Reads one step. Throws VolumeError.
   [[nodiscard]] virtual Content read(std::size_t step) = 0;
@@ -183,8 +187,10 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,
                                               Content (*read)(const Request&));
 
-/// Detects the format by the first bytes, otherwise by the name, and opens the file. If the file
-/// cannot be imported, throws VolumeError, which names the format if it is known.
+/// Opens a file as raw values if Request::raw is set. Otherwise detects the format of a folder by
+/// its files, and that of a file by the extension .foam, its first bytes or another extension. If
+/// the input cannot be imported, throws VolumeError, which names the format if it is known. Throws
+/// Error for an option that the format does not use.
 [[nodiscard]] std::unique_ptr<Reader> openAny(const Request& request);
 
 // Each function opens files of some formats, and throws VolumeError for an invalid file.
@@ -195,7 +201,7 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openCgns(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openMetaImage(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNifti(const Request& request);
-/// Opens netCDF and HDF5 files: CF conventions, WRF, Exodus II, CGNS or VTK's HDF5 format.
+/// Opens netCDF and HDF5 files: CF conventions, WRF, MINC 1, Exodus II, CGNS or VTK's HDF5 format.
 [[nodiscard]] std::unique_ptr<Reader> openNetcdf(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNrrd(const Request& request);
 /// Opens an OpenFOAM case by its folder, or by its file .foam for ParaView.

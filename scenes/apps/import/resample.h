@@ -14,7 +14,7 @@ struct ResamplingError {
   double largest = 0.0;
   std::uint64_t points = 0;  ///< Number of compared points; for a mesh, those whose 8 surrounding
                              ///< voxels all have data.
-  /// Errors at points of a mesh of which only some of the 8 surrounding voxels have data. These
+  /// Errors at points of a mesh at which only some of the 8 surrounding voxels have data. These
   /// errors depend on the background too.
   double edge_rms = 0.0;
   double edge_largest = 0.0;

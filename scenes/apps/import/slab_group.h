@@ -22,15 +22,16 @@ namespace palpate::importer {
 /// In a divided group, a rank cannot wait in gather() for the ranks after it. So gather() stores
 /// the rank's bytes, and ends its work by an exception. When all ranks have done so, the work
 /// begins again, and this call of gather() returns the bytes of all ranks. So the work runs once
-/// more for each call of gather(). It must be the same each time, and have no effect except its
-/// result.
+/// more for each call of gather(). The work must be the same each time, and have no effect except
+/// its result.
 class SlabGroup final : public ProcessGroup {
  public:
-  /// Largest number of points in a slab. As doubles, they need 256 MiB.
+  /// Default of `most_points`. As doubles, so many points need 256 MiB.
   static constexpr double kMostPoints = 1U << 25U;
 
   /// @param processes    Must outlive this object. Only a group of one process can be divided.
-  /// @param most_points  Largest number of points in a slab that has several layers of bricks.
+  /// @param most_points  Largest number of points in a slab that has several layers of bricks,
+  ///                     unless slices are decoded together (divide()).
   explicit SlabGroup(ProcessGroup& processes, double most_points = kMostPoints)
       : processes_(processes), most_points_(most_points) {}
 
@@ -83,8 +84,8 @@ class SlabGroup final : public ProcessGroup {
   void divide(const std::array<int, 3>& size, bool is_slow = false, int depth = 1) noexcept;
 
   /// Undivides the group and runs `work`, which may divide it. Returns the result of rank 0.
-  /// @param turn  The function calls it before each turn of a divided group's rank, with the number
-  ///              of the pass, from 0.
+  /// @param turn  Called before each rank's turn while the group is divided, with the number of the
+  ///              pass, from 0.
   template <class Work>
   [[nodiscard]] auto run(Work work, const std::function<void(int pass)>& turn) -> decltype(work()) {
     slabs_ = 0;
@@ -122,7 +123,7 @@ class SlabGroup final : public ProcessGroup {
 
   ProcessGroup& processes_;
   double most_points_;
-  int slabs_ = 0;  ///< Number of slabs; 0: divide() was not called.
+  int slabs_ = 0;  ///< Number of slabs; 0: divide() has not set it.
   int slab_ = 0;
   std::vector<std::vector<Bytes>> known_;  ///< Results of gather(), in order.
   std::vector<Bytes> pending_;  ///< Bytes of each rank for the result after the known ones.

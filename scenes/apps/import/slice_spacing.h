@@ -1,5 +1,4 @@
-/// Private to the importer: the spacing of slices, as the user or the description of a TIFF states
-/// it.
+/// Private to the importer: the spacing of slices, as the user or the tags of a TIFF state it.
 #pragma once
 
 #include <string>
@@ -9,7 +8,7 @@
 namespace palpate::importer {
 
 /// Parses the option --spacing: three positive lengths and an optional unit, as in 10,10,20um.
-/// Converts nm to um. Throws Error.
+/// Converts a unit that scenes do not know, such as nm, to um or mm. Throws Error.
 [[nodiscard]] Spacing spacingOf(const std::string& text);
 
 /// Tags of a TIFF page.
@@ -32,8 +31,9 @@ struct StatedStack {
 };
 
 /// Reads OME-XML, ImageJ's description or the resolution. ImageJ does not write a distance of 1
-/// between slices, so this distance is stated if the description has several images and a unit.
-/// Lengths become m, cm, mm or um. Never throws: text that it does not understand states nothing.
+/// between slices. So this distance is assumed if ImageJ's description has several images and a
+/// unit, but no distance. Lengths become m, cm, mm or um. Never throws: text that it does not
+/// understand states nothing.
 [[nodiscard]] StatedStack statedBy(const TiffTags& tags);
 
 }  // namespace palpate::importer

@@ -10,7 +10,7 @@ namespace palpate::importer {
 
 struct Smoothed {
   double rms_change = 0.0;
-  double range = 0.0;  ///< Highest minus lowest value; for vectors, the greatest magnitude.
+  double range = 0.0;  ///< Highest minus lowest smoothed value; for vectors, largest length.
 };
 
 /// Converts the array to floats, and smooths it along i, j and k in turn with a Gaussian that is

@@ -377,7 +377,7 @@ class TiffPictures final : public Pictures {
   }
 
   std::filesystem::path path_;
-  TiffErrors errors_;  ///< The handle refers to it.
+  TiffErrors errors_;  ///< `tiff_` refers to this object.
   TiffHandle tiff_;
   double held_ = 0.0;       ///< Size of the file [bytes].
   std::uint64_t last_ = 0;  ///< Place of the tags that were read last.

@@ -16,7 +16,8 @@ namespace {
 
 constexpr std::size_t kChunk = 1U << 18U;
 
-/// Returns true for two magic bytes, the method deflate, and three flag bits that must be 0.
+/// Returns true if the stream begins with the two magic bytes of gzip, the method deflate, and
+/// flags whose upper three bits are 0.
 bool beginsAsGzip(std::istream& in) {
   std::array<unsigned char, 4> head{};
   in.read(reinterpret_cast<char*>(head.data()), head.size());

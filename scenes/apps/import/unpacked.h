@@ -21,8 +21,9 @@ enum class Packing : std::uint8_t {
   kExpected,  ///< Gzip or zlib.
 };
 
-/// Reads a file, and decompresses it. Bytes of a compressed file are verified only by finish(). All
-/// functions throw VolumeError, which names `header`, if the file is damaged or too short.
+/// Reads a file, and decompresses it if it is compressed. Only finish() verifies the checksum of a
+/// compressed file. All functions throw VolumeError, which names `header`, if the file is damaged
+/// or too short.
 class Unpacked {
  public:
   /// Opens a data file, which may be the header file itself, and skips its first `offset` bytes.
@@ -37,7 +38,7 @@ class Unpacked {
   void read(void* to, std::size_t bytes, const Progress& progress = nullptr);
   void skip(std::uint64_t bytes);
   /// Reads a compressed file to the end, and verifies its checksums. Returns the number of bytes
-  /// that were read or skipped.
+  /// that all calls have read or skipped.
   std::uint64_t finish();
 
  private:

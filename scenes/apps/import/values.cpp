@@ -133,12 +133,13 @@ Loss floatLoss(const Values& values, double slope, double offset) {
   constexpr double kFloat = 16777216.0;
   // 2^53: the same for doubles, in which slope and offset are applied
   constexpr double kDouble = 9007199254740992.0;
-  if (!scaled) return most > kFloat ? "whole numbers above 16,777,216 are rounded" : "";
+  if (!scaled)
+    return most > kFloat ? "whole numbers with a magnitude above 16,777,216 may be rounded" : "";
   const bool rounded = (slope != 0.0 && most > kFloat * std::abs(slope)) ||
                        (values.bytesEach() == 8 && greatest(values, 1.0, 0.0) > kDouble);
-  return rounded
-             ? "stored whole numbers are rounded: after scaling they have more digits than a float"
-             : "";
+  return rounded ? "stored whole numbers may be rounded: after scaling they have more digits than "
+                   "a float"
+                 : "";
 }
 
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each) {

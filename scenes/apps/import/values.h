@@ -40,7 +40,7 @@ using Loss = std::string;
 inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are read as missing";
 
 /// Tuples of numbers of one type. Copies share the memory. A conversion to floats stores its
-/// message about losses in the result, so that every reader reports the losses.
+/// message about losses in the result. The importer then reports the loss.
 class Values {
  public:
   Values() = default;
@@ -85,7 +85,7 @@ class Values {
   double lowest_code_ = std::numeric_limits<double>::quiet_NaN();
 };
 
-/// Calls f with a pointer to the numbers that has their type, such as std::int8_t*.
+/// Calls f with a pointer to the numbers. The pointer has their type, such as std::int8_t*.
 template <class F>
 auto visit(const Values& values, F&& f) {
   switch (values.type()) {
@@ -125,8 +125,7 @@ inline const std::vector<int> kUpperTriangle{0, 3, 5, 1, 4, 2};
 inline const std::vector<int> kLowerTriangle{0, 2, 5, 1, 4, 3};
 
 /// Returns slope * value + offset as floats, or the values themselves if they stay equal. As in
-/// NIfTI and MetaImage, a slope of 0 means no scaling, as does a slope or offset that is not
-/// finite.
+/// NIfTI, a slope of 0 means no scaling. A slope or offset that is not finite means the same.
 [[nodiscard]] Values rescaled(const Values& values, double slope, double offset);
 
 /// Returns the values as floats; floats are returned without a copy.

@@ -35,7 +35,8 @@ using openvdb::Vec3d;
 using ScalarTree = openvdb::FloatTree;
 using VectorTree = openvdb::Vec3STree;
 
-/// Tolerance in parametric coordinates, for the first voxels, which are on the mesh's bounds.
+/// Tolerance for the outermost voxels, which lie on the mesh's bounds: in parametric coordinates of
+/// a cell, or in voxels.
 constexpr double kOutside = 1e-5;
 
 /// VTK stores bounds axis by axis, first the lower one.
@@ -174,7 +175,7 @@ int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   return count;
 }
 
-/// Returns a random sample of cells, the same in every run.
+/// Returns all cells; if there are more than 20,000, a random sample that is the same in every run.
 std::vector<vtkIdType> someCells(vtkIdType cells) {
   constexpr vtkIdType kMost = 20000;
   std::vector<vtkIdType> some;

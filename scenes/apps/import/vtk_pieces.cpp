@@ -102,7 +102,8 @@ void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::
   }
 }
 
-/// Returns the arrays of points or cells, except those that VTK has added.
+/// Returns the arrays of points or cells, except numberings, ghost marks and VTK's mask of valid
+/// points.
 std::vector<Array> arraysOf(vtkDataSetAttributes* attributes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {

@@ -101,8 +101,9 @@ double wholeOffset(const Array& array, double lowest, double highest) {
 
 Loss wholeLoss(double lowest, double highest) {
   const double most = std::max(std::abs(lowest), std::abs(highest));
-  return std::isfinite(most) && most > kFloatWhole ? "whole numbers above 16,777,216 are rounded"
-                                                   : "";
+  return std::isfinite(most) && most > kFloatWhole
+             ? "whole numbers with a magnitude above 16,777,216 may be rounded"
+             : "";
 }
 
 void subtractOffset(Array& array, std::optional<double>& series, const Shared& shared) {
@@ -129,7 +130,8 @@ void subtractOffset(Array& array, std::optional<double>& series, const Shared& s
   constexpr double kDouble = 9007199254740992.0;  // 2^53
   if (array.whole && std::max(std::abs(range.low), std::abs(range.high)) > kDouble) {
     array.values.setLost(
-        "whole numbers above 9,007,199,254,740,992 are rounded: they were read as doubles");
+        "whole numbers with a magnitude above 9,007,199,254,740,992 may be rounded: they were read "
+        "as doubles");
   }
 }
 

@@ -12,7 +12,7 @@
 
 namespace palpate::importer {
 
-/// Returns value - offset; of 64-bit integers exactly, if a double can hold the difference.
+/// Returns value - offset. For 64-bit integers, the result is exact if its magnitude is below 2^52.
 template <class T>
 [[nodiscard]] double minus(T value, double offset) {
   const double near = static_cast<double>(value) - offset;
@@ -37,7 +37,8 @@ template <class T>
 /// Returns the loss of converting whole numbers in this range to floats.
 [[nodiscard]] Loss wholeLoss(double lowest, double highest);
 
-/// Subtracts the offset of a scalar if it needs one (Array::value_offset).
+/// Subtracts the offset of a scalar if it needs one (Array::value_offset). Stores a message about
+/// values that floats cannot represent (Values::setLost).
 /// @param series  Offset of this array in the earlier steps, which all steps must share. At the
 ///                first step, `series` has no value, and the function sets it.
 /// @param shared  Process group. All ranks find the same offset.

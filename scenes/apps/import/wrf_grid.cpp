@@ -10,7 +10,8 @@
 namespace palpate::importer {
 namespace {
 
-/// Reads a variable at all indices of the dimensions in `whole`, and at index `at` of all others.
+/// Reads a variable at the first time, at all indices of the dimensions in `whole`, and at index
+/// `at` of all others.
 std::vector<double> readSlice(const NetcdfFile& file, int v, const std::vector<int>& whole,
                               std::size_t at) {
   std::vector<std::size_t> start;
@@ -50,7 +51,8 @@ Spread spreadOf(const std::vector<double>& numbers) {
   return out;
 }
 
-/// Sets the spacing to the mean distance of points. Returns false without longitudes and latitudes.
+/// Sets the spacing to the mean distance of neighbouring points. Returns false if the file lacks
+/// valid longitudes or latitudes.
 bool takeSpacingFromPlaces(const NetcdfFile& file, WrfGrid& grid) {
   const int lon_at = file.variableNamed("XLONG");
   const int lat_at = file.variableNamed("XLAT");

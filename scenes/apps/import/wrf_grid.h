@@ -12,7 +12,7 @@ namespace palpate::importer {
 struct WrfGrid {
   int x = -1;  ///< Index of the file's dimension west_east; `y` is that of south_north.
   int y = -1;
-  int z = -1;       ///< -1: no levels.
+  int z = -1;       ///< Index of bottom_top; -1: no levels.
   double dx = 0.0;  ///< Spacing along x on the plane of the map projection [m]; `dy` along y.
   double dy = 0.0;
   /// Mean height of each level's centre above the sea, at the first time [m]; empty: unknown.

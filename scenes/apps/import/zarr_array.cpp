@@ -37,7 +37,8 @@ constexpr std::array kZarrTypes{
     ZarrType{"u4", Type::kUint32},  ZarrType{"i8", Type::kInt64},   ZarrType{"u8", Type::kUint64},
     ZarrType{"f2", Type::kFloat32}, ZarrType{"f4", Type::kFloat32}, ZarrType{"f8", Type::kFloat64}};
 
-/// Sets `to` to the number in `json`. Returns false if the type T cannot hold it.
+/// Sets `to` to the number in `json`. null counts as 0, a boolean as 0 or 1, and a text such as
+/// "NaN" as a float. Limits floats to the range of T. Returns false if T cannot hold the value.
 template <class T>
 bool numberFrom(const Json& json, T& to) {
   if (json.is_null()) {
@@ -276,6 +277,7 @@ std::vector<char> widened(const std::vector<char>& halves) {
   return out;
 }
 
+/// Largest number of chunks in a box, and of chunks whose sizes are kept.
 constexpr double kMostChunks = 4e6;
 
 /// Advances `index` to the next one in `box`, the last axis fastest.
@@ -359,7 +361,7 @@ std::size_t ZarrArray::heldBy(const std::filesystem::path& chunk) const {
   return static_cast<std::size_t>(held);
 }
 
-/// Returns a remedy, or its alternative of a coarser level if there is one.
+/// Returns a remedy. If the image has a coarser level, adds the option --level as an alternative.
 std::string ZarrArray::orCoarser(const std::string& remedy) const {
   return has_coarser_ ? remedy + ", or choose a coarser level with --level" : remedy;
 }
@@ -377,8 +379,8 @@ ZarrBox ZarrArray::chunksOf(const ZarrBox& box) const {
   return chunks;
 }
 
-/// Finds the chunks of a box once. Throws VolumeError, before values are allocated, if the files
-/// are too small for the values that the header states.
+/// Finds the files of a box's chunks, or returns an earlier result. Throws VolumeError, before
+/// values are allocated, if the files are too small for the values that the header states.
 const ZarrArray::Found& ZarrArray::findChunks(const ZarrBox& whole) {
   const auto key = std::pair(whole.first, whole.count);
   if (const auto known = found_.find(key); known != found_.end()) return known->second;
@@ -398,7 +400,8 @@ const ZarrArray::Found& ZarrArray::findChunks(const ZarrBox& whole) {
     advance(index, chunks);
   }
   const double bytes = productOf(whole.count) * static_cast<double>(bytesOf(layout_.type));
-  // A few chunks may stand for a large, sparse image, but not for any size that a header states.
+  // A sparse image may lack most chunks. This limit rejects a header that states a huge image
+  // without its chunks.
   constexpr double kAlways = 1U << 28U;  // [bytes]
   constexpr double kLeastShare = 1e-3;
   const std::size_t there = found.held.size() - found.missing;

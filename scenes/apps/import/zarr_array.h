@@ -19,8 +19,8 @@
 
 namespace palpate::importer {
 
-/// Reads a file of JSON metadata. Throws VolumeError if it is unreadable, larger than 16 MiB,
-/// nested too deeply, or not a JSON object.
+/// Reads a file of JSON metadata. Throws VolumeError if the file is unreadable, larger than 16 MiB,
+/// nested more than 64 levels deep, or not a JSON object.
 [[nodiscard]] nlohmann::json readZarrJson(const std::filesystem::path& file);
 
 /// Content of a file .zarray.
@@ -33,7 +33,7 @@ struct ZarrLayout {
   bool fortran = false;  ///< True if the first axis varies fastest in a chunk, else the last axis.
   ZarrCodec codec = ZarrCodec::kNone;
   char separator = '.';  ///< Character between the indices in a chunk's name.
-  /// Value of missing chunks, in its first bytes, in the byte order of this machine.
+  /// Value of missing chunks, in the first bytes of `fill`, in the byte order of this machine.
   alignas(8) std::array<char, 8> fill{};
   std::string fill_text;  ///< Value of missing chunks, as text for notes.
 
@@ -61,8 +61,8 @@ class ZarrArray {
   [[nodiscard]] const ZarrLayout& layout() const { return layout_; }
 
   /// Reads the values of `part`, the last axis fastest. Reads only the chunks of `part`. The first
-  /// call for a box `whole`, which contains `part`, checks the files of all its chunks. Throws
-  /// VolumeError.
+  /// call for a box `whole`, which contains `part`, checks the files of all chunks of `whole`. A
+  /// call may repeat this check after checks of more than 4 million chunks. Throws VolumeError.
   [[nodiscard]] Values read(const ZarrBox& whole, const ZarrBox& part, const Progress& progress);
 
   /// Return the sum over all calls of read(): the chunks of `whole`, and those that are missing.

@@ -3,9 +3,10 @@
 
 namespace palpate::view {
 
-/// Requires a display with OpenGL. If there is no display and `picture` is true, starts Xvfb, which
-/// ends with this program. Throws Error. If the display is lost later or rejects a request, this
-/// process prints one line and ends. Call this before any function of VTK.
+/// Requires a display with OpenGL. If there is no such display and `picture` is true, starts Xvfb,
+/// which ends with this program. Throws Error. If the display is lost later or rejects a request
+/// (other than to set the focus), this process prints one line and ends. Call this before any
+/// function of VTK.
 void needDisplay(bool picture);
 
 /// Reports whether any part of a window is visible. Has a connection to the X server besides VTK's,

@@ -14,7 +14,7 @@
 
 namespace palpate::view {
 
-/// A factor of a mode's strength that another field sets, such as a patient's region.
+/// A factor of a mode's strength that another field sets, such as the mask of a body region.
 struct Mask {
   const ScalarField* field;
   const TransferFunction* curve;
@@ -22,7 +22,7 @@ struct Mask {
 
 /// Returns a text that differs for different masks.
 [[nodiscard]] std::string textOf(const std::vector<Mask>& masks);
-/// Moves the points of a mesh that lie outside of a field's data to the edge of the data.
+/// Moves the points of a mesh that lie outside of a field's bounds to the edge of the bounds.
 void moveToData(vtkPolyData& mesh, const ScalarField& field);
 /// Returns the surface of `field` at the value `level` without the parts where a mask is zero or
 /// has no data.

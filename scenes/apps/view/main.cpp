@@ -185,7 +185,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   using namespace palpate;
-  // This process ignores signals from the terminal. The loop receives them and ends the run.
+  // This process ignores Ctrl-C. The loop's process receives it too, and ends the run.
   std::signal(SIGINT, SIG_IGN);
   std::signal(SIGPIPE, SIG_IGN);
   try {

@@ -31,8 +31,8 @@ class Overlay {
 
   /// Returns the share of the line from one point to another [m], 0 to 1, that the picture shows.
   using Fit = std::function<double(const Vec3& from, const Vec3& to)>;
-  /// Draws a tick. Shortens each arrow to the share that `fit` returns. Updates objects of VTK, so
-  /// do not call it in a haptic loop.
+  /// Draws a tick with its first kMost primitives. Shortens each arrow to the share that `fit`
+  /// returns. Updates objects of VTK, so do not call it in a haptic loop.
   void show(const LiveTick& tick, const Fit& fit);
 
   /// Returns the bounds of each visible actor: least and greatest x, y and z [m].

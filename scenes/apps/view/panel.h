@@ -26,17 +26,19 @@ namespace palpate::view {
 struct Bar {
   std::string name;
   double load = 0.0;      ///< [N]
-  double strength = 0.0;  ///< Largest load [N].
+  double strength = 0.0;  ///< Strength: the largest possible load [N].
   cli::Hold hold = cli::Hold::kIdle;
   bool slips = false;  ///< True if the friction of the mode slips.
   LiveDial felt;       ///< Gain that the loop uses.
   float wish = 1.0F;   ///< Gain that the user has requested.
 };
-/// Returns the data of the modes of a tick, in the order of the scene.
+/// Returns the data of the modes of a tick, in the order of the scene. If the tick has another
+/// scene, the loads are zero.
 [[nodiscard]] std::vector<Bar> barsOf(const LiveTick& tick, const LiveScene& scene,
                                       const LiveWishes& wishes);
 
-/// Returns the text for a mode: its state, and the requested gain until the loop uses it.
+/// Returns the text for a mode: its name, its state, the requested gain unless it is 1, and a note
+/// until the loop uses this gain.
 [[nodiscard]] std::string wordsOf(const Bar& bar);
 
 /// Returns the state of the loop, its cause and a remedy. `reengage` is LoopParams::reengage [s].
@@ -58,7 +60,7 @@ class Panel {
     std::vector<std::string> notes;  ///< Shown in a small font.
     std::vector<Shapes::Entry> legend;
   };
-  /// `height` is in pixels.
+  /// `height` is in pixels of the panel.
   void show(const Content& content, double height);
 
  private:

@@ -20,8 +20,8 @@ namespace palpate::view {
 /// data are missing; their magnitudes have the name "value".
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const VectorField& field, Along along,
                                                     int most);
-/// Returns the 2nd and the 99.5th percentile of about 50,000 of the values. If these are equal, the
-/// second is the first plus 1.
+/// Returns the 2nd and the 99.5th percentile of the values, or of every n-th value (50,000 to
+/// 100,000 of them) if there are more. If these are equal, the second is the first plus 1.
 [[nodiscard]] std::pair<double, double> usual(vtkImageData& image);
 
 }  // namespace palpate::view

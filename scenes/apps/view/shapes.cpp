@@ -107,8 +107,8 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
-/// Returns the factors of a strength as masks, except factors that the drawn value itself sets, and
-/// masks that move in another way than the drawn field, play or stream.
+/// Returns the factors of a strength as masks. Leaves out factors that the drawn value itself sets,
+/// and fields that move otherwise than the drawn field or load data during the run (attends()).
 std::vector<Mask> masksOf(const Graph& graph, const Transfer& strength, int own, int motion) {
   std::vector<Mask> masks;
   for (const Transfer::Factor& factor : strength.factors) {

@@ -19,7 +19,7 @@ namespace palpate::view {
 
 using Colour = std::array<double, 3>;  ///< Red, green and blue, each 0 to 1.
 
-/// Colours that every kind of colour vision can distinguish (Okabe and Ito).
+/// Colours of Okabe and Ito, which every kind of colour vision can distinguish, and a grey.
 inline constexpr Colour kHolds{0.00, 0.45, 0.70};
 inline constexpr Colour kYields{0.84, 0.37, 0.00};
 inline constexpr Colour kPushes{0.00, 0.62, 0.45};
@@ -27,7 +27,7 @@ inline constexpr Colour kIdle{0.55, 0.55, 0.55};
 inline constexpr Colour kProbe{0.90, 0.62, 0.00};
 inline constexpr Colour kProxy{0.34, 0.71, 0.91};
 inline constexpr Colour kForce{0.80, 0.47, 0.65};
-inline constexpr Colour kDark{0.10, 0.11, 0.13};  ///< Ground of texts.
+inline constexpr Colour kDark{0.10, 0.11, 0.13};  ///< Background of texts.
 
 /// Returns the colour at a position on the colour scale, 0 (dark) to 1 (light).
 [[nodiscard]] Colour onScale(double share);
@@ -42,7 +42,7 @@ class Shapes {
   static constexpr std::size_t kMostParts = 48;
 
   /// Adds the shapes to the renderers: translucent ones to `through`, which draws after `solid`.
-  /// Depths are drawn first, so that only the nearest translucent surface is visible.
+  /// `through` first draws the depths of these surfaces, so that only the nearest one is visible.
   void addTo(vtkRenderer& solid, vtkRenderer& through) const;
   static constexpr int kCoarsest = 4;
   /// Sets the level of detail, 1 (finest) to kCoarsest: a cloud has one ray for each square of
@@ -91,7 +91,7 @@ class Shapes {
   [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
   /// Shows or hides surfaces and clouds, which would cover the slices, from the next detail() on.
   void showBodies(bool on);
-  /// Returns notes about parts that are not drawn, one line each.
+  /// Returns notes about objects that are not drawn, or drawn coarsely, one line each.
   [[nodiscard]] const std::vector<std::string>& notes() const noexcept { return notes_; }
 
  private:
@@ -117,6 +117,7 @@ class Shapes {
   void addLetters();
   void add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion);
   /// Makes each outermost surface translucent that encloses another surface, if both are at rest.
+  /// Compares the bounding boxes of the surfaces.
   void seeThrough();
 
   std::vector<Shape> shapes_;
@@ -127,7 +128,7 @@ class Shapes {
   std::vector<std::string> notes_;
   /// Keys of the shapes that were drawn, so that no shape is drawn twice.
   std::vector<std::string> known_;
-  std::map<std::string, Colour> own_colours_;  ///< Colours that the volumes of surfaces state.
+  std::map<std::string, Colour> own_colours_;  ///< Colours in the files, by volume.
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;

@@ -73,7 +73,7 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
     slice.plane->SetOrigin(corner.x(), corner.y(), corner.z());
     slice.plane->SetPoint1(right.x(), right.y(), right.z());
     slice.plane->SetPoint2(top.x(), top.y(), top.z());
-    // Samples a field at the slice's points, which `place_of` moves to the rest of the field.
+    // Samples a field at the slice's points, which `place_of` moves to the field's rest pose.
     const auto sample = [&](const ScalarField& of, const auto& place_of) {
       of.reset(cache);
       std::size_t next = 0;

@@ -25,7 +25,7 @@ struct palpate_hand {
   palpate::DeviceInfo arm;
   double rate;
   std::filesystem::path path;  // absolute, because the host may change its working directory
-  palpate::SceneCache cache;   // lets the force stay on if only numbers of the scene change
+  palpate::SceneCache cache;   // lets the force stay on after some edits (palpate_reload)
   palpate::Servo servo;
 };
 

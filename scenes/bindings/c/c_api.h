@@ -3,8 +3,8 @@
  *
  *  Units are metres, seconds and newtons. The axes are right-handed; z points up if the z axis of
  *  the volume points up. The servo loop of the host calls palpate_tick with the position of its
- *  arm, and sends the returned force to the arm. A function that fails writes one line (what, why,
- *  remedy) to the buffer of the caller, shortened to the size of the buffer.
+ *  arm, and sends the returned force to the arm. A function with a text buffer writes one line
+ *  (what, why, remedy) to the buffer if it fails, shortened to the size of the buffer.
  */
 #ifndef PALPATE_SCENES_C_API_H
 #define PALPATE_SCENES_C_API_H
@@ -39,7 +39,8 @@ typedef struct palpate_hand palpate_hand;
 /** Returns the version of palpate, such as "0.3.0". */
 const char* palpate_version(void);
 
-/** Returns limits that all common desktop arms can render, with `hand` set: 3.3 N, 500 N/m. */
+/** Returns limits that all common desktop arms can render, with `hand` set: 3.3 N, 2000 N/s,
+ *  500 N/m, 0.5 N s/m. */
 palpate_arm palpate_weakest_arm(void);
 
 /** Loads a scene file, a .vdb file, or a folder of .vdb files or bricks. Slow: loads volumes.
@@ -59,9 +60,9 @@ palpate_hand* palpate_load_virtual(const char* path, const palpate_arm* arm, dou
                                    char* error, size_t size);
 
 /** Loads another scene for the same hand. The present scene stays active until the new scene is
- *  complete, and also if the call fails. If `path` is a scene file that differs from the present
- *  one only in numbers, such as a strength, the force stays on. Otherwise the force is zero at
- *  first, and grows again within 1.5 s.
+ *  complete, and also if the call fails. If `path` is a scene file without moving volumes that
+ *  differs from the present one only in strengths, isovalues or the coupling, the force stays on.
+ *  Otherwise the force is zero at first, and grows again within 1.5 s.
  *  Another thread may call palpate_tick at the same time.
  *  Call this function from the thread that called palpate_load.
  *  @return  0, or -1 if the call fails. */
@@ -75,13 +76,14 @@ void palpate_unload(palpate_hand* hand);
  *  may call this function.
  *  @param position  Position of the hand [m]. If palpate_arm::hand is set and the position is the
  *                   same to the last bit for more than half a second, the encoders count as no
- *                   longer read, and the force fades.
+ *                   longer read, and the force fades. A jump of the position is a fault, and so is
+ *                   a speed above 3 m/s for more than 50 ms.
  *  @param age       Age of the position [s]; 0 if unknown. If palpate_arm::hand is set, more than
  *                   50 ms is a fault.
  *  @param dt        Time since the last tick [s]. It is a fault if `dt` exceeds the period by more
  *                   than 5 ms and by more than three periods. It is also a fault if time does not
- *                   advance for that long, or if this call takes that long (except after
- *                   palpate_load_virtual).
+ *                   advance for that long. If palpate_arm::hand is set, it is a fault if this call
+ *                   takes that long (except after palpate_load_virtual).
  *  @param felt      Receives the result.
  *  @return          felt->fault. */
 int palpate_tick(palpate_hand* hand, const double position[3], double age, double dt,

@@ -28,7 +28,7 @@ class SceneError(Error):
     """A scene is not valid; `what` names the place in it, such as /modes/0/of."""
 
 class DeviceError(Error):
-    """A path cannot be used as the motion of a hand."""
+    """A path or a time of play cannot be used for a hand."""
 
 for each in (Error, VolumeError, SceneError, DeviceError):
     each.__module__ = "palpate"

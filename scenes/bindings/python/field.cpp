@@ -155,8 +155,8 @@ void bindField(py::module_& m) {
       "space.")
       .def("sample", &NamedField::sample, "points"_a,
            "Returns a structured array with one row per point. A scalar has inside, value and "
-           "gradient; a vector has inside, value and jacobian[i][j] = d v_i / d x_j. The shape of "
-           "`points` is (n, 3) or (3,).")
+           "gradient; a vector has inside, value and jacobian[i][j] = d v_i / d x_j. The last "
+           "axis of `points` has three numbers, as in the shapes (n, 3) and (3,).")
       .def("to_vtk", &toVtk, "spacing"_a = py::none(),
            "Returns a vtkImageData with samples of the field over its bounds, `spacing` apart. The "
            "default is a voxel's edge, or more for at most 257 points per side. pyvista.wrap() "

@@ -1,5 +1,5 @@
-/// The Python module `palpate` (docs/python.md). No haptic loop calls Python: `run` and `sample`
-/// release Python's lock, and `step` computes only one tick.
+/// The Python module `palpate` (docs/python.md). `run` and `sample` release Python's lock, and take
+/// it only to check for signals. `step` computes one tick.
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
 #include "palpate/scenes/bindings/python/python_module.h"

@@ -11,7 +11,7 @@
 
 namespace palpate::python {
 
-/// A row of `palpate feel --trace`.
+/// A row of `palpate feel --trace`, without the loads of the modes.
 struct TraceRow {
   double t;
   std::array<double, 3> probe;

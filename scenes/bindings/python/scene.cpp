@@ -205,9 +205,9 @@ void bindScene(py::module_& m) {
       .def(
           "run", &PyScene::run, "path"_a, "rate"_a = 1000.0,
           "Moves a hand along a path, as `palpate feel --device path:` does. Returns an array with "
-          "the columns of `--trace`, one row per tick. `path` has shape (n, 3), one position per "
-          "tick, or (n, 4), rows of t, x, y, z with straight lines between them. Other Python "
-          "threads continue to run.")
+          "the columns of `--trace`, except the loads of modes, one row per tick. `path` has shape "
+          "(n, 3), one position per tick, or (n, 4), rows of t, x, y, z with straight lines "
+          "between them. Other Python threads continue to run.")
       .def("hand", &PyScene::hand, "rate"_a = 1000.0,
            "Returns another hand with `rate` ticks a second.")
       .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a, "play"_a = py::none(),

@@ -5,7 +5,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import palpate
 
-x = np.linspace(-40, 40, 81)  # mm: a soft body of 30 mm, and in it a hard one of 14 mm
+x = np.linspace(-40, 40, 81)  # mm: a soft ball of radius 30 mm, and in it a hard one of radius 14 mm
 X, Y, Z = np.meshgrid(x, x, x, indexing="ij")
 body = 30 - np.sqrt(X**2 + Y**2 + Z**2)
 stone = 14 - np.sqrt((X - 4)**2 + Y**2 + (Z - 8)**2)

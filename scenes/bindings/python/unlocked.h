@@ -63,8 +63,8 @@ class Computing {
 };
 
 /// Releases Python's lock until this object is destroyed. If Python has ended by then, a thread
-/// other than the main thread waits for the end of the process. If that thread took the lock,
-/// Python would end the thread and the process would abort.
+/// other than the main thread does not take the lock, but waits for the end of the process. With
+/// the lock, Python would end this thread, and the process would abort.
 class Unlocked {
  public:
   Unlocked() : state_(PyEval_SaveThread()) {

@@ -17,12 +17,12 @@ constexpr std::size_t kLongestName = 200;
 /// Largest amount by which a received sequence number may exceed the newest known one. Without this
 /// limit, a site could send the largest possible number, and no later edit could replace its edit.
 constexpr std::uint64_t kMostAhead = std::uint64_t{1} << 20U;
-/// Largest number of an edit; a double represents all numbers up to this limit exactly.
+/// Largest SharedStamp::count; a double represents all whole numbers up to this limit exactly.
 constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;
 constexpr std::size_t kMostNames = 64;  ///< Largest number of reported sites.
 
-/// Returns true for keys that sites share. Sites share no descriptions. Of volumes, sites share
-/// only the place and the sampling.
+/// Returns true for keys that sites share. Of volumes, these are the keys in kOfVolumes; of other
+/// parts, all keys except the description.
 bool isShared(const std::string& kind, const std::string& key) {
   constexpr std::array<std::string_view, 6> kOfVolumes{"axial",      "instances", "interpolation",
                                                        "non_finite", "place",     "smooth"};
@@ -143,7 +143,8 @@ void checkValue(const SharedKey& key, const Json& value) {
   }
 }
 
-/// Returns true at the first call for each name, for at most kMostNames names.
+/// Returns true at the first call for each name. Returns false for new names if `known` already has
+/// kMostNames names.
 bool isNew(std::set<std::string>& known, const std::string& name) {
   return known.size() < kMostNames && known.insert(name).second;
 }
@@ -344,7 +345,7 @@ void SharedScene::edit(const std::string& text) {
   Json file = parseJson(text, "", raiseAs<Error>);
   const SharedStamp stamp{std::min(newest() + 1, kMostCount), site_};
   SharedEdits own = editsBetween(file_, file, stamp);
-  // A value that all sites already have is not an edit.
+  // A value that equals the newest known edit of its part is not a new edit.
   std::erase_if(own, [&](const auto& one) {
     const auto known = edits_.find(one.first);
     return known != edits_.end() && known->second.value == one.second.value;
@@ -378,8 +379,8 @@ std::uint64_t SharedScene::newest() const noexcept {
 void SharedScene::settle(const SharedScene& copy) {
   SharedEdits all = edits_;
   merge(all, copy.edits_);
-  // Other sites send dropped edits again. hear() then rejects these edits, and returns a line for
-  // the user.
+  // Other sites send dropped edits again. hear() then rejects these edits. At the first rejection
+  // of each site, it returns a line for the user.
   if (textOf({all, {}}).size() > kMostSceneText) all = copy.edits_;
   edits_ = std::move(all);
   text_ = copy.text_;

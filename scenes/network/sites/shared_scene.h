@@ -1,6 +1,6 @@
 /// A scene that several sites edit. An edit has the key of a part of the scene, the new value and a
-/// stamp. If two edits change one part, every site keeps the edit with the larger stamp. So edits
-/// may arrive in any order and repeatedly.
+/// stamp. If two edits change one part, every site keeps the edit with the larger stamp; for equal
+/// stamps, the edit with the greater text. So edits may arrive in any order and repeatedly.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +22,8 @@ namespace palpate {
 /// otherwise equal keys, from "0".
 using SharedKey = std::vector<std::string>;
 
-/// Returns the parts in words, such as: mode "wall", play. Lists only the first few parts.
+/// Returns the parts in words, such as: mode "wall", play. Lists the first four parts, and counts
+/// the others.
 [[nodiscard]] std::string wordsFor(const std::vector<SharedKey>& keys);
 
 /// Logical time of an edit. All parts of one edit have the same stamp.
@@ -72,14 +73,15 @@ class SharedScene {
   /// Merges the text of the site `from`. Returns lines for the user.
   [[nodiscard]] std::vector<std::string> hear(const std::string& from, const std::string& text);
   /// Makes an edit, later than all known edits, from the changes of the file's text. Throws Error
-  /// if other sites would reject the edit, and then leaves this object unchanged.
+  /// if the text is not JSON, if all edits together are too long for a message, or if other sites
+  /// would reject the edit. This object then stays unchanged.
   void edit(const std::string& text);
   /// Adopts the state of `copy`, but keeps edits that arrived since the copy was made. If all edits
   /// together are too long for a message, keeps only the edits of `copy`.
   void settle(const SharedScene& copy);
-  /// Returns true, once, if edits have arrived that felt() does not include.
+  /// Returns true if edits have arrived since the last call.
   [[nodiscard]] bool takeNews() noexcept { return std::exchange(news_, false); }
-  /// Makes takeNews() return true, to try the edits again.
+  /// Makes the next call of takeNews() return true, so that the caller tries the edits again.
   void renew() noexcept { news_ = true; }
   [[nodiscard]] std::optional<std::string> takeTold();
 

@@ -32,14 +32,16 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr auto kAlone = std::chrono::seconds(3);       ///< Time without peers before a message.
+/// If no other site is heard for this time after the start, takeNews() returns a line about it.
+constexpr auto kAlone = std::chrono::seconds(3);
 constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Time between two polls.
 constexpr auto kRest = std::chrono::milliseconds(50);  ///< Time between messages of a resting hand.
-constexpr double kSmallWay = 1e-4;   ///< A smaller motion of the proxy is not sent at once [m].
-constexpr double kSmallGift = 1e-5;  ///< A smaller change of an energy is not sent at once [J].
+constexpr double kSmallWay = 1e-4;   ///< A smaller motion of the proxy waits for kRest [m].
+constexpr double kSmallGift = 1e-5;  ///< A smaller change of an energy waits for kRest [J].
 constexpr std::uint32_t kMostAtOnce = 64;
 constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Time between two scene texts.
-constexpr std::size_t kMostScenes = kMostLinks;  ///< Largest number of texts for takeScenes().
+/// While this number of texts or more waits for takeScenes(), hearScenes() reads no further texts.
+constexpr std::size_t kMostScenes = kMostLinks;
 
 /// Returns a number for the site's name; not 0.
 std::uint64_t numberOfSite(const std::string& name) noexcept {
@@ -262,8 +264,8 @@ class DdsSite final : public Site {
       // The writer does not wait for sites that read no data. Late joiners get the newest text.
       dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
       dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
-      // A full reader would block all of DDS. So the reader has no limit, but hearScenes() limits
-      // the texts that it stores.
+      // A full reader would block all of DDS. So the reader has no limit. hearScenes() limits the
+      // number of texts in scenes_.
       dds_qset_resource_limits(qos, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, 1);
       scene_reader_ =
           need(dds_create_reader(participant, scenes, qos, nullptr), "the reader of scenes");
@@ -563,7 +565,7 @@ class DdsSite final : public Site {
   std::optional<std::string> scene_;
   std::map<std::string, std::string> scenes_;
 
-  // Only the site's own thread uses these members.
+  // Only the site's own thread uses these members, except thread_.
   LinksHeard heard_;
   std::array<std::uint64_t, kMostLinks> site_{};  ///< Site in each slot, by numberOfSite; 0: free.
   std::uint64_t seats_ = 0;

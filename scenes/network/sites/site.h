@@ -36,7 +36,7 @@ inline constexpr std::size_t kMostSceneText = 65536;
 struct SiteState {
   bool here = false;         ///< True while the site's messages arrive.
   std::uint64_t heard = 0;   ///< Number of received messages.
-  std::uint64_t missed = 0;  ///< Number of lost messages.
+  std::uint64_t missed = 0;  ///< Number of lost messages since the site last joined.
   std::uint64_t lives = 0;   ///< Number of times the site has joined.
   double presence = 0.0;     ///< Link::presence
   double paid = 1.0;         ///< Link::paid
@@ -57,7 +57,8 @@ class Site {
   [[nodiscard]] virtual std::map<std::string, SiteState> others() const = 0;
 
   /// Sets the text of this scene for all sites, also for late joiners. Sends only the newest text,
-  /// at most 5 times per second, and none above kMostSceneText.
+  /// at most 5 times per second, and none above kMostSceneText. Has no effect without
+  /// SiteParams::scene.
   virtual void tellScene(std::string text) = 0;
   /// Returns the newest text of each site since the last call, by site. The texts are untrusted.
   [[nodiscard]] virtual std::map<std::string, std::string> takeScenes() = 0;

@@ -6,8 +6,9 @@
 
 namespace palpate {
 
-/// Lets a participant accept only peers with keys. `keys` has the six files of a ROS 2 enclave, as
-/// site_keys.sh makes them. Throws Error if a file is missing, or if this DDS lacks security.
+/// Lets a participant accept only peers with keys of the same authority. `keys` has the six files
+/// of a ROS 2 enclave, as site_keys.sh makes them. Throws Error if a file is missing or not
+/// accessible, or if this DDS lacks security.
 void secure(dds_qos_t* participant, const std::filesystem::path& keys);
 
 }  // namespace palpate

@@ -30,7 +30,7 @@ struct IgtlServer::Counts {
 
 struct IgtlServer::Client {
   enum class At : std::uint8_t { kHead, kBody, kSkip };
-  /// Size of waiting data from which on the client gets no further answers [bytes].
+  /// If this much data waits to be sent, the client gets no further answers [bytes].
   static constexpr std::size_t kMostOut = 1U << 16U;
 
   std::uint64_t number = 0;  ///< Identifies the client; unique in the run.

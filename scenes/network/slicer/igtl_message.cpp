@@ -341,7 +341,7 @@ std::string readIgtlString(ByteView content) {
   constexpr std::size_t kHead = 4;
   if (content.size() >= kHead) {
     In in(content);
-    (void)in.take<std::uint16_t>();  // encoding; the text is read as ASCII
+    (void)in.take<std::uint16_t>();  // encoding; all encodings are accepted
     if (in.take<std::uint16_t>() == content.size() - kHead) {
       return {content.begin() + kHead, content.end()};
     }

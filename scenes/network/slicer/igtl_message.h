@@ -21,12 +21,12 @@ using ByteView = std::span<const std::uint8_t>;
 inline constexpr std::size_t kIgtlHead = 58;  ///< Size of a header [bytes].
 
 struct IgtlHead {
-  /// 1 to 3. From 2 on, bodies have data before and after the content.
+  /// 1 to 3 in a valid message. From 2 on, bodies have data before and after the content.
   std::uint16_t version = 0;
   std::string type;        ///< Type of the message, for example TRANSFORM.
   std::string name;        ///< Name of the sending device; may contain any bytes.
   std::uint64_t size = 0;  ///< Size of the body as sent [bytes].
-  std::uint64_t crc = 0;
+  std::uint64_t crc = 0;   ///< Checksum of the body (igtlCrc).
 };
 [[nodiscard]] IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes);
 
@@ -56,7 +56,8 @@ enum class IgtlCode : std::uint16_t {
 [[nodiscard]] Bytes igtlCapability(std::string_view name, std::int64_t now,
                                    std::span<const char* const> types);
 
-/// Returns a body without the data that version 3 adds before and after. Throws Error.
+/// Returns a body without the data that versions 2 and 3 add before and after the content. Throws
+/// Error if the body is too short for these data.
 [[nodiscard]] ByteView igtlContent(const IgtlHead& head, ByteView body);
 /// Returns the position in the content of a TRANSFORM. Throws Error if there are not 12 numbers, or
 /// one is not finite.
@@ -64,7 +65,7 @@ enum class IgtlCode : std::uint16_t {
 /// Returns the text in the content of a STRING, which may contain any bytes. Throws Error.
 [[nodiscard]] std::string readIgtlString(ByteView content);
 
-/// Limit of the size of an IMAGE [bytes].
+/// Limit of the size of an IMAGE [bytes]. The server accepts 64 KiB more, for the header.
 inline constexpr std::uint64_t kIgtlMostImage = 512ULL << 20U;
 /// Limit of the number of values in an IMAGE.
 inline constexpr std::uint64_t kIgtlMostValues = 128ULL << 20U;
@@ -78,7 +79,7 @@ struct IgtlImage {
   bool big_endian = false;
   Mat3 axes = Mat3::Identity();  ///< Steps along i, j and k in RAS [mm].
   Vec3 origin = Vec3::Zero();    ///< Centre of the first voxel in RAS [mm].
-  Bytes bytes;                   ///< The message. The values begin at `first`, i fastest.
+  Bytes bytes;                   ///< Body of the message. The values begin at `first`, i fastest.
   std::size_t first = 0;
 };
 /// Returns the image in the body of a message. Throws Error if the image is invalid.

@@ -18,7 +18,8 @@ namespace {
 constexpr std::size_t kPiece = 1U << 16U;
 /// Limit of the size of all messages except IMAGE [bytes].
 constexpr std::uint64_t kMostSmall = 1U << 16U;
-/// Limit of the coordinates of the hand that a client leads [mm].
+/// Limit of the coordinates of the hand that a client leads [units of the volume's file, such as
+/// mm].
 constexpr double kFarthestHand = 1e9;
 constexpr std::array<const char*, 6> kTypes{"TRANSFORM", "STRING",     "IMAGE",
                                             "STATUS",    "GET_STATUS", "GET_CAPABIL"};
@@ -93,7 +94,7 @@ void IgtlServer::beginBody(Client& client) {
   if (head.size > most) {
     throw Error(
         head.type, fmt::format("its body has {} bytes", head.size),
-        image ? std::string("send at most 512 MB") : fmt::format("send at most {} bytes", most));
+        image ? std::string("send at most 512 MiB") : fmt::format("send at most {} bytes", most));
   }
   client.left = head.size;
   client.crc = 0;
@@ -165,7 +166,8 @@ void IgtlServer::endBody(Client& client) {
                  "no hand follows clients: start palpate with --device igtl");
   }
   if (place.lpNorm<Eigen::Infinity>() > kFarthestHand) {
-    throw Error("PalpateSteer", "its position is beyond 1000 km", "send millimetres");
+    throw Error("PalpateSteer", "a coordinate is beyond 1e9 units of the volume's file",
+                "send the position in this unit, such as mm");
   }
   (void)stage_.refresh();
   const Vec3 p_W = stage_.current().first(place);

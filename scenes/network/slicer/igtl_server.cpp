@@ -33,8 +33,9 @@ constexpr int kMostAtOnce = 64;         ///< Connections accepted in one round.
 constexpr int kSocketBuffer = 1 << 16;  ///< Size of a client's send buffer in the system [bytes].
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kLook = kSecond / 10;
-constexpr std::int64_t kPatience = 5 * kSecond;  ///< Time in which a message must arrive [ns].
-constexpr std::int64_t kByte = 1000;             ///< Additional time for each byte [ns]: 1 MB/s.
+constexpr std::int64_t kPatience =
+    5 * kSecond;                      ///< Base of the time in which a message must arrive [ns].
+constexpr std::int64_t kByte = 1000;  ///< Additional time for each byte [ns].
 /// The server ends a connection if the client has not read for this time [ns].
 constexpr std::int64_t kStuck = 5 * kSecond;
 
@@ -257,7 +258,7 @@ void IgtlServer::accept() {
     const int socket =
         accept4(listener_, reinterpret_cast<sockaddr*>(&from), &size, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (socket < 0) {
-      // If the system lacks descriptors or memory, accepts no connection for 0.1 s.
+      // If accept4() fails, for example for lack of descriptors, accepts no connection for 0.1 s.
       if (errno != EAGAIN && errno != EWOULDBLOCK) deaf_until_ = nowNs() + kLook;
       return;
     }

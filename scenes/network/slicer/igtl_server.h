@@ -50,7 +50,7 @@ struct IgtlShown {
   std::size_t count = 0;
 };
 
-/// Shows a run to at most four clients.
+/// Shows a run to at most four clients. Up to 16 more clients wait, and can only cut the force.
 ///
 /// A client can cut the force, replace a volume, and lead a hand that has no arm. Only a user at
 /// the arm can restore the force. A client that sends invalid data or does not read cannot delay
@@ -60,7 +60,7 @@ struct IgtlShown {
 class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// Listens, and answers connections after begin(). Throws Error if the address or port cannot be
-  /// used. `rate` is above 0 and at most kIgtlMostRate [Hz]. If `images` is true, clients can
+  /// used. `rate` must be above 0 and at most kIgtlMostRate [Hz]. If `images` is true, clients can
   /// replace volumes.
   IgtlServer(const IgtlPlace& place, double rate, bool images);
   ~IgtlServer();
@@ -96,7 +96,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   };
   struct Client;
   struct Counts;
-  /// Prints the last line, at most once a second, because clients can cause any number of lines.
+  /// Prints at most one line a second, the newest, because clients can cause any number of lines.
   class Seldom {
    public:
     void say(const std::string& line);
