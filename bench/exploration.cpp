@@ -47,7 +47,7 @@ std::unique_ptr<const Scene> makeBall(Explored what) {
 /// tremor. The script runs at 0.4 to 3.6 times its normal speed.
 HandTarget tremble(double seconds, std::uint64_t seed) {
   constexpr double kPace = 2.0;
-  constexpr double kSway = 1.6;                    // amplitude, relative to the mean pace
+  constexpr double kSway = 1.6;                    // amplitude of the pace
   constexpr double kSwayRate = 2.0 * M_PI / 11.0;  // [rad/s]
   const auto script = [](double t) {
     return kPace * t - kSway / kSwayRate * (1.0 - std::cos(kSwayRate * t));

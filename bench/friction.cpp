@@ -24,7 +24,8 @@ namespace {
 using namespace palpate;
 using bench::Clock;
 
-/// Planes with normals within 70 degrees of one direction, or a groove of 10 to 80 degrees.
+/// Planes with normals within about 70 degrees of one direction, or a groove whose walls are 10 to
+/// 80 degrees from its middle plane.
 struct Family {
   const char* name;
   int planes;

@@ -13,7 +13,7 @@ struct Machine {
   std::string processor;
   std::string compiler;
   std::string flags;
-  /// Commit of the build; ends with "+" if sources differed from the commit.
+  /// Commit of the build; ends with "+" if tracked files other than documents differed from it.
   std::string commit;
   double clock_step = 0.0;  ///< Resolution of the clock: the smallest step that was seen [ns].
   bool pinned = false;
@@ -33,7 +33,7 @@ class Pinned {
   bool good_ = false;
 };
 
-/// Describes this machine. If `pin`, first pins the calling thread to its present core, if the
+/// Describes this machine. If `pin`, also pins the calling thread to its present core, if the
 /// system permits this.
 [[nodiscard]] Machine takeMachine(bool pin = true);
 

@@ -25,9 +25,10 @@ struct SurfaceRule {
   int midpoints = 0;
 };
 
-/// A plane through the proxy, with the normal read there. Each sub-step has one balance in closed
-/// form (Lundin et al., section 3.2). A free proxy touches the surface where the field's value
-/// crosses `level` on the way into the solid. During the contact the level has no effect.
+/// A plane through the proxy, with the normal read there. Each sub-step has a balance in closed
+/// form (Lundin et al., section 3.2), and one more for each of SurfaceRule::midpoints. A free proxy
+/// touches the surface where the field's value crosses `level` on the way into the solid. During
+/// the contact the level has no effect.
 class MemorylessSurface {
  public:
   /// @param sign  +1 if the solid's values are below the level, -1 if they are above.

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Measures the figures of README.md again: readme_figures.py BUILD_DIR [--write README.md].
 
-Builds the programs, runs the command of each figure, and prints the table and the changed cells. With --write, the
-table replaces the part of the page between its two marks, and commit and machine are added. The results stay in
+Builds the programs and runs the command of each figure. Prints the table, with commit and machine, and the changed
+cells. With --write, writes the table between the two marks of the page instead. The results stay in
 BUILD_DIR/readme_figures/, so the figures can be measured in parts (--only 2,8, then --only 3), and --resume continues
 an interrupted run. Only figures of one commit and one machine are written. Times are valid only on a machine without
 other load."""
@@ -30,8 +30,8 @@ class Unmeasured(Exception):
 
 
 def find(pattern, text):
-    """Returns the groups of the first match of a pattern in a program's output. Catch2 may break the output's lines
-    anywhere."""
+    """Returns the groups of the first match of a pattern in a program's output. White space of any length
+    counts as one space, because Catch2 may break the lines of its output."""
     found = re.search(pattern, " ".join(text.split()))
     if found is None:
         raise Unmeasured(f"its output has no \"{pattern}\"")
@@ -39,7 +39,7 @@ def find(pattern, text):
 
 
 def two(x):
-    """Formats with two digits."""
+    """Formats with two significant digits."""
     return f"{float(f'{float(x):.2g}'):g}"
 
 

@@ -9,16 +9,16 @@
 
 namespace palpate::bench {
 
-/// Prints progress if standard error is a terminal. An empty string clears the line.
+/// Prints progress to standard error, if that is a terminal. An empty string clears the line.
 void tell(const std::string& what);
 
-/// Rounds to four digits, because further digits would be noise.
+/// Rounds to four significant digits, because further digits would be noise.
 [[nodiscard]] double rounded(double x);
 
 [[nodiscard]] nlohmann::ordered_json asJson(const Machine& machine);
 
-/// Writes a JSON object, with each element of its lists on a line of its own; to standard output if
-/// `file` is empty. Throws if the writing fails.
+/// Writes a JSON object to `file`, or to standard output if `file` is empty. Each element of the
+/// object's lists has its own line. Throws if the writing fails.
 void writeResult(const nlohmann::ordered_json& result, const std::string& file);
 
 }  // namespace palpate::bench

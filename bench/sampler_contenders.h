@@ -26,7 +26,8 @@ class Sampler {
   Sampler& operator=(const Sampler&) = delete;
   virtual ~Sampler() = default;
 
-  /// Returns value and gradient; for a vector field, the sum of components and a zero gradient.
+  /// Returns value and gradient. If the sampler reads only values, the gradient is zero. For a
+  /// vector field, the value is the sum of the components, and the gradient is zero.
   [[nodiscard]] virtual Sampled at(const Vec3& p) = 0;
   /// Reads at all points, one after the other. Returns the time [ns].
   [[nodiscard]] virtual double timeAll(std::span<const Vec3> points) = 0;

@@ -3,8 +3,8 @@
 ///     palpate_bench_scale [--quick] [--pairs N] [--only WHAT] [--scene SCENE]... [--out
 ///     RESULT.json]
 ///
-/// Compares ticks in pairs of runs, in alternating order. Scenes are built on all cores; the thread
-/// that ticks stays on one core.
+/// Compares the ticks of two scenes in pairs of runs, in alternating order. Scenes are built on all
+/// cores; the thread that ticks stays on one core.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -159,7 +159,7 @@ Vec3 freePlace(double time) {
 /// reach of the hand's paths.
 std::vector<Vec3> placesOf(std::size_t count) {
   std::mt19937_64 random(1);
-  // Beyond 10,000 volumes the room grows, so that the number of volumes near the hand stays equal.
+  // Beyond 10,000 volumes the room grows, so that the density of volumes stays the same.
   const double room = kRoom * std::cbrt(std::max(1.0, 1e-4 * static_cast<double>(count)));
   std::uniform_real_distribution<double> uniform(-room, room);
   constexpr double kApart = 0.06;  // [m] from the middle, because the hand stays within 35 mm of it

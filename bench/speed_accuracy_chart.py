@@ -163,7 +163,7 @@ def draw_grid(rows, families, title, foot, columns=3):
 
 
 def draw_figure7(data):
-    """Draws the iterations over time in bins: the median as a line, from the smallest to the largest as a band."""
+    """Draws the iterations over time in bins: the median as a line, the range from smallest to largest as a band."""
     size = max(1, len(data["speed_m_s"]) // 400)
     count = len(data["speed_m_s"]) // size
     rate = data["rate_hz"]

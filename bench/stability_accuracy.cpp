@@ -27,7 +27,7 @@ constexpr double kLeast = 20.0;       // [N/m], at which the search starts
 /// Returns the largest stable stiffness [N/m] below the first unstable try; 0 if kLeast is
 /// unstable.
 ///
-/// @param most   The search tries no higher stiffness than the first one from `most` on [N/m].
+/// @param most   The search upwards ends at this stiffness [N/m]; the result is below most * step.
 /// @param step   Factor between tried stiffnesses. Bisection then reduces it to `ratio`.
 double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
                      double most, double step, double ratio) {

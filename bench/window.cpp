@@ -41,7 +41,7 @@ constexpr double kDepth = 3.0;   // [mm], of the hand below the skin
 constexpr double kBefore = 1.2;  // [s], in which the hand is beside the head and then moves into it
 constexpr double kMegabyte = 1024.0 * 1024.0;
 
-/// Returns the memory that this process uses [bytes].
+/// Returns the resident memory of this process [bytes].
 double used() {
   std::ifstream stream("/proc/self/statm");
   double all = 0.0;

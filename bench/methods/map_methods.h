@@ -8,8 +8,8 @@
 namespace palpate {
 
 /// Returns the engine's solver and six methods of the literature over the contact's fixed
-/// primitives, each with one setting. Euler's adaptive step follows the rule that euler_adaptive.h
-/// calls the best. Euler's fixed step is 1e-2 of 1/k: 1e-3 would take ten times as long.
+/// primitives, each with one setting. Euler's adaptive step follows the rule in euler_adaptive.h.
+/// Euler's fixed step is 1e-2 of 1/k: 1e-3 would take ten times as long.
 [[nodiscard]] std::vector<MapMethod> methodsOver(const MapContact& contact);
 
 }  // namespace palpate
