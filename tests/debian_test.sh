@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs the first command on an empty Debian: debian_test.sh RELEASE [--test]. RELEASE is bookworm or trixie. Debootstrap
+# Runs ./demo.sh on an empty Debian: debian_test.sh RELEASE [--test]. RELEASE is bookworm or trixie. Debootstrap
 # makes a root of that release; there an ordinary user with sudo runs ./demo.sh on the commit that is checked out, then
 # with --test also ./test.sh. Prints minutes, processor minutes and megabytes. Exits with 77 without root or
 # debootstrap; fails without the network. For ./test.sh --long.

@@ -34,7 +34,7 @@ FILES = files()
 
 
 def find(name):
-    """Returns the file with this path, or the only file with this name."""
+    """Returns the file with this path, or the only file with this name, or None."""
     if "/" in name or (ROOT / name).is_file():
         return Path(name) if (ROOT / name).is_file() else None
     # The tests' host programs have headers with the same names as palpate's.
@@ -164,7 +164,7 @@ class Programs(unittest.TestCase):
                                     flags=re.S | re.M):
                 shown += 1
                 self.assertTrue(any(block in source for source in sources),
-                                f"{page.name} shows what no source has:\n{block}")
+                                f"{page.name} has a block of code that is in no source:\n{block}")
         self.assertGreater(shown, 8)
 
     def test_the_session_page_equals_its_script(self):

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Reports what the gate (test.sh) ran, and remembers which sources it passed.
+"""Reports what the gate (test.sh) ran, and remembers which sources it passed. A room is a top folder with its tests
+(ROOMS).
 
 gate.py changed             prints the rooms that differ from the last gate that passed on this machine
 gate.py passed              remembers the rooms as they were when `changed` ran
@@ -112,7 +113,7 @@ def missing_cases(folder, results):
 
 def report(minutes, budgets, folders):
     bad = []
-    print("== minutes, and those of processors")
+    print("== minutes, and minutes of processor time")
     total = processors = compiling = alone = 0.0
     for line in minutes.read_text().splitlines():
         took, cpu, step, note = line.split("\t")
@@ -123,9 +124,9 @@ def report(minutes, budgets, folders):
         if ": host" in step:
             alone += float(took)
         print(f"{float(took) / 60:7.1f} {float(cpu) / 60:7.1f}  {step:24} {note}".rstrip())
-    print(f"{total / 60:7.1f} {processors / 60:7.1f}  in all, {(processors - compiling) / 60:.1f} of them not compiling")
+    print(f"{total / 60:7.1f} {processors / 60:7.1f}  in all; {(processors - compiling) / 60:.1f} minutes of processor time without compilers and lint")
     if (processors - compiling) / 60 > BUDGET and not os.environ.get("PALPATE_LONG"):
-        bad.append(f"the gate took more than its {BUDGET} minutes of processors: see above which step or test grew")
+        bad.append(f"the gate took more than {BUDGET} minutes of processor time: see above which step or test grew")
 
     count = {"passed": 0, "failed": 0, "skipped": 0}
     dearest, failed, again = [], [], []

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Tests gate.py's reading of CTest's output, the include order (structure.py) and the prose check (prose.py)."""
+"""Tests gate.py's reading of CTest's output, the list of CTest's processes (list_shards.cmake), the include order
+(structure.py) and the prose check (prose.py)."""
 import contextlib
 import io
 import os

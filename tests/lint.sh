@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Runs clang-format on all files, and clang-tidy on sources outside tests/ that have changed since they last passed, at
-# most the newest 40 (see tidy.py). Uses a separate build, because another compiler's precompiled headers are unusable.
+# Checks the format of all .h and .cpp files, and runs clang-tidy on sources outside tests/ that have changed since they
+# last passed, at most the newest 40 (see tidy.py). Checks mutate.json, the structure and the prose too. Uses a separate
+# build, because another compiler's precompiled headers are unusable.
 #   --all   clang-tidy on all sources, with the slow checks, before a release
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -2,7 +2,7 @@
 """Plants faults of one line, one at a time, and prints which tests detect them. Run this before a release.
 
 tests/mutate.json has the faults. The script copies the sources, uncommitted changes included, and builds the copy
-in the folder of --build; it changes nothing in this tree. First, all selected tests must pass without a fault. Then
+in the folder of --build; it changes no source in this tree. First, all selected tests must pass without a fault. Then
 the script plants each fault, builds the tests of the fault, and runs them over a tenth of the random cases. If all
 pass, it runs them over all cases. A test that fails, crashes or hangs has detected the fault. The exit status is 1 if
 fewer than 97 % are detected, if an undetected fault has no reason in the file, or if a fault does not build."""
@@ -30,7 +30,7 @@ PARTS = {"safety.kill_table": ["palpate_victim"],
          "scenes.igtl": ["palpate"],
          "scenes.explain_press": ["palpate", "palpate_make_volumes"]}
 
-# Folders of Catch2 programs that are not in tests/.
+# Build folders of Catch2 programs that are not directly in tests/.
 FOLDERS = {"haply": "tests/devices/haply"}
 
 
@@ -50,11 +50,11 @@ def read_faults():
             bad.append(f"{here}: its keys are not {', '.join(sorted(KEYS))}")
             continue
         if names[here] > 1:
-            bad.append(f"{here}: two have this name")
+            bad.append(f"{here}: several faults have this name")
         file = ROOT / fault["file"]
         count = file.read_text().count(fault["before"]) if file.is_file() else 0
         if count != 1:
-            bad.append(f"{here}: {fault['file']} has {count} times, not once: {fault['before']}")
+            bad.append(f"{here}: {fault['file']} contains this text {count} times, not once: {fault['before']}")
         if fault["before"] == fault["after"] or "\n" in fault["before"]:
             bad.append(f"{here}: \"before\" equals \"after\" or has several lines")
     if bad:
@@ -114,7 +114,8 @@ class Tree:
         return "" if good else words
 
     def test(self, preset, run, cases, limit):
-        """Returns the name of the failing test, or None."""
+        """Returns the name of the failing test, or a sanitizer's summary; after "hangs: " if the tests took longer than
+        `limit` [s]. Returns None if all tests pass."""
         program, _, spec = run.partition(" ")
         build = self.path / "build" / preset
         if program in PARTS:
@@ -224,7 +225,7 @@ def print_table(faults, verdicts):
             print(f"lived: {fault['name']}: {fault.get('lives', 'no test sees it: write one')}")
             bad = bad or "lives" not in fault
         elif verdict == "unbuilt":
-            print(f"no fault: {fault['name']}: it does not build")
+            print(f"unbuilt: {fault['name']}: the sources do not build with this fault: correct it")
             bad = True
         elif "lives" in fault:
             print(f"{fault['name']} died: remove its \"lives\"")
@@ -237,9 +238,9 @@ def main():
     asked.add_argument("--list", action="store_true", help="print the faults, and what each means")
     asked.add_argument("--check", action="store_true",
                        help="only check that every \"before\" is exactly once in its file")
-    asked.add_argument("--only", metavar="REGEX", default="", help="faults with such a name or file")
-    asked.add_argument("--preset", default="release", help="for faults without a preset (release)")
-    asked.add_argument("--jobs", type=int, default=os.cpu_count(), help="of the build")
+    asked.add_argument("--only", metavar="REGEX", default="", help="only faults whose name or file matches REGEX")
+    asked.add_argument("--preset", default="release", help="preset of faults that name none (default: release)")
+    asked.add_argument("--jobs", type=int, default=os.cpu_count(), help="number of parallel jobs of the build")
     asked.add_argument("--build", type=Path, default=ROOT / "build" / "mutate",
                        help="folder for the copy, 2 GB, and the results (build/mutate)")
     asked.add_argument("--resume", action="store_true",

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Finds prose that a reader may not understand, in comments and pages.
 
-prose.py          prints the rate of each folder; status 1 if one is above LIMIT
+prose.py          prints each folder whose rate is above LIMIT, with status 1; prints the common rate if there is none
 prose.py PATH...  prints each hit of these files or folders
 
 A hit is a hint, because a sentence with a hit may be correct. So each folder has a rate, and there is no list of

@@ -3,7 +3,7 @@
 
 structure.py          checks; status 1 if an include is wrong, a file or function has more lines than LONGEST_FILE or
                       LONGEST_FUNCTION, or install.cmake or Doxyfile lacks a folder of public headers
-structure.py sizes    prints files and lines of each folder, the longest files and the longest functions
+structure.py sizes    prints files and lines of each folder, and the files and functions above these limits
 """
 import re
 import subprocess
@@ -24,7 +24,7 @@ scenes/guess scenes/library scenes/apps/common scenes/network/sites scenes/netwo
 scenes/bindings/c scenes/bindings/python scenes/apps/import scenes/apps/view scenes/apps/cli scenes/apps
 scenes
 """.split()
-# Top folders that must not include each other.
+# Folders that must not include headers of each other.
 APART = {"scenes/bindings/c", "scenes/bindings/python", "scenes/apps/import", "scenes/apps/view", "scenes/apps/cli"}
 # Folders without a public header.
 PRIVATE = APART - {"scenes/bindings/c"} | {"scenes/apps/common", "scenes/network/sites", "scenes/network/slicer"}
@@ -85,16 +85,16 @@ def check():
         if source.endswith(".h") and folder not in PRIVATE:
             for place, words in (("scenes/package/install.cmake", installed), ("docs/Doxyfile", documented)):
                 if folder not in words and folder + ")" not in words:
-                    faults.append(f"{source}: {place} does not have its folder")
+                    faults.append(f"{source}: {place} does not name the folder {folder}")
         text = (ROOT / source).read_text(encoding="utf-8")
         for header in re.findall(r'^#include "palpate/([^"]+)"', text, re.M):
             if fault := fault_of(source, header):
                 faults.append(f"{source} includes {header}: {fault}")
-        faults += [f"{source}:{at}: a function of {n} lines, and {LONGEST_FUNCTION} are allowed"
+        faults += [f"{source}:{at}: the function has {n} lines: at most {LONGEST_FUNCTION} are allowed"
                    for at, n in functions(text) if n > LONGEST_FUNCTION]
         if (count := text.count("\n")) > LONGEST_FILE:
-            faults.append(f"{source}: a file of {count} lines, and {LONGEST_FILE} are allowed")
-    print("\n".join(faults) or "structure: no include points up, no file or function is too long")
+            faults.append(f"{source}: the file has {count} lines: at most {LONGEST_FILE} are allowed")
+    print("\n".join(faults) or "structure: no include is of a higher folder, no file or function is too long")
     return 1 if faults else 0
 
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Tests that tidy.py reports the same complaints for sources in a unit as for each source alone."""
+"""Tests that tidy.py reports the same complaints for sources in a unit as for each source alone, and tests its
+stamps."""
 import json
 import tempfile
 import unittest

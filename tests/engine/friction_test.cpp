@@ -157,7 +157,8 @@ TEST_CASE(
     if (slip.norm() > 1e-9) {
       REQUIRE((friction + mu * load * slip.normalized()).norm() <= 1e-5 * mu * load + kForce);
     }
-    // Checks the drags: each is within its strength, and along the plane if the plane is pressed.
+    // Checks the drags: each is within its strength. If the plane is pressed and has not moved back
+    // from the proxy, the drags are on the plane.
     double work = friction.dot(went);
     for (std::size_t j = 0; j < items.size(); ++j) {
       if (items[j].kind != PrimitiveKind::kPoint) continue;
@@ -344,7 +345,7 @@ TEST_CASE(
   CHECK(limited <= 1e-3 * static_cast<double>(cases));
 }
 
-TEST_CASE("if a search for frictions ends early each friction keeps at least its last strength",
+TEST_CASE("if the search for frictions ends early none falls below its last strength or its limit",
           "[modes][friction]") {
   // The hand jumps between random positions within two to four walls.
   Random random(64);
@@ -394,8 +395,8 @@ TEST_CASE("if a search for frictions ends early each friction keeps at least its
 
 TEST_CASE("the solver finds the next balance where a branch of balances ends at a fold",
           "[modes][friction]") {
-  // Each of the two recorded ticks has a wall with friction, a cloud's plane, and a drag. The
-  // branch of balances ends at a fold.
+  // Each of the two recorded ticks has a wall with friction, a cloud's plane, and a mist's line.
+  // The branch of balances ends at a fold.
   struct Tick {
     double stiffness;
     Vec3 probe;

@@ -221,7 +221,7 @@ TEST_CASE(
   CHECK(deep.offset.z() == Approx(4e-3).epsilon(1e-3));
 }
 
-TEST_CASE("Euler with an adaptive step finds the plane of fig. 6 though |f_res| never vanishes",
+TEST_CASE("Euler with an adaptive step finds fig. 6's balance also where |f_res| does not vanish",
           "[methods][fig6]") {
   const double s = 2.0;
   for (double depth = 2e-4; depth < 10e-3; depth += 4e-4) {

@@ -90,8 +90,8 @@ Named named(const char* name, ModeKind kind, const char* of, double strength, bo
   return out;
 }
 
-/// Returns all modes except user-defined ones, in variants that place different primitives. `pose`
-/// moves the guides.
+/// Returns modes of all kinds except force and user-defined, in variants that place different
+/// primitives. `pose` moves the guides.
 std::vector<Named> allModes(const Eigen::Isometry3d& pose = Eigen::Isometry3d::Identity()) {
   std::vector<Named> modes;
   modes.push_back(named("viscosity", ModeKind::kViscosity, "ball", 0.3, true));
@@ -253,7 +253,7 @@ std::vector<Primitive> placed(const ModeSpec& mode, const Vec3& p) {
 
 }  // namespace
 
-TEST_CASE("fronts, tubes, dampings, surfaces and guides place the primitives of the modes' table",
+TEST_CASE("fronts, tubes, dampings, surfaces and guides place the documented primitives",
           "[modes]") {
   const Vec3 p(0.02, 0.01, 0.03);
   const auto all = fields();
@@ -306,7 +306,7 @@ TEST_CASE("fronts, tubes, dampings, surfaces and guides place the primitives of 
   CHECK(isA(inside[0], PrimitiveKind::kPoint, p, {}, 0.2));
 
   const auto guide = of("guide point");
-  REQUIRE(guide.empty());  // 3.3 cm away, more than its snap distance
+  REQUIRE(guide.empty());  // 3.2 cm away, more than its snap distance
   ModeSpec near;
   near.kind = ModeKind::kGuide;
   near.guide = {PrimitiveKind::kLine, p + Vec3(0.0, 3e-3, 0.0), Vec3(0.0, 0.0, 2.0), 4e-3};
@@ -596,7 +596,7 @@ TEST_CASE("a mode of zero strength does not change the result, bit for bit", "[m
     const auto forces = [&](const std::vector<ModeSpec>& specs) {
       Random own(seed);
       std::vector<double> out;
-      int samples = 0;  // in ticks with primitives; a free tick may need no sample
+      int samples = 0;  // counts ticks with primitives only: a free tick may need no sample
       feel(*sceneOf(specs), ClosedPath(own, 400),
            [&](int, const Vec3&, const StepReport& r, const ProxyState&) {
              out.insert(out.end(), {r.force.x(), r.force.y(), r.force.z(), r.error_bound});
@@ -766,8 +766,8 @@ TEST_CASE("on a closed path the hand gains at most the energy that the ticks cou
   for (const Named& mode : allModes()) sets.push_back({mode});
   constexpr double kVoxel = 1e-3;
   const auto all = allModes();
-  sets.push_back({all[2], all[3], all[7]});   // anchored, not orthogonal
-  sets.push_back({all[9], all[3], all[10]});  // not anchored
+  sets.push_back({all[2], all[3], all[7]});   // surface with friction, follow, vortex tube
+  sets.push_back({all[9], all[3], all[10]});  // isosurface with friction, follow, snap-drag
   for (const auto& set : sets) {
     std::vector<ModeSpec> specs;
     bool anchored = true;
@@ -921,7 +921,7 @@ TEST_CASE("volumes that no mode needs are not read, and orthogonal sets are solv
         SolverKind::kPair);
 }
 
-TEST_CASE("a tick with all modes allocates no memory", "[modes][realtime]") {
+TEST_CASE("a tick with 15 modes of nine kinds allocates no memory", "[modes][realtime]") {
   std::vector<ModeSpec> specs;
   for (const Named& mode : allModes()) specs.push_back(mode.mode);
   ModeSpec own;

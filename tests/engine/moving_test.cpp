@@ -340,7 +340,7 @@ TEST_CASE("two bodies with different motions push the hand at the same time or i
     }
   }
   CHECK(worst <= 0.01);
-  // Because the balls are round, each pushes the proxy out by 1.03 mm instead of 1 mm.
+  // Because the balls are round, each pushes the proxy out by 0.98 mm instead of 1 mm.
   CHECK((r.wanted / kStiffness - Vec3(deep, deep, deep)).norm() < 0.05 * deep);
 
   // The balls pass the hand one after the other.
@@ -380,7 +380,8 @@ TEST_CASE("a moving volume that passes beside the hand causes no force", "[modes
 
 TEST_CASE("a moving surface does not pass through the proxy, and at 10 m/s ticks report a limit",
           "[modes][moving]") {
-  // At 3 m/s the surface moves by 3.84 voxels per tick, which takes eight slices of half a voxel.
+  // At 3 m/s the surface moves by 3.84 voxels per tick, which takes eight slices of at most half a
+  // voxel.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
   const double deep = 2.0 * kVoxel;

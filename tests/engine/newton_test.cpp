@@ -68,8 +68,8 @@ Reading readAt(const Vec3& x, const Vec3& probe, const std::vector<Surface>& sur
   return out;
 }
 
-/// Returns a surface near the origin with a curvature of up to `bend` [1/mm]. The normals of its
-/// planes are tilted and curved by a similar amount.
+/// Returns a surface near the origin. The elements of its curvature matrix are up to `bend` [1/mm].
+/// The normals of its planes are tilted, and have a curvature matrix of the same size.
 Surface anySurface(test::Random& random, const Vec3& outwards, double bend, double strength) {
   const auto symmetric = [&] {
     Mat3 m;
@@ -108,8 +108,7 @@ TEST_CASE("Newton's residual falls quadratically on a fillet on which Picard's i
   const double radius = 3e-4;
   Surface fillet;
   fillet.strength = 10.0;
-  // The free side is inside the cylinder x^2 + z^2 < r^2, approximated by a quadric near the
-  // origin.
+  // The free side is inside the cylinder x^2 + (z - r)^2 < r^2.
   fillet.value = {0.0, Vec3::UnitZ(), -Vec3(1.0, 0.0, 1.0).asDiagonal().toDenseMatrix() / radius};
   fillet.normal = fillet.value;
   const Vec3 probe(2e-5, 1e-5, -2e-3);
@@ -182,7 +181,7 @@ TEST_CASE("Newton's step converges where a surface yields and the direction of t
     converged += course.residuals[8] < 1e-11 ? 1 : 0;
   }
   CHECK(gave > count / 2);
-  CHECK(converged >= gave - gave / 50);  // the others are where the quadric curves back
+  CHECK(converged >= gave - gave / 50);  // in the other cases, the quadric curves back
 }
 
 TEST_CASE("Newton's step follows the residual on a convex edge and equals it without surfaces",

@@ -191,8 +191,9 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
   }
 }
 
-TEST_CASE("fig. 2: weak non-orthogonal constraints give a spurious force unlike primitives",
-          "[paper][fig2][eq7]") {
+TEST_CASE(
+    "fig. 2: weak non-orthogonal constraints give a spurious force, and weak primitives do not",
+    "[paper][fig2][eq7]") {
   Random random(2);
   std::cout
       << "strength N | eq. (2) force N | primitives N | their sum N | reference N  (largest of "

@@ -40,7 +40,7 @@ FieldPtr fieldOf(const Ball& ball) {
   return makeSphere(ball.centre, ball.radius);
 }
 
-/// Returns the field of a ball whose data end 3 mm outside its surface.
+/// Returns the field of a ball. Its data fill a cube that ends 3 mm outside the ball's surface.
 FieldPtr tightFieldOf(const Ball& ball) {
   FieldFrame frame;
   const Vec3 size = Vec3::Constant(ball.radius + 3e-3);
@@ -280,7 +280,8 @@ TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]")
         b = together.step({0.06 - gap, 0, 0});
         REQUIRE(a.proxy.x() < 0.0601);
       }
-      // The wall bears the wind's force minus the spring's force. The spring is as long as the gap.
+      // If the proxy reaches the wall, the spring is as long as the gap, and the wall bears the
+      // wind's force minus the spring's force.
       CHECK((a.wanted - b.wanted).norm() < 1e-6);
       if (wind / 500.0 > gap) CHECK(a.parts == 1);
     }
@@ -387,8 +388,9 @@ TEST_CASE("the bound of a part's force includes the friction that grooves add", 
     return makePart(specOf({Vec3::Zero(), 0.02, 2.0, friction}), {{"ball", field}}).most;
   };
   CHECK(most(0.0, true) == 2.0);
-  // Outside of a distance field the friction is mu. In one, the walls bear up to three times the
-  // load, but mu does not exceed 10.
+  // If the field is not a distance field, the friction counts with mu. In a distance field, the
+  // walls of a groove bear up to three times the load, so the friction counts with 3 mu, at most
+  // 10.
   CHECK(most(0.5, false) == Approx(2.0 * (1.0 + 0.5)));
   CHECK(most(0.5, true) == Approx(2.0 * (1.0 + 3.0 * 0.5)));
   CHECK(most(9.0, true) == Approx(2.0 * (1.0 + 10.0)));

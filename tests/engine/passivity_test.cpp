@@ -61,9 +61,10 @@ TEST_CASE("no scene gives a hand energy with an energy tank but some do with a p
   const Many tank = playMany(count, Keeper::kTank, kAsDrawn);
   const Many nobody = playMany(count, Keeper::kNobody, kAsDrawn);
   const Many observer = playMany(count, Keeper::kObserver, kAsDrawn);
-  INFO("runs " << count << ": active without " << activeShare(nobody) << ", with an observer "
-               << activeShare(observer) << " (worst " << observer.worst << " J), with the tank "
-               << activeShare(tank) << " (worst " << tank.worst << " J)");
+  INFO("share of " << count << " runs that give energy: " << activeShare(nobody)
+                   << ", with an observer " << activeShare(observer) << " (worst " << observer.worst
+                   << " J), with the tank " << activeShare(tank) << " (worst " << tank.worst
+                   << " J)");
   CHECK(tank.broken == 0);
   CHECK(tank.debt == 0.0);
   CHECK(activeShare(nobody) > 0.25);
@@ -80,8 +81,9 @@ TEST_CASE("no adversarial hand extracts energy from the energy tank", "[passivit
   const long count = test::cases(400);
   const Many tank = playMany(count, Keeper::kTank, wicked);
   const Many nobody = playMany(count, Keeper::kNobody, wicked);
-  INFO("active without " << activeShare(nobody) << ", with the tank worst " << tank.worst
-                         << " J, margin " << tank.margin);
+  INFO("share of runs that give energy without a tank "
+       << activeShare(nobody) << ", with the tank worst " << tank.worst << " J, margin [J] "
+       << tank.margin);
   CHECK(tank.broken == 0);
   CHECK(tank.debt == 0.0);
   CHECK(activeShare(nobody) > 0.25);
@@ -95,7 +97,7 @@ TEST_CASE("with a lagging amplifier no hand extracts energy from the energy tank
       run.seconds = 1.0;
     };
     const Many tank = playMany(test::cases(120), Keeper::kTank, lagging);
-    INFO("worst " << tank.worst << " J, margin " << tank.margin);
+    INFO("worst " << tank.worst << " J, margin [J] " << tank.margin);
     CHECK(tank.broken == 0);
     CHECK(tank.debt == 0.0);
   }
@@ -115,14 +117,15 @@ void onlyWhereTold(long count, Doubt doubt) {
       run.seconds = 1.0;
     };
     const Many told = playMany(test::cases(count), Keeper::kTank, doubted);
-    INFO("adversary " << adversary << ": worst " << told.worst << " J, margin " << told.margin);
+    INFO("adversary " << adversary << ": worst " << told.worst << " J, margin [J] " << told.margin);
     CHECK(told.broken == 0);
     CHECK(told.debt == 0.0);
     const Many untold = playMany(count, Keeper::kTank, [&](PassivityRun& run) {
       doubted(run);
       run.tells_doubt = false;
     });
-    INFO("not told: " << untold.active << " active, worst " << untold.worst << " J");
+    INFO("uncertainty not told: " << untold.active << " runs give energy, worst " << untold.worst
+                                  << " J");
     CHECK(untold.broken > 0);
   }
 }
@@ -163,17 +166,17 @@ class Doubted {
     tank.refill(energy_);
     send(0.0, -doubt);
   }
-  /// Sends the share `given` of a force [N], which acts `late` [s] after the middle of that range.
-  /// Then the hand moves for a period at `speed` [m/s], plus `greed` times the speed that gains the
-  /// most energy against viscous friction.
+  /// Sends the share `given` of a force [N], which acts `late` [s] after the middle of the range of
+  /// delays. Then the hand moves for a period at `speed` [m/s], plus `greed` times the speed that
+  /// gains the most energy against viscous friction.
   void tick(double force, double late, double speed, double greed, double given = 1.0) {
     ask(force);
     tank.weaken(given, params_.arm);
     send(given * force, late);
     move(speed, greed);
   }
-  /// Requests a force [N] from the tank. Returns the smallest difference so far between the true
-  /// energy and the tank's energy [J].
+  /// Requests a force [N] from the tank. Returns the smallest value so far of the true energy minus
+  /// the tank's energy [J].
   double spare(double force) {
     ask(force);
     return spare_;
@@ -328,7 +331,7 @@ TEST_CASE(
       run.seconds = 1.0;
     };
     const Many told = playMany(test::cases(120), Keeper::kTank, weak);
-    INFO("adversary " << adversary << ": worst " << told.worst << " J, margin " << told.margin);
+    INFO("adversary " << adversary << ": worst " << told.worst << " J, margin [J] " << told.margin);
     CHECK(told.broken == 0);
     CHECK(told.debt == 0.0);
   }
@@ -339,7 +342,7 @@ TEST_CASE(
     run.tells_weak = false;
     run.seconds = 1.0;
   });
-  INFO("not told: " << untold.active << " active, worst " << untold.worst << " J");
+  INFO("share not told: " << untold.active << " runs give energy, worst " << untold.worst << " J");
   CHECK(untold.broken > 0);
 }
 
@@ -353,7 +356,7 @@ TEST_CASE("early ticks give the hand no energy, and late ticks put the energy ta
       run.seconds = 0.5;
     };
     const Many tank = playMany(test::cases(120), Keeper::kTank, early);
-    INFO("margin " << tank.margin);
+    INFO("margin [J] " << tank.margin);
     CHECK(tank.broken == 0);
     CHECK(tank.debt == 0.0);
     const auto late = [&](PassivityRun& run) {
@@ -361,7 +364,7 @@ TEST_CASE("early ticks give the hand no energy, and late ticks put the energy ta
       run.late = 0.05;
     };
     const Many debtors = playMany(test::cases(120), Keeper::kTank, late);
-    INFO("late: margin " << debtors.margin << ", debt " << debtors.debt);
+    INFO("late: margin [J] " << debtors.margin << ", debt [J] " << debtors.debt);
     CHECK(debtors.broken == 0);
     CHECK(debtors.debt > 0.0);
     // The hand extracts energy in less than a tenth of the runs, and at most 1.5 J.
@@ -374,7 +377,7 @@ TEST_CASE("early ticks give the hand no energy, and late ticks put the energy ta
       run.delay = 1.5 * run.period;
     };
     const Many between = playMany(test::cases(120), Keeper::kTank, delayed);
-    INFO("delayed: margin " << between.margin << ", debt " << between.debt);
+    INFO("delayed: margin [J] " << between.margin << ", debt [J] " << between.debt);
     CHECK(between.broken == 0);
     CHECK(between.debt == 0.0);
   }
@@ -634,7 +637,7 @@ TEST_CASE("a hand gains no energy if its positions repeat for several ticks", "[
         run.every = every;
         run.seconds = 0.5;
       });
-      INFO("every " << every << ": margin " << tank.margin << ", debt " << tank.debt);
+      INFO("every " << every << ": margin [J] " << tank.margin << ", debt [J] " << tank.debt);
       CHECK(tank.broken == 0);
       CHECK(tank.debt == 0.0);
     }
@@ -682,7 +685,7 @@ TEST_CASE("no hand extracts energy from an energy tank that restarts often", "[p
       run.jitter = run.seed / 32 % 4 == 0 ? 0.5 : 0.0;
     };
     const Many tank = playMany(test::cases(400), Keeper::kTank, forgetful);
-    INFO("adversary " << adversary << ": margin " << tank.margin);
+    INFO("adversary " << adversary << ": margin [J] " << tank.margin);
     CHECK(tank.broken == 0);
     CHECK(tank.debt == 0.0);
   }
@@ -692,7 +695,7 @@ TEST_CASE("no hand extracts energy from an energy tank that restarts often", "[p
     for (long i = 0; i < searches; ++i) {
       searched.add(bench::playSearched(static_cast<std::uint64_t>(i), 300, at_once));
     }
-    INFO("searched, at once " << at_once << ": margin " << searched.margin);
+    INFO("searched, at once " << at_once << ": margin [J] " << searched.margin);
     CHECK(searched.broken == 0);
   }
 }

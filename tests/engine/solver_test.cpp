@@ -51,7 +51,7 @@ TEST_CASE("a directed force moves the proxy by s/k", "[solver][eq8]") {
   CHECK(r.solver == SolverKind::kClosedForm);
 }
 
-TEST_CASE("a point, line or plane holds the proxy up to S/k from the probe, which then pulls it",
+TEST_CASE("a point, line or plane holds the proxy until the probe is S/k away, then yields",
           "[solver][eq9][eq11][eq13]") {
   const PrimitiveKind kind =
       GENERATE(PrimitiveKind::kPoint, PrimitiveKind::kLine, PrimitiveKind::kPlane);
@@ -458,8 +458,9 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
   }
 }
 
-TEST_CASE("planes alone are balanced exactly by pivoting, far below the tolerance", "[solver]") {
-  // Newton's method would stop at an error bound of 1e-6 S/k. Pivoting gives the exact result.
+TEST_CASE("planes alone are balanced by pivoting to a twentieth of the tolerance", "[solver]") {
+  // Newton's method would stop at an error bound of 1e-6 S/k. Pivoting is exact except for
+  // rounding.
   for (const std::size_t count : {3, 8, 64, 1024}) {
     CAPTURE(count);
     Random random(21);
@@ -471,7 +472,7 @@ TEST_CASE("planes alone are balanced exactly by pivoting, far below the toleranc
       REQUIRE(r.status == SolveStatus::kConverged);
       REQUIRE(r.error_bound <= 5e-8 * strength / p.stiffness);
       REQUIRE(r.iterations <= 40);
-      // The same pivoting steps reach an error bound near rounding.
+      // The same pivoting steps reach a much smaller error bound.
       SolverParams fine;
       fine.tolerance = count == 1024 ? 1e-8 : 1e-10;
       const SolveResult exact = solveProxy(p.probe, p.stiffness, p.primitives, p.start, fine);
@@ -481,8 +482,8 @@ TEST_CASE("planes alone are balanced exactly by pivoting, far below the toleranc
     }
   }
   // Three planes cross in one point, and a slot of two opposite planes lies along each of them. The
-  // set contains all these planes three times. All planes hold the first load, some yield at the
-  // second, and all yield at the third.
+  // set contains all these planes three times. The planes can hold the first load. At the last
+  // load, all planes that bear load yield.
   const std::vector<Vec3> normals{{1, 0, 0}, {0.6, 0.8, 0}, {0.2, 0.3, 0.9}};
   for (const double load : {1e-3, 4e-3, 0.1}) {
     std::vector<Primitive> set;
@@ -569,7 +570,7 @@ TEST_CASE("bad input to the solver gives an error status and leaves the proxy at
   CHECK(status(Vec3::Zero(), 500, far) == SolveStatus::kBadInput);
 }
 
-TEST_CASE("extreme but valid numbers give a finite balance with a valid certificate", "[solver]") {
+TEST_CASE("extreme but valid numbers give a finite balance with a valid error bound", "[solver]") {
   Random random(21);
   for (int i = 0; i < 4000; ++i) {
     std::vector<Primitive> set;

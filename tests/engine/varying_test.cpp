@@ -193,7 +193,7 @@ TEST_CASE("at up to one voxel per tick the proxy keeps its radius around a vorte
   CHECK(felt.unfinished == 0);
 }
 
-TEST_CASE("a converged tick is within a quarter voxel of the balance for any strength curve",
+TEST_CASE("a converged tick is within a quarter voxel of the balance for random rising strengths",
           "[modes]") {
   // The force grows with x, so there is exactly one balance. The test finds it by bisection.
   Random random(63);

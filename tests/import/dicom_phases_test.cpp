@@ -83,7 +83,8 @@ TEST_CASE("a series without a percentage is left out beside series that have one
   CHECK_THAT(found.notes.front(), Contains("2: \"Average\"") && Contains("no phase or time"));
 }
 
-TEST_CASE("a time or a number that all images of a series share takes precedence", "[dicom]") {
+TEST_CASE("a time or a number that all images of a series share orders steps that have percentages",
+          "[dicom]") {
   const auto found = joined(phases(3, [](int s, int k, File& file) {
     file.description = std::to_string(10 * s) + "%";
     file.slices.front().times[kTrigger] = 700.0 - 250.0 * s;
@@ -92,7 +93,7 @@ TEST_CASE("a time or a number that all images of a series share takes precedence
   const auto [order, times] = orderOf(found);
   CHECK(order == Names{"s2k0", "s1k0", "s0k0"});
   CHECK(times == Times{0.0, 0.25, 0.5});
-  // The trigger times vary within a series, so the numbers of the positions in time count.
+  // The trigger times vary within a series, so the numbers of the steps give the order.
   const auto numbered = joined(phases(2, [](int s, int k, File& file) {
     file.slices.front().times[kTrigger] = 10.0 * k;
     file.slices.front().times[kIdentifier] = 4.0 - s;

@@ -170,8 +170,8 @@ TEST_CASE("a gap between DICOM slices is refused unless the image numbers contin
     }
     return std::string("none");
   };
-  // A slice is missing between even slices, or where the distance changes. The last images have no
-  // numbers.
+  // A slice is missing between even slices, or where the distance changes. In the last case, the
+  // images have no numbers.
   CHECK_THAT(says({0, 2, 4, 8, 10}, {1, 2, 3, 5, 6}), Contains("between z = 4 and 8 mm: 1 of 6"));
   CHECK_THAT(says({0, 2, 4, 10, 14, 18}, {1, 2, 3, 5, 6, 7}), Contains("1 of 7"));
   CHECK_THAT(says({0, 2, 6, 8, 12, 14}, {}), Contains("2 of 8 in all"));
@@ -254,7 +254,8 @@ TEST_CASE("DICOM images at the same position are time steps if they state differ
   CHECK(stack.times == std::vector<double>{0.0, 1.5});
   REQUIRE(stack.steps.size() == 2);
   CHECK(stack.steps[1].size() == kImages);
-  // An image number is not a time unless the file has a time step.
+  // A number of a step becomes a time by TemporalResolution. Without it, a time step of 1 s is
+  // assumed.
   std::vector<File> numbered = twice(3, 1.0);
   CHECK_THAT(stacked(numbered).notes.front(), Contains("a time step of 1 s is assumed"));
   for (File& file : numbered) file.time_step = 0.04;

@@ -621,7 +621,7 @@ class Trouble(Case):
         self.refused(folder, says="2 images are at the same position")
 
     @suite.smoke
-    def test_skips_localisers_and_screen_saves_and_names_their_files(self):
+    def test_skips_localisers_and_screen_saves_with_a_note_that_names_a_file(self):
         volume = Volume()
         for uid, number in ("1.2.3", 1), ("9.9", 2):  # in the same and in another series
             folder = volume.write(self.dir / uid)

@@ -135,7 +135,7 @@ class Displacement(images.Case):
         rms, most = (float(word.split()[-1]) for word in notes.split("residual is ")[1].split(" mm")[:2])
         self.assertLess(rms, most)
         self.assertTrue(1e-4 < most < 0.2, notes)
-        # The field moves the image by half a voxel, so the last plane of voxels comes from outside.
+        # The field moves the image by half a voxel, so the resting places of one plane of voxels are outside the field.
         notes = self.notes(self.nii(translation((-0.5 * STEP, 0, 0))), *self.FIELD, "--direction", "forward")
         self.assertIn("the resting place of 5.9 % of the voxels is outside the field", notes)
         # Voxels on the faces are within the field, although positions are rounded.

@@ -676,7 +676,7 @@ class MetaImage(Case):
             self.assertIn("the first of 2 steps", self.notes(path))
         (self.dir / "out.vdb").unlink()
         mixed = "TransformMatrix = 1 0 0 0 0 1 0 0 0 0 1 0.5 0 0 0 1"
-        self.refused(self.write("c.mha", meta(mixed, **four), data), "turns the fourth axis")
+        self.refused(self.write("c.mha", meta(mixed, **four), data), "turns or inverts the fourth axis")
         self.refused(self.write("c.mha", meta("Offset = 1 2 3", **four), data), "Offset is not 4 numbers")
         self.refused(self.write("c.mha", meta(**four), SHORTS), "at least 480 bytes")
         self.refused(self.write("c.mha", meta(NDims="4", DimSize="1 1 1 200000"), bytes(400000)),
@@ -892,7 +892,7 @@ class Nifti(Case):
         self.refused(self.write("a.nii", nifti2(SIZE, *SHORT)[:400]), "truncated: it has 400 of 540 bytes")
 
     @suite.smoke
-    def test_reads_gzipped_byte_swapped_scaled_and_paired_files(self):
+    def test_reads_gzipped_byte_swapped_scaled_and_paired_nifti_files(self):
         path = self.write("a.nii.gz", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
         path = self.write("a.nii", nifti(SIZE, *SHORT, order=">"), BIG_SHORTS)
@@ -1229,7 +1229,7 @@ class Holes(Case):
 
 
 class LostDigits(Case):
-    def test_the_rounding_of_doubles_to_floats_is_reported(self):
+    def test_the_rounding_of_doubles_to_floats_is_reported_if_it_is_large_for_their_range(self):
         for base, rounded in (1.6e9, True), (0.0, False), (1e5, False):
             values = [base + i + 10 * (i % 7) for i in range(120)]
             path = self.write("a.nii", nifti(SIZE, 64, 64), struct.pack("<120d", *values))

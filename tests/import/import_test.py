@@ -1102,7 +1102,7 @@ class Extremes(Case):
 
 
 class Running(Case):
-    def test_output_that_cannot_be_written_is_an_error(self):
+    def test_an_import_fails_if_its_standard_output_cannot_be_written(self):
         source = self.write("a.raw", bytes(range(64)))
         for words in ([], ["--json"]):
             words += ["--raw", '{"size":[4,4,4],"type":"uint8"}']
@@ -1141,7 +1141,7 @@ class Running(Case):
         terminal.press(b"\x03")
         status, took = terminal.ended()
         self.assertEqual(status, 130)
-        self.assertLess(took, 10.0)  # [s]; for a busy machine
+        self.assertLess(took, 10.0)  # [s]; enough on a busy machine
         self.assertTrue(terminal.drawn.endswith("\r\x1b[K"), terminal.drawn)
         self.assertEqual(sorted(os.listdir(self.dir)), before)
 

@@ -5,15 +5,15 @@ light=$1/palpate-import-light
 whole=$1/palpate-import
 image=/usr/share/mricron/templates/ch2.nii.gz
 if [ ! -f $image ]; then
-    echo "mricron-data is not there"
+    echo "mricron-data is not installed"
     exit 77
 fi
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-! ldd "$light" | grep -i vtk || { echo "it loads VTK"; exit 1; }
+! ldd "$light" | grep -i vtk || { echo "palpate-import-light loads VTK"; exit 1; }
 # Not grep -q: it exits early, so that ldd fails under pipefail.
-ldd "$whole" | grep -i vtk >/dev/null || { echo "the other does not: there is nothing to compare"; exit 1; }
+ldd "$whole" | grep -i vtk >/dev/null || { echo "palpate-import does not load VTK: nothing to compare"; exit 1; }
 "$light" $image "$work/light.vdb" --smooth 1 --json >"$work/light.json"
 "$whole" $image "$work/whole.vdb" --smooth 1 --json >"$work/whole.json"
 # Skips the random id that OpenVDB writes into every file, and the header before it.
@@ -26,7 +26,7 @@ cp "$1/palpate" "$work/"
 cp "$light" "$work/"
 "$work/palpate" import $image "$work/verb.vdb" >/dev/null
 printf '# vtk DataFile Version 3.0\nx\nASCII\n' >"$work/a.vtk"
-said=$("$work/palpate" import "$work/a.vtk" "$work/a.vdb" 2>&1) && { echo "it took a .vtk"; exit 1; }
-[[ $said == *"without VTK"*"install the package palpate-import"* ]] || { echo "it said: $said"; exit 1; }
+said=$("$work/palpate" import "$work/a.vtk" "$work/a.vdb" 2>&1) && { echo "a .vtk was imported without VTK"; exit 1; }
+[[ $said == *"without VTK"*"install the package palpate-import"* ]] || { echo "unexpected message: $said"; exit 1; }
 [ ! -e "$work/a.vdb" ]
 echo "1 passed, 0 failed"

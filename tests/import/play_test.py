@@ -202,7 +202,7 @@ class Refusals(Case):
                      says="out_0002.vdb: the scene would play this file too, but the import has 2 steps")
         run("import", source, self.out, "--time", "all")
 
-    def test_refuses_an_output_with_the_mark_of_a_number(self):
+    def test_refuses_a_percent_sign_in_the_name_of_the_steps_if_a_scene_plays_them(self):
         source = self.write("a.mha", metaimage([ball(8), ball(9)], 1))
         self.refused(source, self.dir / "a%d.vdb", "--time", "all", "--scene", self.scene, says='has a "%"')
         run("import", source, self.dir / "a%d.vdb", "--time", "1", "--scene", self.scene)

@@ -1,4 +1,5 @@
-// Tests that time steps are read from files in which any axis may be time.
+// Tests that time steps are read from NRRD, NIfTI and MetaImage files. In NRRD, any axis may be
+// time.
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -184,7 +185,7 @@ TEST_CASE("the time steps of a MetaImage with four dimensions are read in any or
       for (int c = 0; c < 3; ++c) vectors.push_back(valueAt(s, p, c));
     }
   }
-  // Keeps x, y and z of vectors, which the reader turns to RAS.
+  // Inverts the stored x and y, because the reader turns vectors to RAS.
   for (std::size_t i = 0; i < vectors.size(); ++i) vectors[i] *= i % 3 == 2 ? 1 : -1;
   const std::string head =
       "ObjectType = Image\nNDims = 4\nDimSize = 2 3 4 3\nElementType = MET_SHORT\n"

@@ -43,7 +43,7 @@ TEST_CASE("slices are in the order of the one number that differs between their 
   CHECK_THROWS_WITH(ordered({}), Contains("differ only in a number"));
 }
 
-TEST_CASE("numbers of slices that increase by unequal steps are missing slices", "[slices]") {
+TEST_CASE("a series whose numbers increase by unequal steps is refused as incomplete", "[slices]") {
   CHECK(ordered({"1.tif", "2.tif", "3.tif"}).step == 1);
   CHECK(ordered({"1.tif", "3.tif", "5.tif"}).step == 2);
   CHECK_THROWS_WITH(ordered({"1.tif", "3.tif", "4.tif"}), Contains("after 1.tif comes 3.tif"));
@@ -51,7 +51,7 @@ TEST_CASE("numbers of slices that increase by unequal steps are missing slices",
                     Contains("after 1.tif comes 999999999999999999.tif"));
 }
 
-TEST_CASE("option --spacing is three lengths, with a unit that scenes know", "[slices]") {
+TEST_CASE("option --spacing takes three positive lengths and converts nm to um", "[slices]") {
   const importer::Spacing plain = importer::spacingOf("0.5,1e-3,2");
   CHECK(plain.edges == Vec3(0.5, 1e-3, 2.0));
   CHECK(plain.unit.empty());
@@ -81,7 +81,7 @@ TEST_CASE("descriptions of TIFF files that state no length give no spacing", "[s
     CAPTURE(text);
     CHECK(edges(text).isZero(0.0));
   }
-  // Lengths in different units are refused as a whole.
+  // If lengths have different units, all are ignored.
   CHECK(edges("<OME><Pixels PhysicalSizeX='1' PhysicalSizeY='1' PhysicalSizeYUnit='mm'/>")
             .isZero(0.0));
 }

@@ -139,7 +139,7 @@ class Reading(Case):
             self.is_stack(path)
             self.assertNotIn("0 is white in the file", self.notes(path, *WORDS))
 
-    def test_a_folder_has_the_notes_of_all_its_files(self):
+    def test_the_import_of_a_folder_prints_the_notes_of_its_files(self):
         preview = Tiff(_254=[1]).page(rows_of(3, shape=(2, 2)), 2)
         preview.tags = {}
         files = {f"a_{k}.tif": picture(k) for k in range(COUNT)}
@@ -362,7 +362,7 @@ class Memory(Case):
         self.assertIn(says + "import them with --bricks, without --voxel and --iso", self.run_limited(folder, *WORDS))
         for k in range(31, 71):
             (folder / f"a_{k}.png").unlink()
-        # A slab of bricks has 64 slices: --bricks would not help.
+        # The folder now has 30 slices, fewer than a brick's 64, so --bricks would not help.
         for words in ((), ("--bricks",)):
             self.assertIn(says + "end other programs, or scale", self.run_limited(folder, *words, *WORDS))
 

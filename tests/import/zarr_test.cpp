@@ -33,7 +33,7 @@ T fillOf(const char* dtype, const Json& fill) {
   return value;
 }
 
-TEST_CASE("the fill value of a Zarr array has the array's type", "[zarr]") {
+TEST_CASE("a Zarr fill value becomes a value of the array's type or is refused", "[zarr]") {
   CHECK(fillOf<std::uint8_t>("|u1", 255) == 255);
   CHECK(fillOf<std::int8_t>("|i1", -128) == -128);
   CHECK(fillOf<std::int64_t>(">i8", INT64_MIN) == INT64_MIN);
@@ -62,7 +62,7 @@ TEST_CASE("the fill value of a Zarr array has the array's type", "[zarr]") {
                     Contains("\"fill_value\" is a structure, which is not a value"));
 }
 
-TEST_CASE("the files of a Zarr array's chunks are checked once", "[zarr]") {
+TEST_CASE("the chunk files of a Zarr array are checked once for each box of values", "[zarr]") {
   const test::TemporaryFolder folder;
   std::ofstream(folder / ".zarray") << arrayOf("|u1", 9);
   std::ofstream(folder / "0.0.0") << std::string(40, '\5');
@@ -80,7 +80,7 @@ TEST_CASE("the files of a Zarr array's chunks are checked once", "[zarr]") {
                     Contains("1.0.0"));
 }
 
-TEST_CASE("an array of too many values names the options that help", "[zarr]") {
+TEST_CASE("the error for a Zarr array of too many values names the options that help", "[zarr]") {
   const test::TemporaryFolder folder;
   Json json = arrayOf("|u1", 9);
   json["shape"] = {2000, 2000, 2000};
@@ -99,7 +99,7 @@ TEST_CASE("an array of too many values names the options that help", "[zarr]") {
   };
   CHECK_THAT(message(false), Contains("add --bricks") && !Contains("--level"));
   CHECK_THAT(message(true), Contains("add --bricks") && Contains("or choose a coarser level"));
-  // A caller that asks for slices has no limit of its own: next are the missing files.
+  // The limit does not apply to a caller that asks for slices. The missing files are found next.
   request.slices = [](const std::array<int, 3>&, const importer::Affine&, bool, int) {
     return importer::Slab{};
   };
@@ -118,7 +118,7 @@ TEST_CASE("metadata of Zarr that are nested too deeply are refused", "[zarr]") {
   CHECK_THROWS_WITH(importer::readZarrJson(file), Contains("have more than 64 levels"));
 }
 
-TEST_CASE("a part of a Zarr array is read from its own chunks", "[zarr]") {
+TEST_CASE("reading a part of a Zarr array opens only the chunks of this part", "[zarr]") {
   const test::TemporaryFolder folder;
   Json json = arrayOf("|u1", 9);
   json["compressor"] = {{"id", "zstd"}};

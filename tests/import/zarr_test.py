@@ -60,7 +60,7 @@ CODECS += [("blosc", blosc(name, shuffle, 2)) for name in ("lz4", "zstd", "zlib"
 
 
 def value(index):
-    """Returns a value that differs at each index of an array, and fits into a byte for SHAPE."""
+    """Returns a value that differs between neighbours in an array, and fits into a byte for SHAPE."""
     number = 1
     for n in index:
         number = number * 5 + n
@@ -196,7 +196,7 @@ class Zarr(images.Case):
         rest = volume.read_bytes().split(key)[1]
         return rest[4:4 + struct.unpack("<i", rest[:4])[0]]
 
-    def test_axes_of_an_ome_zarr_image_may_have_another_order(self):
+    def test_voxels_of_an_ome_zarr_image_with_the_axes_x_z_y_keep_their_positions(self):
         folder = write_group(self.folder(), multiscales("xzy", ("0", scaled(2, 3, 4, translation=(1, 2, 5)))))
         write_array(folder / "0")
         # The array's axes are x, z and y: i is along y, j along z, and k along x.

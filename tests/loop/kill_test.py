@@ -5,8 +5,8 @@ and keeps it. Prints the table.
 A victim presses its hand a second after its start, so the victims of the next tests start ahead of their tests.
 
 If permitted, this program and its victim have a priority above all programs without real-time priority, as on an
-arm's machine. Otherwise the test measures the time from the last force to zero force. It also counts the forces
-after the signal or action that ends the victim."""
+arm's machine. Otherwise the test measures the time from the last force to zero force, and limits the number of forces
+after the signal or action."""
 import contextlib
 import mmap
 import os
@@ -34,8 +34,8 @@ ACTIONS = {"a_write_of_40_ms_followed_by_one_that_hangs_ends_with_zero_force": "
            "a_blocked_device_does_not_delay_another": "blocked",
            "the_guardian_sends_zero_force_again_while_the_device_s_queue_is_full": "fast"}   # by test
 SO_TIMESTAMP = 29   # Linux; Python has no name for it
-QUIET = 120.0      # [s]; time in which the machine must not stall while a hand is pressed
-LONGEST = 600.0    # [s]
+QUIET = 120.0      # [s]; longest time until a hand presses, if the machine does not stall
+LONGEST = 600.0    # [s]; longest time until a hand presses, in all cases
 AHEAD = 2          # number of victims that start ahead
 PRESSES = 1.3      # [s]; a victim of this age presses its hand
 TABLE = []
@@ -287,10 +287,10 @@ class KillTable(unittest.TestCase):
         finally:
             victim.close()
 
-    def test_the_program_notices_that_its_guardian_process_was_killed(self):
+    def test_killing_the_guardian_process_ends_the_force_but_not_the_program(self):
         self.notices(signal.SIGKILL, 2.0)
 
-    def test_the_program_notices_that_its_guardian_process_is_stopped(self):
+    def test_stopping_the_guardian_process_ends_the_force_but_not_the_program(self):
         self.notices(signal.SIGSTOP, 1.0)
 
     def test_a_stopped_guardian_is_resumed_and_still_ends_the_force(self):

@@ -87,12 +87,12 @@ TEST_CASE("limiting any input gives a finite force within the peak, the slew and
     CHECK(std::isfinite(state.heat));
     const bool held = out.force.allFinite() && out.force.stableNorm() <= limits.peak &&
                       (!out.finite || out.force.stableNorm() <= wanted.stableNorm() * (1 + 1e-12));
-    if (!held) FAIL("not finite, or above the peak or the wanted force");
+    if (!held) FAIL("the force is not finite, or exceeds the peak or the wanted force");
     const double last = previous.allFinite() ? previous.stableNorm() : 0.0;
     const double growth = dt > 0 && std::isfinite(dt) ? limits.slew * dt : 0.0;
     if (out.force.stableNorm() >
         (std::isfinite(last) ? last : 0.0) * (1 + 1e-12) + growth * (1 + 1e-12)) {
-      FAIL("grew faster than the slew limit");
+      FAIL("the force grew faster than the slew limit");
     }
     finite += out.finite;
   }

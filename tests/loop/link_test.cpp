@@ -185,7 +185,7 @@ Hand anyHand(Random& random) {
 
 }  // namespace
 
-TEST_CASE("two linked hands never gain more energy on any network than their tanks start with",
+TEST_CASE("on random networks two linked hands gain at most the energy their tanks start with",
           "[loop][link]") {
   const long count = test::cases(100000);
   double nearest = -std::numeric_limits<double>::infinity();
@@ -347,10 +347,11 @@ TEST_CASE("without energy tanks a spring over a delayed network generates energy
   CHECK(held.most <= 2.0 * LinkParams().start + 1e-12);
 }
 
-TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
+TEST_CASE("a linked hand follows the other hand to 15 mm (rms) at delays of up to 0.1 s",
+          "[loop][link]") {
   // A person swings one hand by 5 cm at 0.5 Hz. Only the link pulls the other hand. docs/sites.md
   // has the table.
-  std::printf("delay ms, lost %%: rms apart mm\n");
+  std::printf("delay [ms], lost messages [%%]: rms distance between the hands [mm]\n");
   for (const double delay : {0.0, 0.005, 0.02, 0.05, 0.1}) {
     for (const double lost : {0.0, 0.1, 0.5}) {
       Session session(1, {});
@@ -372,7 +373,7 @@ TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
       }
       const double apart = std::sqrt(squares / count);
       std::printf("%5.0f %3.0f: %.1f\n", 1e3 * delay, 1e2 * lost, 1e3 * apart);
-      INFO("delay " << delay << " lost " << lost);
+      INFO("delay [s] " << delay << ", share of lost messages " << lost);
       // The limit is the path during the delay, at 0.11 m/s (rms), plus the stretch of the spring.
       CHECK(apart < 2.5e-3 + 0.12 * delay);
     }

@@ -502,8 +502,8 @@ TEST_CASE(
     CHECK(at(takes, 1000.0).delay == 2e-3);
     CHECK(at(takes, 1000.0).doubt == 0.5e-3);
   }
-  // At 800 forces per second, a force can wait up to 1.25 ms, and the delay is 0.25 to 3.75 ms. At
-  // 200 per second, a force can wait up to 5 ms, and the delay is 0 to 7.5 ms.
+  // At 800 forces per second, a force can wait up to 1.25 ms, and the tank assumes a delay of 0.25
+  // to 3.75 ms. At 200 per second, a force can wait up to 5 ms, and the tank assumes 0 to 7.5 ms.
   CHECK(at(800.0, 1000.0).delay == Approx(2e-3));
   CHECK(at(800.0, 1000.0).doubt == Approx(1.75e-3));
   CHECK(at(200.0, 1000.0).delay == Approx(3.75e-3));
@@ -706,7 +706,7 @@ TEST_CASE("a position jump or the homing of an arm puts no energy into the tank"
   }
 }
 
-TEST_CASE("a switch that closes between two position readings releases no energy",
+TEST_CASE("a dead-man switch that closes between two position readings releases no energy",
           "[loop][safety]") {
   // An arm that reports 125 positions per second moves at 2 m/s. The hand moved a part of the path
   // between two positions before the switch closed.
@@ -948,7 +948,8 @@ TEST_CASE("the energy tank counts only the share of the force that the motors ga
   CHECK(pressed(0.0) == Approx(0.0).margin(0.1 * all));
 }
 
-TEST_CASE("a scene that is published again starts with the proxy at the hand", "[loop]") {
+TEST_CASE("a scene that is withdrawn and published again starts with the proxy at the hand",
+          "[loop]") {
   Rig rig;
   const auto scene = ballScene(ballField());
   rig.device.hand.position = kOut;
@@ -981,8 +982,8 @@ TEST_CASE("a device that replays a path without a hand gets force without an eng
 
 TEST_CASE("under random events the force is finite, bounded, slew-limited, and no tick allocates",
           "[loop][safety][fault]") {
-  // The test publishes, withdraws and edits scenes, moves the hand, makes ticks late, and clears
-  // faults, all at random. PALPATE_CASES is the number of ticks.
+  // The test publishes and withdraws scenes, moves the hand, makes ticks late, and causes and
+  // clears faults, all at random. PALPATE_CASES sets the number of ticks.
   const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -1101,11 +1102,12 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
     const Vec3& force = device.sent;
     const double size = force.norm();
     if (!force.allFinite() || !(size <= limits.peak)) {
-      FAIL("tick " << i << ": not finite or above the peak: " << force.transpose());
+      FAIL("tick " << i
+                   << ": the force [N] is not finite or above the peak: " << force.transpose());
     }
     if (size > sent.norm() + limits.slew * time.dt * (1.0 + 1e-9) + 1e-12) {
-      FAIL("tick " << i << ": grew faster than the slew limit, from " << sent.norm() << " to "
-                   << size);
+      FAIL("tick " << i << ": the force [N] grew faster than the slew limit, from " << sent.norm()
+                   << " to " << size);
     }
     const Telemetry& told = loop.latest();
     if (told.fault != Fault::kNone && size != 0.0) FAIL("force after a fault, tick " << i);

@@ -26,7 +26,7 @@ HandState at(const Vec3& p, double age = 0.0) {
 
 }  // namespace
 
-TEST_CASE("every fault has its own description and remedy", "[safety]") {
+TEST_CASE("every fault has its own word, and a description and a remedy", "[safety]") {
   std::set<std::string> words;
   for (std::size_t i = 1; i < kFaults; ++i) {
     const auto fault = static_cast<Fault>(i);
@@ -80,7 +80,7 @@ TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   }
 }
 
-TEST_CASE("a hand above the speed limit is braked first and then cut off", "[safety]") {
+TEST_CASE("a hand above the speed limit is braked first and is a fault 50 ms later", "[safety]") {
   HandWatch watch;
   double braked = -1.0;
   double cut = -1.0;

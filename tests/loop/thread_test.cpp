@@ -1,5 +1,5 @@
 /// Tests the loop with a real clock and threads. These tests have no limits for the times of ticks.
-/// The hand moves with the ticks, so a busy machine may pause any thread.
+/// The hand's path counts ticks, so the tests also pass if a busy machine pauses a thread.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -67,7 +67,8 @@ template <class What>
 void await(What what) {
   const auto end = std::chrono::steady_clock::now() + 600s;
   while (!what()) {
-    if (std::chrono::steady_clock::now() > end) FAIL("the awaited state did not come in 600 s");
+    if (std::chrono::steady_clock::now() > end)
+      FAIL("the condition did not become true within 600 s");
     std::this_thread::sleep_for(1ms);
   }
 }

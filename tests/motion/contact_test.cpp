@@ -31,7 +31,8 @@ void checkTheorem(const std::string& row, const ContactResult& r) {
   CHECK(r.off_most <= 0.01);
   // While the hand rests, the proxy must not stop in ticks that have used up their readings.
   CHECK(r.unfinished == 0);
-  // A load below the surface's strength does not cross the surface.
+  // No proxy gets more than a voxel behind the surface, and no force exceeds 1.05 times the
+  // strength.
   CHECK(r.leaked == 0);
   CHECK(r.over == 0);
 }
@@ -97,7 +98,7 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("no surface holds more than 1.05 times its strength, however rough",
+TEST_CASE("surfaces of random values hold a hand with at most 1.05 times their strength",
           "[motion][release]") {
   for (const double grain : {1.0, 2.0, 4.0}) {
     const ContactResult r = pressNoise(grain, runs(36));

@@ -1,5 +1,5 @@
 /// Golden recordings: compares the forces of hands in scenes of all kinds with stored results.
-/// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if the forces of a scene differ
+/// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if a scene differs by too much
 /// - palpate_golden_ticks FILE --write: writes FILE
 /// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
 /// With the compiler that wrote FILE, inputs, outputs and work of all ticks must be bit-identical.
@@ -179,7 +179,7 @@ std::vector<std::pair<const char*, ModeSpec>> allModes() {
   return modes;
 }
 
-/// Returns a motion back and forth. Its quaternions have rational coordinates, for portable
+/// Returns a motion back and forth. Its quaternions are computed without sines, for portable
 /// rounding.
 MotionPtr tumbling(const Vec3& middle, double size) {
   std::vector<Keyframe> keys(5);
@@ -583,7 +583,7 @@ int compare(const std::string& file) {
   std::ifstream in(file);
   std::string line;
   if (!std::getline(in, line)) {
-    std::fprintf(stderr, "%s: it cannot be read\n", file.c_str());
+    std::fprintf(stderr, "%s: the file is missing, unreadable or empty\n", file.c_str());
     return 2;
   }
   const bool bits = line == builder();
@@ -607,8 +607,8 @@ int compare(const std::string& file) {
                 was.hashes.empty() ? "not there" : was.hashes.c_str(), found.hashes.c_str());
     if (off.first > 0) {
       std::printf(
-          "  from tick %zu on or a little before: proxy by %.3g um at most, %.3g um beyond "
-          "both bounds; force by %.3g N\n",
+          "  differs from tick %zu on or up to 99 ticks before: proxies by at most %.3g um, and by "
+          "at most %.3g um more than both error bounds; forces by at most %.3g N\n",
           off.first, 1e6 * off.proxy, 1e6 * std::max(0.0, off.beyond), off.force);
     }
   }
@@ -634,7 +634,7 @@ int record(const std::string& name, const std::string& file) {
     out << recordingHeader(setting) << recordingChunk(feel(one));
     return out.flush() ? 0 : 2;
   }
-  std::fprintf(stderr, "no scene is called %s\n", name.c_str());
+  std::fprintf(stderr, "there is no golden recording with the name %s\n", name.c_str());
   return 2;
 }
 
@@ -643,7 +643,7 @@ int run(const std::vector<std::string>& arguments) {
     return record(arguments[1], arguments[2]);
   if (arguments.size() == 2 && arguments[1] == "--write") return write(arguments[0]);
   if (arguments.size() == 1) return compare(arguments[0]);
-  std::fprintf(stderr, "palpate_golden_ticks FILE [--write] | --record NAME OUT\n");
+  std::fprintf(stderr, "usage: palpate_golden_ticks FILE [--write] | --record NAME OUT\n");
   return 2;
 }
 

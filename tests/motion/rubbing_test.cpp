@@ -63,7 +63,7 @@ TEST_CASE("damping amplifies encoder steps by at most 10 % more at 10 kHz than a
   CHECK(fast < 1.1 * slow);
 }
 
-TEST_CASE("on a CT's skin the proxy's force is 15 dB less noisy than the cells' penalty force",
+TEST_CASE("on a CT's skin the force has at least 15 dB less noise than the cells' penalty force",
           "[.][data][motion]") {
   // The targets are in docs/decisions/0015-stability.md, "Buzz". The seven slices are 4 mm apart,
   // about 1 cm below the middle. A click is a jump of the proxy out of a groove of the skin. The

@@ -58,7 +58,7 @@ std::unique_ptr<const Scene> solids(const std::vector<FieldPtr>& of, double fric
     mode.solid = Solid::kBelow;
     mode.strength = 20.0;
     // A surface mode holds the proxy at any value at which the mode has strength. So the strength
-    // is zero above the top.
+    // falls to zero 0.1 voxel above the top.
     if (kind == ModeKind::kSurface) {
       mode.strength = TransferFunction::piecewise({{0.0, 20.0}, {0.1, 0.0}});
     }
@@ -145,10 +145,10 @@ TEST_CASE("a hand slides over a turned seam, which holds the proxy back by at mo
   }
 }
 
-TEST_CASE("at a seam of spline volumes a bump holds a hand back by at most 1.05 times its depth",
+TEST_CASE("at a seam of splines a bump holds the proxy back by at most 1.05 times the hand's depth",
           "[motion][seam]") {
   // At the edge of the data, a spline overshoots between voxels. So each block has a bump of about
-  // 0.1 voxel on its top. The bump's steep side holds the hand back, at any overlap. The bump is a
+  // 0.1 voxel on its top. The bump's steep side holds the proxy back, at any overlap. The bump is a
   // part of the interpolated surface, so other normals would not remove the effect.
   constexpr double kDepth = 2.0;
   for (const char* interpolation : {"quadratic", "cubic"}) {
@@ -191,7 +191,7 @@ TEST_CASE("at a seam of surface modes the proxy lags by less than the hand's dep
   }
 }
 
-TEST_CASE("a seam of two volumes that move together gives the same forces as a seam at rest",
+TEST_CASE("rotating and shifting both volumes of a seam does the same to the proxy's path",
           "[motion][seam][moving]") {
   const Block left{1.0, 1.0};
   const Block right{-1.0, 1.0};
@@ -201,7 +201,7 @@ TEST_CASE("a seam of two volumes that move together gives the same forces as a s
   const Vec3 shift(0.01, -0.02, 0.005);
   const Keyframe placed{0.0, {q.w(), q.x(), q.y(), q.z()}, shift};
   const std::vector<Keyframe> keys{placed};
-  // Two equal motions, so that each volume is read in its own frame of rest.
+  // Two equal motions that stand still, so that each volume is read in its own frame of rest.
   const std::map<std::string, MotionPtr> motions{{"solid 0", std::make_shared<const Motion>(keys)},
                                                  {"solid 1", std::make_shared<const Motion>(keys)}};
   const Slide rest = slide(*solids(halves), 3.0, Mat3::Identity(), kMiddle);
@@ -305,7 +305,7 @@ TEST_CASE("a thin sheet and a narrow slit have 0.9 to 1.3 times the friction of 
   }
 }
 
-TEST_CASE("the proxy rests while the hand rests on rough bone", "[motion][seam]") {
+TEST_CASE("the proxy rests while the hand rests on a rough ball", "[motion][seam]") {
   // The noise has wavelengths of 5 to 16 voxels.
   Random random(9);
   std::vector<Vec3> waves;

@@ -235,7 +235,8 @@ TEST_CASE("slip begins at mu times the normal load of the same tick for 1,000 di
     CAPTURE(kind, worst, against_true, slips);
     CHECK(slips == test::cases(1000));
     CHECK(worst <= 1e-9);
-    WARN(kind << ": slip against the true normal off by at most " << 100.0 * against_true << " %");
+    WARN(kind << ": error of the friction with the true normal: at most " << 100.0 * against_true
+              << " %");
   }
 }
 
@@ -375,7 +376,7 @@ TEST_CASE("the proxy enters the walls of a groove that moves with the hand by at
   }
 }
 
-TEST_CASE("a moving slab carries a proxy out of a weaker groove, not through a stronger one",
+TEST_CASE("a moving slab pushes the proxy through a weaker groove but not through a stronger one",
           "[motion][release]") {
   const long runs = std::max(test::share(4), 2L);
   for (const double degrees : {40.0, 90.0, 180.0}) {
@@ -422,7 +423,7 @@ TEST_CASE("a moving slab carries a proxy out of a weaker groove, not through a s
 }
 
 TEST_CASE(
-    "at the sub-step limit the proxy moves at most two voxels, and the rest of the path waits",
+    "with one sub-step a tick the proxy moves at most two voxels, and the rest of the path waits",
     "[motion]") {
   StepParams step;
   step.max_substeps = 1;

@@ -36,8 +36,7 @@ TEST_CASE("over 1280 voxels the proxy departs from its stream by at most 0.01 vo
         CHECK(r.departures <= 0.01);
         CHECK(r.samples <= (abc ? 20.0 : 26.0));
         CHECK(r.capped == 0.0);
-        // On a Taylor-Green stream, the hand is beyond the centre of curvature at the start, which
-        // counts as a hairpin.
+        // A Taylor-Green stream may report hairpins, because it turns in small loops.
         if (abc) CHECK(r.hairpins == 0.0);
       }
     }
@@ -69,7 +68,7 @@ TEST_CASE("the proxy follows a stream within 0.005 voxel at 0.05 to 2 m/s", "[mo
   }
 }
 
-TEST_CASE("beside another mode a proxy without sub-steps lags on its stream and reports the limit",
+TEST_CASE("beside another mode a proxy with one sub-step lags on its stream and reports the limit",
           "[motion]") {
   // Each tick has one reading, and the hand moves by 1.28 voxels per tick. Beside another mode, a
   // reading of a stream is valid for one voxel. A stream alone is traced along the whole path.
@@ -136,8 +135,8 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
     departures /= length;
     samples /= length;
     WARN(name << ": " << followed << " streams, " << length << " voxels; off by at most " << off
-              << " voxel; departures " << departures << " by 1,280 voxels, of the worst " << worst
-              << "; " << samples << " samples a tick");
+              << " voxel; departures per 1,280 voxels: mean " << departures << ", worst " << worst
+              << " voxel; " << samples << " samples per tick");
     CHECK(followed >= (name == std::string("storm") ? 1 : 5 * count / 24));
     CHECK(off <= 0.01);
     CHECK(worst <= 0.02);  // goal: 0.01
@@ -150,8 +149,8 @@ TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][mot
 TEST_CASE("the proxy follows a streamline of a spline flow with at most 20 samples per tick",
           "[motion]") {
   for (const char* interpolation : {"quadratic", "cubic"}) {
-    // The exact path is known only for the trilinear field, so this test checks cost and force
-    // only.
+    // The exact path is known only for the trilinear field, so this test checks the cost, and that
+    // the proxy stays within a voxel of that path.
     for (const Stream& stream : streamsOfFlow(abcFlow(32), 32, 128.0, 2, 1.0, interpolation)) {
       const StreamResult r = feelStream(stream, 0.5, 1.0, {});
       CAPTURE(interpolation, r.samples, r.off_max);
@@ -200,7 +199,7 @@ struct Streamed {
   long off = 0;
   long hairpins = 0;
   double along = 0.0;  ///< Largest force along the stream while the line holds [N].
-  double rise = 0.0;   ///< Largest rise of the spring's energy while the hand rests [J].
+  double rise = 0.0;   ///< Largest rise of the spring's energy by the proxy's motion [J].
 };
 
 /// Moves a hand through positions [voxels] beside a stream. `direction` returns the exact direction
@@ -422,7 +421,7 @@ std::unique_ptr<const Scene> streamsScene(const std::vector<std::pair<FieldPtr, 
 /// Results of ticks at given positions of the hand.
 struct Walked {
   std::vector<Vec3> proxies;  ///< [voxels]
-  double rise = 0.0;          ///< Largest rise of the spring's energy while the hand rests [J].
+  double rise = 0.0;          ///< Largest rise of the spring's energy by the proxy's motion [J].
   long capped = 0;
 };
 

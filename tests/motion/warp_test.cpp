@@ -153,8 +153,8 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
     ++out.held;
     const Deformation about = motion.deformationAt(r.proxy, state.time());
     const auto off = [&](const Vec3& rest) {
-      // This height is exact only if the warp does not stretch the body, so that heights in its
-      // voxels equal heights in W.
+      // This height is exact only if the warp does not stretch the body, so that heights in the
+      // body's voxels equal heights in W.
       return std::abs(probed.off(rest / kVoxel, 0.0));
     };
     out.off = std::max(out.off, off(about.slope * r.proxy + about.origin));
@@ -479,7 +479,7 @@ TEST_CASE(
   CHECK(warp->at(Vec3::Constant(1e300), 1e300).shift.allFinite());
 }
 
-TEST_CASE("a warp with uneven times stays between its frames, and still during a rest",
+TEST_CASE("a warp with uneven frame times stays between its frames and is still during a rest",
           "[motion][warp]") {
   // A beat: a fast contraction, a long rest, and a slow return.
   const std::vector<double> times{0.0, 0.1, 0.15, 0.75, 0.8, 1.0};
@@ -661,7 +661,7 @@ std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const 
 
 }  // namespace
 
-TEST_CASE("the proxy follows a stream in a bent volume", "[motion][warp]") {
+TEST_CASE("the proxy follows a stream in a bent volume within 0.01 voxel", "[motion][warp]") {
   // At rest the streamlines are straight. A bent streamline is the set of points whose rest
   // positions are on one line.
   const FieldPtr flow =

@@ -84,8 +84,8 @@ TEST_CASE("the values of an array are at the positions that its axes define", "[
 TEST_CASE("an array is read in any memory order, backwards and with gaps", "[volume]") {
   const auto values = ramp<float>();
   const auto straight = makeVolume(viewOf(values));
-  // In memory, i varies fastest and k is reversed. The values have gaps between them and begin at
-  // an odd address.
+  // In memory, i varies fastest and k is reversed. The values have gaps between them, and most
+  // addresses are not aligned.
   constexpr std::ptrdiff_t kGap = 7;
   std::vector<std::byte> bytes(values.size() * kGap + 1);
   VoxelArray array = viewOf(values);

@@ -58,7 +58,8 @@ Transform::Ptr skewed() {
   return transform;
 }
 
-/// Returns scattered voxels about the origin, tiles of all sizes, and values of many magnitudes.
+/// Returns scattered voxels about the origin, and tiles of 8^3 and of 128^3 voxels. Voxels and
+/// tiles are active or inactive, with random values from -1 to 1.
 template <class GridT>
 typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueType& background) {
   using Value = typename GridT::ValueType;
@@ -423,7 +424,8 @@ TEST_CASE("each level of a brick volume is the mean of the finer level, with vox
 }
 
 TEST_CASE(
-    "a ball's surface in bricks is closed on every level with a radius of three voxels or more",
+    "a ball's surface in bricks is closed on every level on which its radius is three voxels or "
+    "more",
     "[bricks][release]") {
   const TemporaryFolder folder;
   const std::vector<std::pair<VoxelAt, double>> balls{
@@ -494,8 +496,8 @@ TEST_CASE("a brick whose voxels are all equal has a manifest entry but no stored
   }
   const auto volume = makeVolume(*grid);
   const BrickManifest manifest = writeBricks(folder / "b", brickInput(volume)).manifest;
-  // The voxels of 4 x 2 x 2 bricks are one, and each of these bricks has a neighbour that differs.
-  // Among the other 6 x 6 x 6 bricks, the inner bricks equal all their neighbours.
+  // The voxels of 4 x 2 x 2 bricks have the value 1, and each of these bricks has a neighbour that
+  // differs. Among the other 6 x 6 x 6 bricks, the inner bricks equal all their neighbours.
   std::size_t active = 0;
   std::size_t inactive = 0;
   std::size_t stored = 0;
@@ -512,8 +514,8 @@ TEST_CASE("a brick whose voxels are all equal has a manifest entry but no stored
     if (one.path().filename() != ".zarray") ++files;
   }
   CHECK(files == stored);
-  // Reading a brick without an object fills the slot with its value. Positions outside the listed
-  // bricks have no brick.
+  // Reading a brick without an object fills the slot with its value. Positions outside of the
+  // volume and levels that do not exist have no brick.
   PosixBricks source(folder / "b");
   Bytes slot(manifest.format().bytes());
   const auto inner = manifest.holding(0, {1200, 200, 200});
@@ -615,7 +617,7 @@ TEST_CASE("a folder of bricks is a Zarr group, and each object is a chunk of its
   }
 }
 
-TEST_CASE("the bytes of bricks do not depend on threads or on a run that ended early",
+TEST_CASE("the bytes of bricks do not depend on the number of threads or on a run that ended early",
           "[bricks][release]") {
   const TemporaryFolder folder;
   const BrickInput input = ballsBy({{{0, 0, 0}, 90.0}}, {-100, -100, -100}, {100, 100, 100});
@@ -672,8 +674,8 @@ TEST_CASE("bricks of an interrupted run are checked before the next run keeps th
   const auto place = [&](std::size_t n) {
     return folder / "b" / brickObject(ids[n], manifest.format());
   };
-  // The bricks below are missing, truncated, corrupted by one bit, from another volume, or only
-  // half written.
+  // One brick is missing, one is truncated, one has a wrong bit, and one is replaced by another
+  // brick. The folder of partial files contains a file.
   fs::remove(place(0));
   fs::resize_file(place(1), 100);
   Bytes bytes = bytesIn(place(2));
@@ -688,7 +690,8 @@ TEST_CASE("bricks of an interrupted run are checked before the next run keeps th
   CHECK(allIn(folder / "b") == whole);
 }
 
-TEST_CASE("writing bricks leaves a folder with other contents unchanged", "[bricks]") {
+TEST_CASE("bricks are not written into a folder with other contents or during another run",
+          "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "b", fogOf(1));
   const auto before = allIn(folder / "b");
@@ -842,7 +845,8 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
     put(place, flipped);
     read(BrickStatus::kDamaged, "its checksum is wrong");
   }
-  // All bricks have the same size, so the source must recognise a wrong brick by its contents.
+  // All bricks have the same size in memory, so the source must recognise a wrong brick by its
+  // contents.
   put(place, bytesIn(folder / "b" / brickObject({0, {1, 0, 0}}, manifest.format())));
   read(BrickStatus::kOthers, "it is the brick of another level or position");
   put(place, bytesIn(folder / "other" / name));
@@ -1156,7 +1160,7 @@ TEST_CASE(
   CHECK(allIn(folder / "b") == allIn(folder / "whole"));
 }
 
-TEST_CASE("writing bricks needs memory of at most a quarter of the volume's size", "[bricks]") {
+TEST_CASE("writing 512 bricks needs memory of at most a quarter of the volume's size", "[bricks]") {
   const TemporaryFolder folder;
   const auto resident = [] {
     std::ifstream file("/proc/self/statm");
@@ -1164,7 +1168,8 @@ TEST_CASE("writing bricks needs memory of at most a quarter of the volume's size
     file >> pages >> pages;
     return pages * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
   };
-  // AddressSanitizer is slow and uses memory of its own, so its limits differ.
+  // AddressSanitizer is slow and uses memory of its own. With it, the test writes fewer bricks and
+  // does not check the memory.
 #if defined(__SANITIZE_ADDRESS__)
   constexpr int kBricks = 3;
   constexpr double kMost = 1e9;

@@ -52,8 +52,8 @@ Transform::Ptr skewed(double voxel = 0.1) {
   return Transform::createLinearTransform(matrix);
 }
 
-/// Returns random voxels with gaps, an active tile of 8^3 voxels, and an active tile of 128^3
-/// voxels.
+/// Returns a grid of random voxels with gaps, an active tile of 8^3 voxels, and an active tile of
+/// 128^3 voxels.
 template <class GridT>
 typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
   openvdb::initialize();
@@ -252,10 +252,10 @@ TEST_CASE("at the end of the data a vector's derivatives use only the data", "[s
   CHECK(curl(source.vector(middle + 1.01 * out).jacobian).norm() < 0.05);
 }
 
-TEST_CASE("a voxel with zero velocity counts as data, except outside of a mesh",
+TEST_CASE("an inactive voxel between active ones counts as data, except in a grid from a mesh",
           "[samplers][derive]") {
-  // The flow is a vortex about the axis of the block. On the axis, its velocity is zero, as is the
-  // background.
+  // The flow is a vortex about the axis of the block. On the axis, the velocity is zero like the
+  // background, and the voxels are inactive.
   const auto transform = Transform::createLinearTransform(1.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       9, transform, [](const Vec3d& p) { return Vec3f(4.0 - p.y(), p.x() - 4.0, 0.0); }, "flow");
@@ -267,7 +267,7 @@ TEST_CASE("a voxel with zero velocity counts as data, except outside of a mesh",
     CHECK(curl(image.vector(axis).jacobian).z() == Approx(2.0));
     CHECK(curl(image.vector(beside).jacobian).z() == Approx(2.0));
   }
-  // In volumes from a mesh, a voxel without data is outside all cells.
+  // In a grid from a mesh, an inactive voxel is outside of all cells of the mesh.
   grid->insertMeta("imported_from", openvdb::StringMetadata("mesh"));
   for (int k = 0; k < 9; ++k) grid->tree().setValueOff(Coord(4, 4, k), Vec3f(1e6F));
   const auto volume = load({grid}, "flow");
@@ -325,7 +325,8 @@ TEST_CASE("a field that is derived from an image has no data beside the image's 
   CHECK(beside.value == Approx(5.0));
 }
 
-TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]") {
+TEST_CASE("a derivation of a wrong type or beyond the range of floats is refused",
+          "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(1.0);
   const auto vectors =
       load({makeGrid<openvdb::Vec3SGrid>(
@@ -343,7 +344,8 @@ TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]
   CHECK(deriveVolume(scalars, Derivation::kGradient)->info().grid_class == GridClass::kLevelSet);
 }
 
-TEST_CASE("derivations while sampling allocate no memory", "[samplers][derive][realtime]") {
+TEST_CASE("deriving properties from samples and reading a derived grid allocate no memory",
+          "[samplers][derive][realtime]") {
   const auto volume = load({makeGrid<openvdb::Vec3SGrid>(
                                20, skewed(), [](const Vec3d& p) { return Vec3f(abc(p)); }, "flow")},
                            "flow");

@@ -226,7 +226,7 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
 
 TEST_CASE("the map of free space saves sub-steps and samples and does not change forces",
           "[scale]") {
-  // Two balls of radius 2 cm are 30 cm apart, with empty space between them.
+  // The centres of two balls of radius 2 cm are 31 cm apart, with empty space between the balls.
   openvdb::initialize();
   openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);
   openvdb::FloatGrid::Ptr other = makeBall(20.0, 1.0);
@@ -424,7 +424,7 @@ TEST_CASE(
   CHECK(hand.step(0.018 * (out + Vec3(0.01, 0, 0)).normalized()).substeps > 0);
 }
 
-TEST_CASE("a second surface stops a hand that drifts slowly along a first surface",
+TEST_CASE("the proxy of a hand that drifts slowly along a surface does not enter a second surface",
           "[scale][motion][safety]") {
   openvdb::initialize();
   Placement left;
@@ -443,7 +443,7 @@ TEST_CASE("a second surface stops a hand that drifts slowly along a first surfac
   for (int i = 0; i < 60; ++i) (void)hand.step(Vec3(0.005, 0.0, 0.024 - 1e-4 * i));
   int unread = 0;
   int both = 0;
-  // The hand moves from the first ball's top over the crease between the balls, by 1 um per tick.
+  // The hand moves from the first ball's top over the seam between the balls, by 1 um per tick.
   for (int i = 0; i < 20000; ++i) {
     const StepReport r = hand.step(Vec3(0.005 + 1e-6 * i, 0.0, 0.01) + 2e-6 * random.inCube(1.0));
     CAPTURE(i);
@@ -456,7 +456,8 @@ TEST_CASE("a second surface stops a hand that drifts slowly along a first surfac
   CHECK(both > 1000);
 }
 
-TEST_CASE("a tick in the data takes readings if a mode acts without a contact", "[scale]") {
+TEST_CASE("a tick in the data without a contact takes readings only if a mode acts there",
+          "[scale]") {
   openvdb::initialize();
   const auto ball = std::get<ScalarPtr>(fieldOf({makeBall(20.0, 1.0)}));
   const auto readings = [&](const GraphSpec& spec) {
@@ -470,7 +471,7 @@ TEST_CASE("a tick in the data takes readings if a mode acts without a contact", 
   drag.modes.emplace_back();
   drag.modes[1].kind = ModeKind::kViscosity;
   drag.modes[1].of = "ball";
-  // Zero on the solid side only; a drag that begins at the surface; a drag in front of the surface.
+  // The drag acts, in turn: only outside of the solid; only inside; inside and just outside.
   drag.modes[1].strength = TransferFunction::piecewise({{0.0, 0.0}, {5.0, 0.1}});
   CHECK(readings(drag) == 1);
   drag.modes[1].strength = TransferFunction::piecewise({{-1.0, 0.1}, {0.0, 0.0}});
@@ -488,7 +489,7 @@ TEST_CASE("a tick in the data takes readings if a mode acts without a contact", 
   CHECK(readings(inside) == 1);
 }
 
-TEST_CASE("guides and moving volumes act in every tick, however far the hand is", "[scale]") {
+TEST_CASE("a tick evaluates guides and moving volumes however far the hand is", "[scale]") {
   openvdb::initialize();
   const auto ball = std::get<ScalarPtr>(fieldOf({makeBall(20.0, 1.0)}));
   const Vec3 far = Vec3::Constant(1000.0);
@@ -510,9 +511,9 @@ TEST_CASE("guides and moving volumes act in every tick, however far the hand is"
   CHECK(readings(moving) > 0);
 }
 
-/// Returns scattered background values in a space of 600 x 600 x 192 voxels with edges `voxel` [m].
-/// They leave no free space as large as a fast hand's path in a tick. If `ball` is true, adds a
-/// ball of radius 20 voxels about the origin.
+/// Returns a field with scattered active voxels that have the value of the background, in a space
+/// of 600 x 600 x 192 voxels with edges `voxel` [m]. They leave no free space as large as a fast
+/// hand's path in a tick. If `ball` is true, adds a ball of radius 20 voxels about the origin.
 ScalarPtr ballInDust(double voxel, bool ball) {
   Random random(11);
   openvdb::initialize();
@@ -557,8 +558,9 @@ TEST_CASE("a free proxy is at the hand in every tick, however far the hand moves
   }
 }
 
-TEST_CASE("a surface on a path that a tick could not read completely still holds the hand",
-          "[scale][motion][safety]") {
+TEST_CASE(
+    "on a path that a tick cannot read completely, a surface holds the hand if the tick reads it",
+    "[scale][motion][safety]") {
   constexpr double kFine = 1e-7;  // [m]
   const auto field = ballInDust(kFine, true);
   Random random(13);
@@ -590,7 +592,8 @@ TEST_CASE("a surface on a path that a tick could not read completely still holds
 
 TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far from their data",
           "[scale]") {
-  // All grids are at the same position. Each grid has data only at the edges of a cube.
+  // All parts have the same grid, each at a slightly different position. The grid has data only at
+  // the edges of a cube.
   openvdb::initialize();
   auto frame = openvdb::FloatGrid::create(0.0F);
   for (int axis = 0; axis < 3; ++axis) {
@@ -636,7 +639,8 @@ TEST_CASE("a tick takes no sample if the hand is near the boxes of parts but far
   CHECK(b.step(Vec3::Zero()).samples >= 40);
   a.state.release();
   b.state.release();
-  // Both scenes must give the same forces while the hand enters and leaves the edges.
+  // With 40 parts, both scenes must give the same forces while the hand enters and leaves the
+  // edges.
   double most = 0.0;
   int crowded = 0;
   int fewer = 0;

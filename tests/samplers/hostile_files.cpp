@@ -3,10 +3,11 @@
 /// time, and four times the memory of the file's grids plus 256 MB (not checked with sanitizers).
 ///
 /// palpate_hostile_files [--data] [--cases N] [FILE.vdb...]
-///   Truncates each file at ten positions. Makes N copies in total (default 1000; PALPATE_CASES; at
-///   most 100,000, or 10,000 with sanitizers), and flips one bit in each. Small files get more
-///   copies than large ones. --data: uses the files of PALPATE_DATA/vdb. Without files: uses
-///   volumes that the program makes. Each case runs in a separate process.
+///   Truncates each file at ten positions. Makes N copies in total, and flips one bit in each.
+///   Default of N: 1000. PALPATE_CASES replaces or scales N. N is at most 100,000, or 10,000 with
+///   sanitizers. Small files get more copies than large ones. --data: uses the files of
+///   PALPATE_DATA/vdb. Without files: uses volumes that the program makes. Each case runs in a
+///   separate process.
 /// palpate_hostile_files --only FILE BYTE BIT
 ///   Repeats one case. BIT "cut" truncates FILE before BYTE. FILE may be one that the program
 ///   makes.
@@ -43,8 +44,8 @@ constexpr bool kSanitized = true;
 extern "C" const char* __asan_default_options() {
   return "max_allocation_size_mb=1024:allocator_may_return_null=0";
 }
-// OpenVDB of Debian 13 logs by this library. Its threads do not exist in a child process, so that
-// LeakSanitizer does not find the pointers on their stacks.
+// OpenVDB of Debian 13 logs through liblog4cplus. The threads of that library do not exist in a
+// child process, so LeakSanitizer does not find the pointers on their stacks.
 extern "C" const char* __lsan_default_suppressions() {
   return "leak:liblog4cplus";
 }
@@ -356,7 +357,8 @@ Ended conclude(const Child& child, int status, const rusage& usage) {
   if (WIFSIGNALED(status)) {
     ended.outcome.kind = Outcome::kFailed;
     ended.outcome.say(WTERMSIG(status) == SIGALRM || WTERMSIG(status) == SIGXCPU
-                          ? "it took too long: more than " + std::to_string(kSeconds) + " s"
+                          ? "it took too long: more than " + std::to_string(kSeconds) +
+                                " s of processor time, or 30 times as long in all"
                           : std::string("signal ") + strsignal(WTERMSIG(status)));
   } else if (!told || WEXITSTATUS(status) != 0) {
     ended.outcome.kind = Outcome::kFailed;
@@ -656,7 +658,8 @@ class Run {
   }
 
  private:
-  /// Returns the part of a message between the file's name and the remedy, without numbers.
+  /// Returns the reason in an error line: the part between the file's name and the remedy. Returns
+  /// the whole line if it has no such part.
   static std::string reasonIn(const std::string& line) {
     if (line.find("NaN or infinite") != std::string::npos) return "values are NaN or infinite";
     const auto begin = line.find(": it");
@@ -721,7 +724,7 @@ int run(const std::vector<std::string>& arguments) {
   if (files.empty()) files = vdbsOf(own);
   const long count = std::min(cases(wanted), kSanitized ? 10000L : 100000L);
   std::printf("random cases: %ld of %ld: flipped bits\n", count, wanted);
-  if (kSanitized) std::printf("with sanitizers: memory is not judged\n");
+  if (kSanitized) std::printf("with sanitizers: memory is not checked\n");
 
   Run all;
   long passed = 0;

@@ -86,7 +86,7 @@ void requireLinear(const std::shared_ptr<const Volume>& volume) {
       }
       CAPTURE(wordFor(order), p.transpose());
       REQUIRE(s.inside);
-      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // the spline rings from the grid's edge,
+      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // a spline has ripples from the grid's edge,
                                                      // eleven voxels away
       REQUIRE((s.jacobian - kSlope).norm() < 1e-3);
     }
@@ -143,7 +143,7 @@ TEST_CASE("three scalar grids form one vector and each grid is sampled at its ow
   for (const GridInfo& info : infos) parts += info.name.rfind("vel.", 0) == 0 ? info.memory : 0;
   CHECK(infos.back().memory == parts);
 
-  // Scalars of other types, or with other transforms, do not form a vector.
+  // Scalars of different types, or scalars that do not overlap, do not form a vector.
   grids[1] = makeGrid<openvdb::DoubleGrid>(
       24, oblong(), [](const Vec3d&) { return 1.0; }, "vel.y");
   CHECK_THROWS_WITH(reload(grids, "vel"), Contains("no grid"));
@@ -153,7 +153,8 @@ TEST_CASE("three scalar grids form one vector and each grid is sampled at its ow
   CHECK_THROWS_WITH(reload(grids, "vel"), Contains("do not overlap"));
 }
 
-TEST_CASE("active tiles count in the magnitudes of three grids", "[samplers][kinds]") {
+TEST_CASE("active tiles count in the range and mean of the magnitudes of a vector of three grids",
+          "[samplers][kinds]") {
   // Each component is constant in boxes. Most voxels are in tiles.
   const auto boxes = [](int c, int n, bool tiles) {
     openvdb::initialize();
@@ -179,7 +180,7 @@ TEST_CASE("active tiles count in the magnitudes of three grids", "[samplers][kin
   CHECK(sparse.highest == dense.highest);
   CHECK(sparse.mean == Approx(dense.mean).epsilon(1e-12));
   CHECK(sparse.lowest < sparse.highest);
-  // Here a tile has 128^3 voxels.
+  // In these grids, some tiles have 128^3 voxels.
   const GridInfo large = infoOf(127, true);
   CHECK(large.highest >= sparse.highest);
   CHECK(large.lowest > 0.0);
@@ -299,7 +300,7 @@ TEST_CASE("non-finite voxels are refused or filled on request", "[samplers][kind
   field->reset(cache);
   CHECK(field->sample({7, 7, 7}, cache).value == -0.25);  // finite values stay
 
-  // Smoothing of the largest floats must give finite values.
+  // Smoothing of floats near the end of their range must give finite values.
   auto steep = makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
                                             [](const Vec3d&) { return 2e38F; });
   CHECK(reload({steep}, "", {NonFinite::kRefuse, {1.0}, nullptr})->info().highest <= 2e38F);
@@ -414,7 +415,8 @@ TEST_CASE("splines have data where the trilinear value has, beside holes and til
   CHECK((within > 90 && within < 4800));
 }
 
-TEST_CASE("spline coefficients are computed once for each volume", "[samplers][kinds][spline]") {
+TEST_CASE("spline coefficients are computed once for each volume and degree",
+          "[samplers][kinds][spline]") {
   const auto volume = reload({makeBall(2.0, 0.1)}, "");
   const std::uint64_t grid = volume->memory();
   CHECK(grid == volume->info().memory);

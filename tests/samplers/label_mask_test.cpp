@@ -94,8 +94,9 @@ SurfaceError errorOf(const ScalarField& field, const std::vector<Vec3>& points,
 
 }  // namespace
 
-TEST_CASE("a flat boundary of a label is felt exactly on the voxels' faces for every sigma",
-          "[labels]") {
+TEST_CASE(
+    "a flat boundary of a label along the lattice stays on the voxels' faces for sigma up to 3",
+    "[labels]") {
   const auto volume = makeVolume(*labelGrid(
       40, [](const openvdb::Vec3d& p) { return p.x() > 9.5 && p.x() < 29.5 ? 7.0F : 2.0F; }));
   for (const double sigma : {0.0, 0.5, 1.0, 3.0}) {
@@ -162,7 +163,10 @@ TEST_CASE("a mask joins labels, reads tiles and doubles, and may include the bac
   }
 }
 
-TEST_CASE("an unknown label is refused in one line that lists those that exist", "[labels]") {
+TEST_CASE(
+    "a label without voxels is refused with the grid's labels, and an ambiguous name with its "
+    "values",
+    "[labels]") {
   const auto grid = labelGrid(
       12, [](const openvdb::Vec3d& p) { return p.x() < 4.0 ? 1.0F : (p.x() < 8.0 ? 2.0F : 7.0F); });
   CHECK_THAT(refusalOf(makeVolume(*grid), {9.0}),
@@ -190,7 +194,9 @@ TEST_CASE("an unknown label is refused in one line that lists those that exist",
   CHECK_THAT(refusalOf(makeVolume(*makeBall(2.0, 0.1)), {1.0}), Contains("it is a level set"));
 }
 
-TEST_CASE("labels in the metadata survive a file, and damaged ones are omitted", "[labels]") {
+TEST_CASE(
+    "labels in the metadata are read back from a file, without those that have no valid value",
+    "[labels]") {
   const auto grid = labelGrid(4, [](const openvdb::Vec3d& p) { return static_cast<float>(p.x()); });
   insertLabels(*grid, {{3.0, "left lung", Vec3(0.1, 0.25, 1.0)}, {-2.0, "", std::nullopt}});
   const auto meta = [&](const char* key, const char* text) {

@@ -46,8 +46,9 @@ TEST_CASE("a missing module is reported with the package that contains it", "[mo
         "build palpate with libother-dev, or unset PALPATE_MODULES");
 }
 
-TEST_CASE("without PALPATE_MODULES modules are searched only in the program's own lib folder",
-          "[module]") {
+TEST_CASE(
+    "without PALPATE_MODULES a module is searched only in ../lib/palpate if this folder exists",
+    "[module]") {
   const auto own = std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path();
   CHECK(refusalOf(kOther).find("missing in " + (own / "lib/palpate").string() + ": install") !=
         std::string::npos);

@@ -30,7 +30,7 @@ OpenCells find(const openvdb::GridBase& grid, double level, Solid solid) {
   return *found;
 }
 
-/// A cell of a grid: its active corners, and whether its values cross the level.
+/// A cell of a grid: the number of its active corners, and whether its values cross the level.
 struct CellState {
   int active = 0;
   bool crosses = false;
@@ -88,8 +88,9 @@ openvdb::FloatGrid::Ptr makeBanded(float outside, float inside) {
 
 }  // namespace
 
-TEST_CASE("a level set with a band of one voxel has data at its surface in all directions",
-          "[samplers]") {
+TEST_CASE(
+    "a level set with a band of one to three voxels has data at its surface in random directions",
+    "[samplers]") {
   const auto [outside, inside] =
       GENERATE(table<float, float>({{3, 3}, {1.5, 1.5}, {3, 1}, {1, 3}, {1, 1}}));
   CAPTURE(outside, inside);
@@ -132,7 +133,7 @@ TEST_CASE("the cells in which a surface leaves its data are counted, and the fir
   }
   const OpenCells found = find(*cut, 0.0, Solid::kBelow);
   // The cut surface ends in a ring of about 2 pi r cells. Where the ring is oblique to the grid, it
-  // has up to half as many cells more.
+  // has up to 50 % more cells.
   const double around = 2.0 * std::numbers::pi * std::sqrt(kRadius * kRadius - 9.0);
   CAPTURE(found.count, around);
   CHECK(static_cast<double>(found.count) > 0.8 * around);
@@ -176,7 +177,7 @@ TEST_CASE("each cell on the cut of a ball is open if it has data inside the ball
   constexpr int kCut = 3;
   const auto cut = makeBanded(static_cast<float>(band), static_cast<float>(band));
   cut->fill({Coord(kCut + 1, -40, -40), Coord(40)}, cut->background(), false);
-  // Where data are missing, the surface may be off by this distance (band_cell.h) [m].
+  // Where data are missing, the surface may be off by this distance (band_cell.h) [voxels].
   const double slack = 0.05 * band;
   // A cell on the cut is open if the sphere encloses a corner that has data.
   std::uint64_t expected = 0;

@@ -1,4 +1,4 @@
-/// Tests the force of a level-set sphere from a .vdb file, pressed from all directions.
+/// Tests the force of a level-set sphere from a .vdb file, pressed from random directions.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -23,11 +23,11 @@ struct Pressed {
   /// RMS angle between the force and the radius [degrees].
   double direction_rms = 0.0;
   double magnitude_max = 0.0;  ///< Largest relative error of the force against k times depth.
-  double leaves_rms = 0.0;     ///< RMS relative error of the release depth against s/k.
+  double leaves_rms = 0.0;     ///< RMS relative error, against s/k, of the depth of yielding.
 };
 
-/// Presses along 1,000 directions to 2 to 8 mm below a surface of known radius. Then presses until
-/// the same surface with a strength of `weak` [N] yields.
+/// Presses along cases(1000) directions to 2 to 8 mm below a surface of known radius. Then presses
+/// until the same surface with a strength of `weak` [N] yields.
 Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, double strength,
               double weak) {
   const Placement placement = fitInto(volume->info(), 0.1);
@@ -112,7 +112,7 @@ TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions gives the radial force
   REQUIRE(data != nullptr);
   const auto file = std::filesystem::path(data) / "vdb" / "aswf_sphere.vdb";
   const auto volume = loadVolume(file, "ls_sphere");
-  // Measures the sphere's radius along the axes, where the stored distance is zero.
+  // Measures the sphere's radius along the x axis, at which the distance is zero, by bisection.
   const FieldPtr field = makeVdbField(volume, {});
   FieldCache cache;
   std::get<0>(field)->reset(cache);

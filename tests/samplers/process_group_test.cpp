@@ -44,8 +44,8 @@ std::map<std::string, std::string> allIn(const fs::path& folder) {
   return all;
 }
 
-/// Returns a hollow ball about the origin, as a level set from a formula. The ball covers several
-/// layers of bricks.
+/// Returns a hollow ellipsoid about (0, 0, 30), as a level set from a formula. The ellipsoid covers
+/// several layers of bricks.
 BrickInput ball() {
   BrickInput input;
   input.name = "ball";
@@ -80,7 +80,7 @@ openvdb::FloatGrid::Ptr scattered() {
     const auto at = [&](double low, double high) {
       return static_cast<int>(random.uniform(low, high));
     };
-    // The voxels are in two distant root children of the tree.
+    // Every second voxel is moved along y, so that the tree's root has children far apart.
     const int y = at(-20.0, 100.0) + n % 2 * 4080;
     const Coord c(at(-90.0, 200.0), y, at(-150.0, 250.0));
     grid->tree().setValueOn(c, static_cast<float>(random.uniform(-1.0, 1.0)));
@@ -155,7 +155,7 @@ TEST_CASE("a process group gathers values and lists in the order of its ranks", 
         }) == 0);
 }
 
-TEST_CASE("bricks written by any number of ranks equal those of a single process",
+TEST_CASE("bricks written by 2, 3 or 8 ranks equal those of a single process",
           "[bricks][process_group][release]") {
   const TemporaryFolder folder;
   const BrickReport alone = writeBricks(folder / "alone", ball());
@@ -188,7 +188,8 @@ TEST_CASE("a grid that is split among ranks gives the same bricks as the whole g
     if (!sizes.runs()) continue;
     const fs::path out = folder / std::to_string(size);
     CHECK(byThreads(size, [&](ProcessGroup& group) {
-            // There are three layers of bricks below 0 and four above. The last ranks get no layer.
+            // There are three layers of bricks below 0 and four above. Of nine ranks, two get no
+            // layer.
             const Share of_seven = shareOf(group, 7);
             const Share share{of_seven.first - 3, of_seven.end - 3};
             BrickOptions options;

@@ -147,7 +147,9 @@ TEST_CASE("a sequence of scalar grids interpolates between two frames", "[sequen
   CHECK(round.settled(-0.05, p).value == Approx(0.5 * (V(3.0) + V(0.0))).margin(1e-3));
 }
 
-TEST_CASE("frames of a sequence may have uneven times", "[sequence]") {
+TEST_CASE(
+    "the blend of frames follows uneven frame times, also beyond the end of a repeated sequence",
+    "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 3, ramp);
   const auto of = std::make_shared<const FrameSequence>(
@@ -308,13 +310,14 @@ TEST_CASE("after a jump in play the value of a sequence changes over at least 50
     }
     if (!all) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // A change of up to 700 takes at least 50 ms.
+  // A change of the value by up to 700 takes at least 50 ms.
   CHECK(largest < 700.0 * kTick / 0.05 + 1e-6);
   CHECK(largest > 5.0);
   CHECK(arrived >= (all ? 15 : 1));
 }
 
-TEST_CASE("a hand on a ball feels no force step when the play time jumps", "[sequence]") {
+TEST_CASE("a jump in play changes the force on a hand at a ball by less than 0.03 N per tick",
+          "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, [](int i) { return ball(20.0 + 0.25 * i); });
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0)));
@@ -334,8 +337,8 @@ TEST_CASE("a hand on a ball feels no force step when the play time jumps", "[seq
     last = r.wanted;
   }
   CHECK(last.norm() > 0.4);
-  // The surface moves by 1.75 mm in 50 ms, which changes the force by 0.0175 N per tick. Without a
-  // fade, the force would change by 0.9 N in one tick.
+  // The surface moves by up to 1.75 mm in 50 ms, which changes the force by up to 0.0175 N per
+  // tick. Without a fade, the force would change by up to 0.9 N in one tick.
   CHECK(largest < 0.03);
 }
 
@@ -375,8 +378,10 @@ TEST_CASE("a surface that disappears during play changes the force at most at 20
   CHECK(largest < 2000.0 * kTick * (1.0 + 1e-9));
 }
 
-TEST_CASE("a hand that touches and leaves a ball feels the same force with or without play",
-          "[sequence]") {
+TEST_CASE(
+    "a hand that touches and leaves a ball feels the same force to within 0.02 N with or without "
+    "play",
+    "[sequence]") {
   const TemporaryFolder folder;
   // All frames have the same ball, so play has no effect on the field.
   const auto frames = framesIn(folder, 4, [](int) { return ball(20.0); });
@@ -541,7 +546,9 @@ TEST_CASE("readers that wait read the same values with a small budget as with al
   CHECK(some.sequence->state().slots == 5);
 }
 
-TEST_CASE("play waits while frames load, and skips a frame whose file is missing", "[sequence]") {
+TEST_CASE(
+    "values stay while frames load, and are interpolated across a frame whose file is missing",
+    "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);
   const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
@@ -698,7 +705,8 @@ TEST_CASE("an invalid sequence is refused with the reason", "[sequence]") {
   CHECK_THAT(refused({}), Contains("it does not have a frame"));
 }
 
-TEST_CASE("a frame without active voxels plays as background", "[samplers][sequence]") {
+TEST_CASE("a frame without active voxels or without the grid plays as background",
+          "[samplers][sequence]") {
   const TemporaryFolder folder;
   auto frames = framesIn(folder, 4, [](int i) {
     if (i == 0) {

@@ -58,8 +58,8 @@ Vec3d gaussianMean(const GridT& grid, const Coord& c, const Vec3& sigma) {
   return sum / whole;
 }
 
-/// Returns a grid with random active, inactive and absent voxels. The grid also has a tile of 128^3
-/// voxels and a tile of 4096^3 voxels.
+/// Returns a grid with random active, inactive and absent voxels. The grid also has an active and
+/// an inactive tile of 8^3 voxels, and active tiles of 128^3 and of 4096^3 voxels.
 template <class GridT>
 typename GridT::Ptr noiseWithTiles() {
   using Value = typename GridT::ValueType;
@@ -274,7 +274,7 @@ TEST_CASE("smoothing that would remove the whole surface is refused", "[samplers
   CHECK(tree.getValue(Coord(60, 0, 0)) == -small->background());
 }
 
-TEST_CASE("inactive voxels of a grid from a mesh have no data and stay inactive",
+TEST_CASE("smoothing keeps the inactive voxels around a grid from a mesh inactive",
           "[samplers][smooth]") {
   const auto grid =
       makeGrid<openvdb::FloatGrid>(12, Transform::createLinearTransform(1.0),
@@ -285,7 +285,8 @@ TEST_CASE("inactive voxels of a grid from a mesh have no data and stay inactive"
   CHECK(volume->info().smoothing.rms_change > 0.0);
 }
 
-TEST_CASE("a width or a grid that cannot be smoothed is refused", "[samplers][smooth]") {
+TEST_CASE("a smoothing width out of range and a level set whose voxels are not cubes are refused",
+          "[samplers][smooth]") {
   const auto ball = makeBall(1.0, 0.1);
   for (const double sigma : {-1.0, 32.5, std::numeric_limits<double>::quiet_NaN()}) {
     CHECK_THROWS_WITH(smoothed(ball, sigma), Contains("give a width from 0 to 32 voxels"));

@@ -41,7 +41,7 @@ FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement 
   return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, sampling);
 }
 
-/// Returns random values in a ball, with holes, tiles and several leaves.
+/// Returns a grid of random values in a cube, with gaps between them, and one active tile.
 openvdb::FloatGrid::Ptr roughGrid() {
   openvdb::initialize();
   Random random(1);
@@ -496,7 +496,7 @@ TEST_CASE("a scalar grid stored as half and a float vector grid can be read", "[
   CHECK((Probe(fieldOf(vec)).vector({3.5, 4.25, 4}).value - Vec3(3.5, 4.25, 4)).norm() < 1e-6);
 }
 
-TEST_CASE("a sample is reported as inside within a level set's band and up to a fog's edge",
+TEST_CASE("a sample is reported as inside in a level set's band, and up to one voxel beyond a fog",
           "[samplers]") {
   openvdb::initialize();
   const auto sphere = makeBall(2.0, 0.1);
@@ -695,8 +695,9 @@ TEST_CASE("splines and their derivatives are continuous across faces and middles
   }
 }
 
-TEST_CASE("reading a spline does not allocate, lock or throw, even in cold cells",
-          "[samplers][spline][realtime]") {
+TEST_CASE(
+    "reading a spline or the nearest voxel does not allocate, lock or throw, even in cold cells",
+    "[samplers][spline][realtime]") {
   const auto grid = roughGrid();
   const auto interpolation =
       GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);

@@ -106,7 +106,8 @@ double readSoFar() {
 
 }  // namespace
 
-TEST_CASE("a VDB file is described grid by grid", "[volume]") {
+TEST_CASE("the description of a VDB file states the class, extent and range of values of each grid",
+          "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   const auto sphere = makeBall(2.0, 0.1);
@@ -530,7 +531,7 @@ TEST_CASE("older and newer VDB file formats are refused with their version numbe
   }
 }
 
-TEST_CASE("a voxel value that is too large to compute with is refused as not finite", "[volume]") {
+TEST_CASE("a voxel value of 1e200 is refused", "[volume]") {
   const TemporaryFolder folder;
   auto grid = makeGrid<openvdb::DoubleGrid>(4, Transform::createLinearTransform(0.5),
                                             [](const Vec3d& p) { return p.x(); });
@@ -539,7 +540,8 @@ TEST_CASE("a voxel value that is too large to compute with is refused as not fin
   CHECK_THAT(refusal(folder / "a.vdb"), Contains("1 of its values"));
 }
 
-TEST_CASE("the error for a wrong grid name lists the nearest name, or all names", "[volume]") {
+TEST_CASE("the error for a wrong grid name suggests the nearest name or lists all names",
+          "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block(8, "density"), block(8, "heat")});
   CHECK_THAT(refusal(folder / "a.vdb", "denisty"), Contains("did you mean \"density\"?"));

@@ -71,7 +71,7 @@ Vec3 inSmallSteps(const VectorField& field, FieldCache& cache, Vec3 p, double le
 
 }  // namespace
 
-TEST_CASE("the first point below a level is found exactly on any path through noise",
+TEST_CASE("the first point below a level is found to within rounding on random paths through noise",
           "[samplers][motion]") {
   constexpr int kWays = test::kSanitized ? 500 : 4000;
   for (const bool turned : {false, true}) {
@@ -145,8 +145,9 @@ TEST_CASE("a path that starts on a surface crosses it only if the path leads inw
   CHECK_FALSE(fall({4, 4, 5}, {4, 4, 1e300}).found);
 }
 
-TEST_CASE("a stream is traced by arc length for any placement and voxel shape",
-          "[samplers][motion]") {
+TEST_CASE(
+    "a streamline is traced by arc length in a slanted placement and with unequal voxel edges",
+    "[samplers][motion]") {
   Transform::Ptr flat = Transform::createLinearTransform(1.0);
   flat->preScale(Vec3d(1.0, 1.5, 0.75));
   for (const auto& transform : {Transform::createLinearTransform(0.5), flat}) {
@@ -222,7 +223,7 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("a short trace of a stream reads two values, or five if the curvature has changed",
+TEST_CASE("a short streamline trace reads two values, or five if the curvature has changed",
           "[samplers][motion]") {
   const Vec3 centre(16.3, 15.7, 16.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
@@ -277,8 +278,8 @@ TEST_CASE(
   const VectorField& circles = *std::get<1>(field);
   const auto memory = std::make_unique<FieldCache>();
   circles.reset(*memory);
-  // W is sheared against the frame of rest, so the nearest point in W is not the nearest point in
-  // the frame of rest.
+  // W is sheared against the resting frame, so the nearest point in W is not the nearest point in
+  // the resting frame.
   Mat3 shear = Mat3::Identity();
   shear(0, 1) = 0.7;
   for (const double radius : {1.5, 3.0, 8.0}) {
@@ -340,7 +341,7 @@ TEST_CASE("a trace along axial vectors of random sign does not turn back", "[sam
   }
 }
 
-TEST_CASE("the search for a surface and the trace of a stream allocate no memory",
+TEST_CASE("the search for a surface and the trace of a streamline allocate no memory",
           "[samplers][motion][realtime]") {
   const FieldPtr rough = fieldOf(noise(12));
   const FieldPtr curls = fieldOf(curlyGrid(Transform::createLinearTransform(1.0)));

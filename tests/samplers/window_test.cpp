@@ -64,7 +64,7 @@ Placement placed() {
 }
 
 std::uint64_t budgetOf(std::uint64_t bricks) {
-  constexpr std::uint64_t kBesides = 2;  // other bricks that the budget must allow for
+  constexpr std::uint64_t kBesides = 2;  // memory of one fetch [bricks]
   return (bricks + kBesides) * ((BrickFormat{}.bytes() + 63) / 64 * 64) + (64U << 10U);
 }
 
@@ -187,7 +187,7 @@ TEST_CASE("a flow in bricks is read and traced as the whole flow is, to the last
 
 namespace {
 
-/// Middle of the volume of `holed`, where eight bricks meet, in index space.
+/// Place near the middle of the volume of `holed`, where eight bricks meet, in index space.
 const Vec3 kMiddle(65.0, 0.0, 64.0);
 
 /// The fields of a volume and of a window with all its bricks, each with a cache.
@@ -206,7 +206,7 @@ struct Pair {
     whole->reset(*whole_cache);
     bricks->reset(*bricks_cache);
   }
-  /// Calls the two functions with each field and its cache.
+  /// Calls `of` with each field and its cache. Returns both results.
   template <class Of>
   [[nodiscard]] auto both(const Of& of) const {
     return std::make_pair(of(*whole, *whole_cache), of(*bricks, *bricks_cache));
@@ -355,7 +355,8 @@ TEST_CASE("bricks equal the volume to the last bit beside holes, tiles and the e
                               sampling));
 }
 
-TEST_CASE("missing bricks are read coarsely without a step and become fine gradually", "[bricks]") {
+TEST_CASE("where bricks are missing, values are coarse and continuous, and become fine gradually",
+          "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -396,8 +397,8 @@ TEST_CASE("missing bricks are read coarsely without a step and become fine gradu
                                    both.ofWindow(kVoxel * (p - little)).value));
   }
   CHECK(step < 1e-4);  // two successive levels differ by about 1e-2
-  // The hand moves to this position. In each tick, the coarse value approaches the fine value by a
-  // limited step.
+  // The hand moves to a position with coarse values. In each tick, the value approaches the fine
+  // value by a limited step.
   const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
   REQUIRE(both.ofWindow(there).coarse);
   double excess = -1.0;
@@ -543,7 +544,7 @@ TEST_CASE("a reader that waits for bricks gets fine values from the first tick o
   CHECK(window->state().fetched > window->state().slots);
 }
 
-TEST_CASE("a hand that returns finds its bricks still in the window", "[bricks]") {
+TEST_CASE("the bricks of a hand that moves back and forth stay in the window", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "bricks", formulaBricks("ramp", {63 + 64 * 15, 127, 127},
                                                      [](const VoxelAt& at) { return at[0]; }));
@@ -563,7 +564,8 @@ TEST_CASE("a hand that returns finds its bricks still in the window", "[bricks]"
 }
 
 TEST_CASE(
-    "a window loads bricks for proxy and hand and drops those of a hand that has left for 1 s",
+    "a window loads the bricks at a proxy far from its hand, and reuses them 1 s after the last "
+    "report",
     "[bricks][release]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
@@ -664,8 +666,10 @@ TEST_CASE("a wall in a loaded brick is found on a path that begins in a missing 
   }
 }
 
-TEST_CASE("the box around a brick excludes points near missing bricks and contains all others",
-          "[bricks]") {
+TEST_CASE(
+    "the box around a brick excludes points near missing bricks, and contains a point that is not "
+    "near one",
+    "[bricks]") {
   Random random(11);
   const auto number = [](const std::array<int, 3>& off) {
     return static_cast<std::size_t>(9 * (off[0] + 1) + 3 * (off[1] + 1) + off[2] + 1);
@@ -707,7 +711,7 @@ TEST_CASE("the box around a brick excludes points near missing bricks and contai
 namespace {
 
 /// A source of bricks from a folder that reports a delay, or takes a time `each` for each brick.
-/// Records the wanted bricks.
+/// Records the largest index along x of the requested bricks of level 0.
 class SlowBricks final : public BrickSource {
  public:
   explicit SlowBricks(const std::filesystem::path& folder, double delay,
@@ -763,13 +767,13 @@ TEST_CASE(
   CHECK(farthest(1.0) == 5);
 }
 
-TEST_CASE("a hand that waits for its bricks longer than a second keeps its place in the window",
+TEST_CASE("a window continues to follow a hand that waits for its bricks for more than 1 s",
           "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
-  // Fetching 27 bricks takes 1.6 s. The window drops a hand that has not called aim() for 1 s,
-  // unless the hand waits.
+  // Fetching 27 bricks takes 1.6 s. The window stops following a hand that has not called aim() for
+  // 1 s, unless a hand waits.
   const auto window = std::make_shared<BrickWindow>(
       std::make_unique<SlowBricks>(folder / "bricks", 0.0, std::chrono::milliseconds(60)),
       WindowParams{budgetOf(60), 0.25, false});
@@ -799,7 +803,8 @@ TEST_CASE("two hands that share a record do not mix their reports", "[bricks]") 
   CHECK(report.read()->velocity == Vec3::Constant(2.0));
 }
 
-TEST_CASE("a failed request for a brick is retried at longer and longer intervals", "[bricks]") {
+TEST_CASE("a failed load is retried after 1 s, and then at intervals that double up to 32 s",
+          "[bricks]") {
   using std::chrono::seconds;
   detail::Retries<int> of;
   const detail::Retries<int>::Clock::time_point begin;

@@ -539,7 +539,7 @@ class Room(Case):
             "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 3, "solid": "below"}]}))
         told = run("check", scene)
         for text in (told.stdout, told.stderr):
-            self.assertIn("stiffness 9000 N/m: more than the simulated arm may have: use at most 1000 N/m\n", text)
+            self.assertIn("stiffness 9000 N/m: above the limit of the simulated arm: use at most 1000 N/m\n", text)
         os.remove(scene)
 
     def room(self, *words):

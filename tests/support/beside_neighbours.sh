@@ -3,7 +3,7 @@
 # pass on a busy machine.
 set -uo pipefail
 for tool in setpriv taskset; do
-    command -v $tool >/dev/null || { echo "beside_neighbours: no $tool" >&2; exit 1; }
+    command -v $tool >/dev/null || { echo "beside_neighbours: the command $tool is not installed" >&2; exit 1; }
 done
 neighbours=()
 trap 'kill -KILL "${neighbours[@]}" 2>/dev/null' EXIT

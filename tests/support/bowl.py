@@ -66,7 +66,7 @@ class Case(unittest.TestCase):
         return file
 
     def feel(self, place, *words, status=0):
-        """Feels the scene at `place`. Returns the trace's rows, the summary and the messages."""
+        """Runs `palpate feel` with the bowl's bricks at `place`. Returns the trace's rows, the summary and stderr."""
         trace, summary = self.dir / "t.csv", self.dir / "s.json"
         done = run("feel", self.scene(place), "--device", f"path:{self.dir / 'hand.csv'}", "--trace", trace,
                    "--summary", summary, *words, status=status)
@@ -138,7 +138,8 @@ class Ended:
         return summary
 
     def ends(self, how, told_within=None):
-        """While the hand touches the volume, calls `how`, which stops the server. Returns the run's faults."""
+        """While the hand touches the volume, calls `how`, which stops the server or pauses it. Returns the run's
+        faults."""
         summary = self.on_time()
         how()
         begin = time.monotonic()
@@ -154,7 +155,7 @@ class Ended:
         self.running.wait(timeout=PATIENCE)
         return json.loads(summary.read_text())["faults"]
 
-    def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
+    def test_killing_the_server_cuts_the_force_and_reports_that_the_volume_is_gone(self):
         self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), told_within=4), {"volume": 1})
 
     def test_a_server_that_stops_answering_cuts_the_force(self):
@@ -175,7 +176,7 @@ class Ended:
             self.said += line
             if words in line:
                 return
-        self.fail(f"it ended without \"{words}\"")
+        self.fail(f"palpate feel ended without the message \"{words}\"")
 
     def test_a_server_that_pauses_for_a_second_does_not_cut_the_force(self):
         def hesitate():

@@ -18,7 +18,7 @@ inline BuiltScene built(const nlohmann::json& scene, const std::filesystem::path
   return buildScene(parseScene(scene.dump(), "scene.json", folder), nullptr, cache);
 }
 
-/// Returns the error of a scene that is refused; "taken" if it is built.
+/// Builds a scene. Returns the message of the Error that this throws; "taken" if it throws none.
 inline std::string refusal(const nlohmann::json& scene, const std::filesystem::path& folder) {
   try {
     (void)built(scene, folder);

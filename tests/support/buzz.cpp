@@ -19,7 +19,7 @@ namespace {
 constexpr double kRate = 1.0 / kMotionTick;  // [Hz]
 constexpr double kStrength = 3.0;            // [N]
 constexpr double kDepth = 2e-3;              // [m]
-// depth of the grip's target below the path, for an arm [m]
+// how much deeper the path is for BuzzHand::kHeld [m]
 constexpr double kDeeper = 1e-3;
 constexpr double kFollows = 5.0;       // fastest change that a hand follows [Hz]
 constexpr double kSeconds = 5.0;       // duration of a slice [s]
@@ -31,7 +31,7 @@ constexpr double kTurning = 0.08;      // radius that converts speed to angular 
 
 using Path = std::vector<Vec3>;
 
-/// Low-passes values forwards and then backwards, which causes no delay.
+/// Low-passes values forwards and then backwards, both twice, which causes no delay.
 void lowPass(std::vector<double>& values) {
   const double share = 1.0 - std::exp(-2.0 * std::numbers::pi * kFollows / kRate);
   const auto pass = [&](auto begin, auto end) {
@@ -109,8 +109,8 @@ Buzz buzzOf(const std::vector<Vec3>& forces) {
   return {mean / static_cast<double>(forces.size() - kSettled), powerAbove(forces, 100.0, kRate)};
 }
 
-/// Returns the penalty force: k times the depth, along the gradient. Reads value and gradient at
-/// the hand.
+/// Returns the penalty force: k times the depth, at most 3 N, along the gradient. Reads value and
+/// gradient at the hand. The depth is at most 6 mm.
 Force penalty(const std::shared_ptr<const ScalarField>& field, double level, double sign,
               bool polynomial) {
   constexpr double kDeepest = 6e-3;  // [m]
@@ -139,7 +139,7 @@ class SteppedEngine {
   Vec3 force(const Vec3& probe) {
     const Ticked r = tick_(probe);
     constexpr double kMuch = 4.0;    // proxy's path divided by the hand's
-    constexpr double kAtAll = 5e-5;  // smallest path of the proxy that counts [m]
+    constexpr double kAtAll = 5e-5;  // excess path of the proxy that does not count [m]
     const double way = (r.proxy - proxy_).norm();
     const bool settled = ticks_++ > kSettled;
     if (settled && way > kMuch * (probe - probe_).norm() + kAtAll) ++clicks_;

@@ -1,6 +1,6 @@
-/// Measures the vibration of the force on a hand that slides along the skin of a scan. The hand's
-/// path has no frequencies above 100 Hz, so force above 100 Hz comes from the data or the method.
-/// Compares penalty forces with the engine's forces.
+/// Measures the vibration of the force on a hand that slides along the skin of a scan. The path is
+/// low-passed far below 100 Hz, so force above 100 Hz comes from the data, the method or the
+/// encoder steps. Compares penalty forces with the engine's forces.
 #pragma once
 
 #include <memory>
@@ -42,8 +42,9 @@ struct Buzz {
 
 /// Measurements of all methods in one slice.
 struct Buzzes {
-  /// Number of ticks in which the engine's proxy moved more than 50 um and 4 times the hand's path,
-  /// as when it leaves a groove. Such clicks add power above 100 Hz.
+  /// Number of ticks in which the engine's proxy moved more than 50 um plus 4 times the hand's
+  /// path, as when it leaves a groove. The first 501 ticks do not count. Clicks add power above 100
+  /// Hz.
   int clicks = 0;
   /// Penalty force along the gradient of the cell's polynomial, which jumps at faces of cells.
   Buzz polynomial;
@@ -64,8 +65,8 @@ struct SkinWay {
 };
 
 /// Moves a hand around the z axis through the centre of the data, for 5 s in each slice. The path
-/// is 2 mm below the skin. Its radius is low-passed at 5 Hz, because hands do not move faster. The
-/// stiffness is 500 N/m, the strength 3 N, and the rate 1 kHz.
+/// is 2 mm below the skin (3 mm for kHeld). Its radius is low-passed at 5 Hz, because hands do not
+/// move faster. The stiffness is 500 N/m, the strength 3 N, and the rate 1 kHz.
 [[nodiscard]] std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field,
                                            const SkinWay& way);
 

@@ -1,4 +1,4 @@
-"""Writes CGNS files with VTK's HDF5 library."""
+"""Writes CGNS files with the library hdf5_serial."""
 import ctypes
 import ctypes.util
 import struct

@@ -1,5 +1,5 @@
 /// Runs sites that only publish hands: palpate_comers DOMAIN SECONDS [FIRST COUNT]. Without FIRST
-/// and COUNT, seven sites join and leave as fast as possible. With them, COUNT sites stay. Their
+/// and COUNT, seven sites join and leave every 10 ms. With them, COUNT sites stay. Their
 /// names are Z and a number, from FIRST on. If the machine paused the program so long that its
 /// sites could count as silent, the program reports this on stderr.
 #include <chrono>

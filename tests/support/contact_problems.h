@@ -11,14 +11,16 @@
 
 namespace palpate::bench {
 
-/// Results of many runs. A held tick is a tick in which the surface holds the hand with a force.
+/// Results of many runs. A held tick is a tick with a force above 1 uN.
 struct ContactResult {
   long runs = 0;
-  long held = 0;       ///< Number of held ticks.
-  long capped = 0;     ///< Number of held ticks that reached the limit of readings.
-  long readings = 0;   ///< Number of readings in all held ticks.
-  long cells = 0;      ///< Number of cells that the paths crossed in all held ticks.
-  long converged = 0;  ///< Number of the other held ticks, without those whose surface yielded.
+  long held = 0;      ///< Number of held ticks.
+  long capped = 0;    ///< Number of held ticks that reached the limit of readings.
+  long readings = 0;  ///< Number of readings in all held ticks.
+  long cells = 0;     ///< Number of cells that the paths crossed in all held ticks.
+  /// Number of held ticks that did not reach the limit of readings and whose force is below 0.999
+  /// times the strength. A larger force counts as that of a surface that yields.
+  long converged = 0;
   /// Number of converged ticks whose proxy is farther from the interpolated surface than the
   /// tolerance.
   long off = 0;
@@ -60,8 +62,8 @@ struct ContactRuns {
 /// The hand moves in at 0.02 to 2 m/s. It then moves back and forth along the bottom line and
 /// across it, 1 to 4 voxels below that line.
 ContactResult feelGrooves(double opening, const ContactRuns& runs);
-/// Runs a hand that wanders below a ball's surface at 0.1 to 0.6 voxel per tick. Its depth is at
-/// most 4 voxels and at most 0.6 times the radius. The strength is 1000 N.
+/// Runs a hand that wanders below a ball's surface at 0.1 to 0.6 voxel per tick. Its target depth
+/// is at most 4 voxels and at most 0.6 times the radius. The strength is 1000 N.
 ContactResult feelBalls(double radius, const ContactRuns& runs);
 /// Like feelBalls(), for a cube of 24 voxels, from outside or, if `hollow`, from inside.
 ContactResult feelCubes(bool hollow, const ContactRuns& runs);

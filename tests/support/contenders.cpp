@@ -18,8 +18,7 @@ namespace {
 
 using methods::Balance;
 
-/// Returns a number as a digit and a power of ten, such as "2e-3". Requires a number of one
-/// significant digit.
+/// Returns a number as a digit and a power of ten, such as "2e-3". Rounds to one significant digit.
 std::string word(double number) {
   const int exponent = static_cast<int>(std::floor(std::log10(number) + 1e-9));
   char text[32];

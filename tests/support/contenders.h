@@ -20,9 +20,10 @@ struct Answer {
 
 /// A method at one setting.
 struct Contender {
-  std::string method;   ///< Name of the method in charts.
-  std::string setting;  ///< Tolerance, or the step of the fixed-step method, such as "1e-3". Empty:
-                        ///< none.
+  std::string method;  ///< Name of the method in charts.
+  /// Tolerance, or the step of the fixed-step method, such as "1e-3". For the paper's solver, a
+  /// word on how its step shrinks can follow. Empty: none.
+  std::string setting;
   /// Solves a problem. The primitives are a fresh copy of the problem's, as in a tick.
   std::function<Answer(const BalanceProblem&, std::span<const Primitive>)> solve;
   /// Discards the warm start. Call this before a balance that does not continue the previous one.

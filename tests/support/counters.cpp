@@ -17,7 +17,7 @@ namespace {
 
 thread_local bool counting = false;
 thread_local palpate::test::Counts total;
-// For FailScope: number of allocations of all threads, and number of the one that fails.
+// For FailScope: number of large allocations of all threads, and number of the one that fails.
 std::atomic<bool> failing{false};
 std::atomic<long> allocated{0};
 std::atomic<long> fails{0};
@@ -57,8 +57,8 @@ const int kHooked = __sanitizer_install_malloc_and_free_hooks(onAllocated, onFre
 extern "C" {
 
 #if !PALPATE_SANITIZED
-// glibc's allocator by its other name. This file replaces malloc, to count its calls, including
-// those by operator new.
+// glibc's second names of its allocation functions. This file replaces the first ones, to count
+// their calls, including those by operator new.
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
 void* __libc_realloc(void*, std::size_t);

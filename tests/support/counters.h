@@ -9,9 +9,10 @@ namespace palpate::test {
 struct Counts {
   long allocations = 0;  ///< Calls of malloc, calloc, realloc and aligned_alloc, including those
                          ///< by operator new.
-  /// Pthread mutexes and read-write locks taken (not counted under a sanitizer).
+  /// Calls that lock or try to lock a pthread mutex, or that lock a pthread read-write lock (not
+  /// counted under a sanitizer).
   long locks = 0;
-  long exceptions = 0;  ///< throw expressions.
+  long exceptions = 0;  ///< Exceptions thrown, without rethrows.
 };
 
 /// Counts operations of this thread while this object lives. Only one scope may exist at a time.

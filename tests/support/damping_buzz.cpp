@@ -13,7 +13,7 @@ namespace palpate::bench {
 double buzzOf(const DampedPress& press) {
   constexpr double kSeconds = 4.0;
   constexpr double kHeard = 100.0;  // lower limit of the measured frequencies [Hz]
-  // depth of the hand's target [m]
+  // mean depth of the hand's target [m]
   constexpr double kDeep = 6e-3;
   constexpr double kWay = 10e-3 / (2.0 * std::numbers::pi);
   constexpr double kTremor = 1e-4;

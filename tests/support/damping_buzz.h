@@ -15,8 +15,8 @@ struct DampedPress {
 
 /// Returns the RMS force above 100 Hz [N]. For 4 s a grip (GripParams' defaults) pulls the hand to
 /// a target 6 mm deep in a wall of 500 N/m. The target moves in and out at up to 10 mm/s, and has a
-/// tremor of 0.1 mm at 9 Hz. The arm is SimulatedDevice's without Coulomb friction, which would
-/// hide the encoder steps.
+/// tremor of 0.1 mm at 9 Hz. The arm is SimulatedDevice's without an energy tank and without
+/// Coulomb friction, which would hide the encoder steps. The first 500 ticks do not count.
 [[nodiscard]] double buzzOf(const DampedPress& press);
 
 }  // namespace palpate::bench

@@ -21,6 +21,7 @@ namespace palpate::test {
 /// Between voxels, values are trilinear.
 class FineHead {
  public:
+  /// Throws std::runtime_error if a slice's file is missing or short.
   /// @param data   Folder PALPATE_DATA.
   /// @param voxel  Edge of the fine voxels [mm]; 0.3 gives 209 million voxels.
   FineHead(const std::filesystem::path& data, double voxel) : voxel_(voxel) {
@@ -67,13 +68,14 @@ class FineHead {
     const float high = row(0, 1) + t[1] * (row(1, 1) - row(0, 1));
     return low + t[2] * (high - low);
   }
-  /// Returns the distance from the centre to the outermost skin along a unit vector [mm].
+  /// Returns the distance from the centre to the outermost skin along a unit vector [mm]. Searches
+  /// inwards from 120 mm in steps of 0.2 mm.
   [[nodiscard]] double skin(const Vec3& direction) const {
     double r = 120.0;
     while (r > 1.0 && at(centre() + r * direction) < 500.0F) r -= 0.2;
     return r;
   }
-  /// Returns the fine volume as input of a brick writer. This object must outlive it.
+  /// Returns the fine volume as input of a brick writer. This object must outlive the input.
   [[nodiscard]] BrickInput input() const {
     BrickInput out;
     out.name = "density";

@@ -34,7 +34,7 @@ struct Header {
   _exit(125);
 }
 
-/// Reads exactly `count` bytes. Returns false at the end of the requests.
+/// Reads exactly `count` bytes. Returns false at the end of the requests or after an error.
 bool readAll(int socket, void* to, std::size_t count) {
   auto* at = static_cast<char*>(to);
   while (count > 0) {

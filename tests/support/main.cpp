@@ -26,7 +26,7 @@ class BusyNeighbours {
     const long cores = sysconf(_SC_NPROCESSORS_ONLN);
     for (long core = 0; core < cores; ++core) {
       const pid_t child = fork();
-      if (child < 0) throw std::runtime_error("no neighbour can be made: end other programs");
+      if (child < 0) throw std::runtime_error("fork() of a neighbour failed: end other programs");
       if (child != 0) {
         children_.push_back(child);
         continue;
@@ -56,7 +56,7 @@ class BusyNeighbours {
 using Listener = Catch::TestEventListenerBase;
 
 /// Runs [host] tests, which depend on the scheduler, while every core is busy. Prints a line for
-/// each test: result, seconds, name; for random tests also the number of cases.
+/// each test: result, seconds, name. After a random test, prints a line with the number of cases.
 struct Surroundings : Listener {
   using Listener::Listener;
 

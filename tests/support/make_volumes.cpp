@@ -1,4 +1,4 @@
-/// Writes the volumes of cli_test.py into a folder: palpate_make_volumes FOLDER.
+/// Writes the volumes of writeTestVolumes() into a folder: palpate_make_volumes FOLDER.
 #include "tests/support/vdb_files.h"
 
 int main(int argc, char** argv) {

@@ -181,8 +181,8 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
     return hollow ? -distance : distance;
   };
   motion.field = scalarGrid(turned ? 66 : 65, motion.distance);
-  // A quarter of the path, in the plane of two axes. The other quarters are copies, rotated by 90,
-  // 180 and 270 degrees.
+  // A quarter of the path, relative to the cube's centre and axes. The other quarters are copies,
+  // rotated by 90, 180 and 270 degrees about the third axis.
   std::vector<Vec3> quarter;
   if (hollow) {
     // The hand slides along the wall into the edge, then along the edge into the corner and back.
@@ -594,7 +594,7 @@ std::function<Vec3(int, int, int)> taylorGreen(int wavelength) {
 std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
                                   double length, std::size_t count, double pull,
                                   const std::string& interpolation) {
-  // Relative speed below which a Taylor-Green flow turns too sharply.
+  // Smallest speed at the start of a stream. Slower parts of a Taylor-Green flow turn too sharply.
   constexpr double kSlow = 0.35;
   test::Random random(7);
   std::vector<Stream> streams;

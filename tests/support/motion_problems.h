@@ -82,10 +82,11 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow = false);
 
 /// Results of a run over a surface.
 struct MotionResult {
-  /// Largest distance from the interpolated surface while the proxy is held.
+  /// Largest distance from the interpolated surface in ticks with a force above 1 uN.
   double off_max = 0.0;
   double off_rms = 0.0;
-  double true_max = 0.0;  ///< Largest distance from the true surface while the proxy is held.
+  /// Largest distance from the true surface in ticks with a force above 1 uN.
+  double true_max = 0.0;
   /// Mean signed distance from the true surface at the end minus that at the start. Each mean is
   /// over a tenth of the run, but at least one lap.
   double drift = 0.0;
@@ -209,7 +210,8 @@ struct Shell {
 Shell makeShell(const std::string& kind, double thickness, double level = 0.5);
 
 struct ShellResult {
-  long crossed = 0;  ///< Number of presses that end with the proxy beyond the shell's middle.
+  /// Number of presses that end with the proxy more than 0.05 voxel beyond the shell's middle.
+  long crossed = 0;
   /// Number of presses with a tick in which the proxy was not outside of the solid: the surface
   /// yielded or missed the contact.
   long yielded = 0;

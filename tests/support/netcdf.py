@@ -1,4 +1,4 @@
-"""Writes netCDF files with VTK's library."""
+"""Writes netCDF files with the library netcdf."""
 import ctypes
 import ctypes.util
 
@@ -10,7 +10,7 @@ CLASSIC, NETCDF4 = 0, 0x1000
 
 def write(path, dimensions, variables, title="", form=CLASSIC, packed=False, attributes=None):
     """Writes a file. `dimensions` is {name: length}, `variables` is {name: (type, dimensions, attributes, values)},
-    `attributes` are those of the file."""
+    `attributes` are those of the file. If `packed` is true, variables of three or more dimensions are compressed."""
     library = ctypes.CDLL(ctypes.util.find_library("netcdf"))
 
     def call(name, *words):

@@ -379,7 +379,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     if (tank.energy() > 0.0) {
       result.spare = std::min(result.spare, energy + tank.debt() - tank.energy());
     }
-    // Without uncertainty, draws no random number, so that the others stay the same.
+    // Without uncertainty, draws no random number, so that the other random numbers stay the same.
     double off = 0.0;
     if (run.doubt > 0.0) {
       off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);

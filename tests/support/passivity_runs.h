@@ -14,10 +14,11 @@ enum class ActiveScene : std::uint8_t {
   kWall,  ///< A wall with damping. Sampling and delay make it create energy if it is too stiff.
   /// A force that depends on the position and is not a gradient field.
   kWaves,
-  kUndamped,   ///< A wall, and everywhere a force along the low-passed velocity.
+  /// A wall, and everywhere a force along the low-passed velocity normal to the wall.
+  kUndamped,
   kNoise,      ///< A force that is random in position and time.
   kMoving,     ///< A moving wall.
-  kSticky,     ///< A wall whose force is 1.5 times larger while the hand moves out.
+  kSticky,     ///< A wall whose force is 1.5 times as large while the hand moves out.
   kAppearing,  ///< A wall that appears suddenly.
   kWhirl,      ///< A force that circulates about an axis.
 };
@@ -32,7 +33,7 @@ struct PassivityRun {
   double coulomb = 0.02;  ///< True Coulomb friction [N].
   double encoder = 1e-5;  ///< Encoder step along each of three axes [m].
   double period = 1e-3;   ///< [s]
-  /// The time between two ticks is (1 - jitter) to 1 times the period, except after late ticks.
+  /// The time between two ticks is (1 - jitter) to 1 times the period, except for `late` ticks.
   double jitter = 0.0;
   /// Probability in each tick that an interruption begins, such as an open switch, a scene's end or
   /// a fault. The tank is reset in each of its ticks, and in the tick after it.
@@ -106,8 +107,8 @@ struct PassivityResult {
 /// Sums over many runs.
 struct PassivityTally {
   long runs = 0;
-  long active = 0;      ///< Number of runs in which energy beyond rounding came out.
-  long large = 0;       ///< Number of runs in which more than 1 mJ came out.
+  long active = 0;      ///< Number of runs in which the hand gained energy beyond rounding.
+  long large = 0;       ///< Number of runs in which the hand gained more than 1 mJ.
   long broken = 0;      ///< Number of runs in which the tank broke its guarantee.
   long indebted = 0;    ///< Number of runs in which the tank went into debt.
   double worst = 0.0;   ///< Lowest energy [J].

@@ -32,8 +32,9 @@ namespace palpate::bench {
          static_cast<double>(samples.size() - 2 * static_cast<std::size_t>(skip));
 }
 
-/// Returns the time per call. `timed` returns the time of 500 calls. Takes middleHalf() of these
-/// batches, so batches that another program delayed do not count.
+/// Returns the time per call. `timed` returns the time of a batch of 500 calls. Takes middleHalf()
+/// of the batches, so a few batches that another program delayed do not count. Leaves out a last,
+/// shorter batch. Returns NaN for fewer than 500 calls.
 template <class T, class Timed>
 [[nodiscard]] double middleOfBatches(std::span<const T> calls, Timed timed) {
   constexpr std::size_t kBatch = 500;

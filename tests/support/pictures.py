@@ -34,7 +34,7 @@ def lzw(data):
 
 
 def packbits(data):
-    """Compresses bytes as runs of equal bytes, and of single bytes."""
+    """Compresses bytes as PackBits: runs of up to 128 equal bytes, and single bytes."""
     out = b""
     at = 0
     while at < len(data):

@@ -16,7 +16,7 @@
 namespace palpate::test {
 
 /// Properties of a device. Its two layouts are those of real firmware: OpenFFBoard (commands as a
-/// bitmap, +-32767) and VPforce (reports 101 to 113, +-4096, command 1 disables, 2 enables).
+/// bitmap, +-32767) and VPforce (output reports 101 to 113, +-4096, command 1 disables, 2 enables).
 struct PidShape {
   bool rhino = false;  ///< True: VPforce's layout; false: OpenFFBoard's.
   int axes = 2;        ///< 1 to 3.
@@ -30,7 +30,8 @@ struct PidShape {
   int load_refused = 0;    ///< Number of load requests that the device refuses.
   /// Number of answers that repeat the previous effect's index.
   int load_stale = 0;
-  int at_once = 16;      ///< Number of effects that can play at once.
+  /// Number of effects that can play at once, as the device reports it. The model plays more.
+  int at_once = 16;
   double longest = 1e9;  ///< Longest time that an effect plays [s].
   int wakes_with = 0;    ///< Initial magnitude of a new effect.
   /// After a stop of all effects, the device must be enabled again.
@@ -150,7 +151,7 @@ class PidModel {
   void setSafety(bool on) { safety_ = on; }
   void setActive(bool on) { active_ = on; }
   [[nodiscard]] bool active() const { return active_; }
-  /// Number of reports that the device could not interpret.
+  /// Number of errors in reports: unknown report numbers, wrong effect indices, unexpected values.
   [[nodiscard]] long strange() const { return strange_; }
   [[nodiscard]] long outputs() const { return outputs_; }  ///< Number of output reports so far.
   [[nodiscard]] long starts() const { return starts_; }
@@ -167,7 +168,7 @@ class PidModel {
       return e.used && plays(e, now);
     }));
   }
-  /// Returns the raw durations of all effects so far.
+  /// Returns the raw durations of all Set Effect reports so far.
   [[nodiscard]] const std::vector<std::int64_t>& durations() const { return durations_; }
   /// Returns the report number of a name such as "control".
   [[nodiscard]] int id(const char* name) const { return ids_.at(name); }
@@ -277,7 +278,7 @@ class PidModel {
     }
   }
 
-  // The functions below write the descriptor.
+  // The functions from here to describe() write the descriptor.
   void item(int tag, std::int64_t value) {
     int length = 4;
     if (value >= -128 && value <= 127) {
@@ -342,7 +343,7 @@ class PidModel {
     named("input.buttons", 32);
     fields(1, 32, 2);
     page(1);
-    usage(0x33);  // unused
+    usage(0x33);  // an axis that input() leaves at zero
     range(shape_.rhino ? -4096 : -32767, full());
     fields(16, 1, 2);
     for (int a = 0; a < shape_.axes; ++a) {

@@ -39,8 +39,8 @@ inline Placement slanted() {
   return placement;
 }
 
-/// Returns a property derived from a vector and its Jacobian. For scalars, only the first component
-/// counts. Returns zero for kGradient, which needs a scalar.
+/// Returns a property derived from a vector and its Jacobian. A scalar property is the first
+/// component. Returns zero for kGradient, which needs a scalar field.
 inline Vec3 onTheFly(Derivation what, const VectorSample& s) {
   switch (what) {
     case Derivation::kMagnitude:

@@ -20,7 +20,7 @@ struct BalanceProblem {
 /// Families of problems. The last eight are adversarial.
 enum class Family {
   kRandom,        ///< All kinds, anchors in a cube of 4 mm, strengths up to 3 N.
-  kOnePoint,      ///< All anchored at the start, as modes do.
+  kOnePoint,      ///< All anchored at the start, as many modes place them.
   kNearParallel,  ///< Anchored at one point, directions within about 1e-2 rad of one axis.
   kSlot,          ///< Planes that face each other at a distance of 0 or 1 um.
   /// Anchored at one point, directions of one orthonormal frame: up to three planes, or a line and
@@ -52,7 +52,8 @@ inline constexpr std::array<Family, 15> kFamilies = {
 /// kEdge, and at least three for kCorner.
 [[nodiscard]] BalanceProblem makeProblem(Family family, int count, test::Random& random);
 
-/// Returns two planes whose smallest |f_res| is near (3.07, -6.44, 0) mm and not at their balance.
+/// Returns two planes whose balance is not where the net force f_res is smallest: near
+/// (3.07, -6.44, 0) mm.
 [[nodiscard]] BalanceProblem makeMisledPair();
 
 /// Returns the sum of strengths divided by the stiffness: the largest possible distance from probe

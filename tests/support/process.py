@@ -42,7 +42,7 @@ class Server:
         return struct.unpack("i", self.socket.recv(4, socket.MSG_WAITALL))[0]
 
     def start(self, words, environment, folder, streams):
-        """Starts a process. Returns its id. The next number that the server sends is the exit status."""
+        """Starts a process. Returns its id. The next number that the server sends is the process's wait status."""
         strings = [folder, *words, *(name + b"=" + value for name, value in environment.items())]
         text = b"".join(string + b"\0" for string in strings)
         rights = array.array("i", streams)

@@ -14,7 +14,8 @@
 
 namespace palpate::test {
 
-/// The numbers of a test's request for random cases with the largest usual number.
+/// The number of cases, and the usual number, of the call of cases() with the largest usual number
+/// since the test began.
 struct AskedCases {
   long run = 0;
   long usual = 0;

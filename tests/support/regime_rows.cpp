@@ -100,13 +100,14 @@ Regime weakConstraints() {
     return proxy.norm() / 1e-3;
   };
   return {"constraints of 1 mN, 60 to 1 degrees apart, the hand 5 mm off",
-          {{"constraint approach", "force of two, the most at the angle that gives least [N]",
+          {{"constraint approach", "largest force of two, at the angle where it is smallest [N]",
             spurious, 1.0},
-           {"constraint approach", "2 in parallel: error after 10 ticks, of the first", grown(2),
-            0.999},
-           {"constraint approach", "3 in parallel: the same", grown(3), 1000.0}},
-          {{"palpate", "force over the sum of strengths", ours, 1.0 + 1e-6},
-           {"palpate", "off the reference, over the same", off, 1e-5}}};
+           {"constraint approach", "2 in parallel: error after 10 ticks, divided by the first",
+            grown(2), 0.999},
+           {"constraint approach", "3 in parallel: error after 10 ticks, divided by the first",
+            grown(3), 1000.0}},
+          {{"palpate", "largest force, divided by the sum of strengths", ours, 1.0 + 1e-6},
+           {"palpate", "largest force error, divided by the sum of strengths", off, 1e-5}}};
 }
 
 Regime acuteWalls() {
@@ -171,14 +172,16 @@ Regime acuteWalls() {
       keepMost(unlike, (answer.balance.offset - reference.offset).norm());
     }
   }
-  return {"planes 1 to 30 degrees apart, a slot, a corner, a hand at rest",
-          {{"constraint approach", "off the balance [m]", constraint.off, 1e-3},
-           {"Euler, fixed step", "chatter [m]", fixed.chatter, 1e-6},
-           {kPaper, "off the balance [m]", paper.off, 1e-6},
-           {"smallest residual", "eight planes: off the balance [m]", misled, 5e-4}},
-          {{"palpate", "chatter [m]", ours.chatter, 1e-6},
-           {"palpate", "error beyond what it certifies [m]", ours.beyond, 0.0},
-           {"palpate", "eight planes from any start: off the balance [m]", unlike, 1e-6}}};
+  return {
+      "planes 1 to 30 degrees apart, a slot, a corner, a hand at rest",
+      {{"constraint approach", "largest distance from the balance [m]", constraint.off, 1e-3},
+       {"Euler, fixed step", "chatter [m]", fixed.chatter, 1e-6},
+       {kPaper, "largest distance from the balance [m]", paper.off, 1e-6},
+       {"smallest residual", "eight planes: largest distance from the balance [m]", misled, 5e-4}},
+      {{"palpate", "chatter [m]", ours.chatter, 1e-6},
+       {"palpate", "largest excess of the error over the error bound [m]", ours.beyond, 0.0},
+       {"palpate", "eight planes, random starts: largest distance from the balance [m]", unlike,
+        1e-6}}};
 }
 
 Regime extremeSprings() {
@@ -217,13 +220,14 @@ Regime extremeSprings() {
   }
   std::nth_element(simplex.begin(), simplex.begin() + static_cast<long>(simplex.size() / 2),
                    simplex.end());
-  return {"s/k from 1e-6 to 1 m, k from 1 to 1e5 N/m",
-          {{"Euler, fixed step", "evaluations, the most", static_cast<double>(fixed), 20000.0},
-           {"Nelder-Mead", "evaluations, median", static_cast<double>(simplex[simplex.size() / 2]),
-            150.0}},
-          {{"palpate", "solves, the most", static_cast<double>(ours), 60.0},
-           {"palpate", "certified to [S/k]", uncertain, 1e-6},
-           {"palpate", "off the reference [S/k]", off, 1e-6}}};
+  return {
+      "s/k from 1e-6 to 1 m, k from 1 to 1e5 N/m",
+      {{"Euler, fixed step", "largest number of evaluations", static_cast<double>(fixed), 20000.0},
+       {"Nelder-Mead", "median number of evaluations",
+        static_cast<double>(simplex[simplex.size() / 2]), 150.0}},
+      {{"palpate", "largest number of iterations", static_cast<double>(ours), 60.0},
+       {"palpate", "largest error bound [S/k]", uncertain, 1e-6},
+       {"palpate", "largest distance from the reference [S/k]", off, 1e-6}}};
 }
 
 Regime strikesAndJumps() {
@@ -271,14 +275,16 @@ Regime strikesAndJumps() {
       sent_before = r.force;
     }
   }
-  return {"2 m/s on a shell of 1.5 voxels; positions lost for 10 to 100 ms",
-          {{"contact checked only where ticks end", "strikes that go through, of 1,000",
-            static_cast<double>(missed), 100.0},
-           {"this engine without its limiter", "force in one tick after the gap [N]", spring, 5.0}},
-          {{"palpate", "strikes that go through, of 1,000",
-            static_cast<double>(pressed.crossed + pressed.yielded), 0.0},
-           {"palpate", "force in one tick after the gap [N]", sent, kSlew * kTick * (1 + 1e-9)},
-           {"palpate", "force, the most [N]", most, kPeak * (1 + 1e-9)}}};
+  return {
+      "2 m/s on a shell of 1.5 voxels; positions lost for 10 to 100 ms",
+      {{"contact checked only where ticks end", "strikes that go through, of 1,000",
+        static_cast<double>(missed), 100.0},
+       {"this engine without its limiter", "largest change of the force in a tick [N]", spring,
+        5.0}},
+      {{"palpate", "strikes that go through or yield, of 1,000",
+        static_cast<double>(pressed.crossed + pressed.yielded), 0.0},
+       {"palpate", "largest change of the force in a tick [N]", sent, kSlew * kTick * (1 + 1e-9)},
+       {"palpate", "largest force [N]", most, kPeak * (1 + 1e-9)}}};
 }
 
 Regime steepAndNoisy() {
@@ -342,13 +348,14 @@ Regime steepAndNoisy() {
     hand += 4e-4 * random.inCube(1.0) - 1e-3 * (hand - about);
     keepMost(injected, hapticStep(*scene, reader, {hand}, state, kTick).injected);
   }
-  return {"values steep on one side, with noise; a wall; any directions",
-          {{"force function, polynomial", "buzz above 100 Hz, over the force", loud, 0.02},
+  return {"values steep on one side, with noise; a wall; random directions",
+          {{"force function, polynomial", "RMS force above 100 Hz, divided by the mean force", loud,
+            0.02},
            {"force function", "swing of a hand at a wall [m]", swing("force function"), 1e-4},
-           {"constraint approach", "energy made in a tick [J]", made, 1e-3}},
-          {{"palpate", "buzz above 100 Hz, over the force", quiet, 1e-2},
+           {"constraint approach", "largest energy that a tick creates [J]", made, 1e-3}},
+          {{"palpate", "RMS force above 100 Hz, divided by the mean force", quiet, 1e-2},
            {"palpate", "swing of a hand at a wall [m]", swing(kOurs), 2.5e-5},
-           {"palpate", "energy made in a tick, anchored modes [J]", injected, 1e-12}}};
+           {"palpate", "anchored modes: largest energy that a tick creates [J]", injected, 1e-12}}};
 }
 
 Regime stiffAndLate() {
@@ -379,15 +386,17 @@ Regime stiffAndLate() {
     return static_cast<double>(count) / static_cast<double>(kRuns);
   };
   return {
-      "a coupling at 1.3 of the boundary; delays to 5 ms, encoders of 1 to 100 um",
-      {{"all methods, this engine's balance among them",
+      "1.3 times the largest stable stiffness; delays to 5 ms, encoder steps of 1 to 100 um",
+      {{"all methods, including this engine's balance",
         "methods that oscillate at a wall, of seven", static_cast<double>(swinging), 7.0},
-       {"no passivity controller", "runs that give the hand energy", share(nobody.active), 0.25},
-       {"no passivity controller", "the most [J]", -nobody.worst, 1e-3},
-       {"observer and controller", "runs that give the hand energy", share(observer.active), 0.25},
-       {"observer and controller", "the most [J]", -observer.worst, 1e-3}},
-      {{"palpate", "runs that give the hand energy", share(tank.broken), 0.0},
-       {"palpate", "debts [J]", tank.debt, 0.0}}};
+       {"no passivity controller", "share of runs that give the hand energy", share(nobody.active),
+        0.25},
+       {"no passivity controller", "largest energy that a hand gains [J]", -nobody.worst, 1e-3},
+       {"observer and controller", "share of runs that give the hand energy",
+        share(observer.active), 0.25},
+       {"observer and controller", "largest energy that a hand gains [J]", -observer.worst, 1e-3}},
+      {{"palpate", "share of runs in which the tank breaks its guarantee", share(tank.broken), 0.0},
+       {"palpate", "largest debt of the tank [J]", tank.debt, 0.0}}};
 }
 
 Regime scenesThatChange() {
@@ -419,7 +428,7 @@ Regime scenesThatChange() {
 
   // A ball moves over a resting hand at 0.2 m/s.
   constexpr double kSpeed = 0.2;  // [m/s]
-  constexpr double kFrom = 0.01;  // [m]; distance from the hand at the start
+  constexpr double kFrom = 0.01;  // [m]; distance of the ball's surface from the hand at the start
   constexpr double kDeep = 4e-3;
   const Vec3 still(0, 0, kRadius + kFrom);
   const double seconds = (kFrom + kDeep) / kSpeed;
@@ -460,11 +469,11 @@ Regime scenesThatChange() {
            {"this engine, with a new scene every tick",
             "share of ticks behind the wall without a force",
             static_cast<double>(lost) / static_cast<double>(ticks), 0.9}},
-          {{"palpate", "force in the second after the swap [N]", jolt, 0.1},
+          {{"palpate", "largest force before and after the ball appears [N]", jolt, 0.1},
            {"palpate", "share of ticks behind the wall without a force",
             static_cast<double>(left) / static_cast<double>(ticks), 0.0},
-           {"palpate", "distance of the proxy from the moving surface [voxels]", off, 0.01},
-           {"palpate", "energy of the spring that is not counted [J]", uncounted, 1e-12}}};
+           {"palpate", "largest distance of the proxy from the moving surface [voxels]", off, 0.01},
+           {"palpate", "largest energy of the spring that is not counted [J]", uncounted, 1e-12}}};
 }
 
 Regime brokenDevices() {
@@ -520,15 +529,16 @@ Regime brokenDevices() {
     keepMost(steepest, (device.sent.norm() - sent.norm()) / (kSlew * time.dt));
     sent = device.sent;
   }
-  return {"positions not finite, jumping, old or late; arm unplugged; 400,000 ticks",
-          {{"penalty force, no limiter", "forces that are not finite or exceed the peak",
-            static_cast<double>(bad_old), 10.0},
-           {"penalty force, no limiter", "the largest [N]", worst_old, 1.5 * kPeak}},
-          {{"palpate", "forces that are not finite", static_cast<double>(bad), 0.0},
-           {"palpate", "the largest [N]", most, kPeak * (1 + 1e-9)},
-           {"palpate", "growth of the force divided by the slew limit", steepest, 1.0 + 1e-9},
-           {"palpate", "share of ticks with the force cut while the hand is deep",
-            static_cast<double>(mute) / static_cast<double>(deep), 0.1}}};
+  return {
+      "positions not finite, jumping, old or late; arm unplugged; 400,000 ticks",
+      {{"penalty force, no limiter", "number of forces that are not finite or exceed the peak",
+        static_cast<double>(bad_old), 10.0},
+       {"penalty force, no limiter", "largest force [N]", worst_old, 1.5 * kPeak}},
+      {{"palpate", "number of forces that are not finite", static_cast<double>(bad), 0.0},
+       {"palpate", "largest force [N]", most, kPeak * (1 + 1e-9)},
+       {"palpate", "largest growth of the force, divided by the slew limit", steepest, 1.0 + 1e-9},
+       {"palpate", "share of ticks with the force cut while the hand is deep",
+        static_cast<double>(mute) / static_cast<double>(deep), 0.1}}};
 }
 
 std::vector<Regime> allRegimes() {

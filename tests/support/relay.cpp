@@ -66,10 +66,10 @@ void leaveNetworks() {
   const std::string user = "0 " + std::to_string(getuid()) + " 1";
   const std::string group = "0 " + std::to_string(getgid()) + " 1";
   if (getuid() == 0) {
-    if (unshare(CLONE_NEWNET | CLONE_NEWPID) != 0) fail("a network of its own");
+    if (unshare(CLONE_NEWNET | CLONE_NEWPID) != 0) fail("cannot create namespaces");
     return;
   }
-  if (unshare(CLONE_NEWUSER | CLONE_NEWNET | CLONE_NEWPID) != 0) fail("a network of its own");
+  if (unshare(CLONE_NEWUSER | CLONE_NEWNET | CLONE_NEWPID) != 0) fail("cannot create namespaces");
   write("/proc/self/setgroups", "deny");
   write("/proc/self/uid_map", user);
   write("/proc/self/gid_map", group);
@@ -86,9 +86,9 @@ int makeTun(const std::string& address) {
   ifreq of{};
   std::strncpy(of.ifr_name, "way", IFNAMSIZ - 1);
   of.ifr_flags = IFF_TUN | IFF_NO_PI;
-  if (ioctl(tun, TUNSETIFF, &of) != 0) fail("a TUN device");
+  if (ioctl(tun, TUNSETIFF, &of) != 0) fail("cannot create a TUN device");
   const int socket = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (socket < 0) fail("a socket");
+  if (socket < 0) fail("cannot create a socket");
   const auto set = [&](unsigned long what, const std::string& text) {
     ifreq one{};
     std::memcpy(one.ifr_name, of.ifr_name, IFNAMSIZ);
@@ -96,16 +96,16 @@ int makeTun(const std::string& address) {
     to.sin_family = AF_INET;
     inet_pton(AF_INET, text.c_str(), &to.sin_addr);
     std::memcpy(&one.ifr_addr, &to, sizeof to);
-    ask(socket, what, one, "an address");
+    ask(socket, what, one, "cannot set an address");
   };
   set(SIOCSIFADDR, address);
   set(SIOCSIFNETMASK, "255.255.255.0");
   for (const char* name : {"way", "lo"}) {
     ifreq one{};
     std::strncpy(one.ifr_name, name, IFNAMSIZ - 1);
-    ask(socket, SIOCGIFFLAGS, one, "its flags");
+    ask(socket, SIOCGIFFLAGS, one, "cannot read the flags of a network device");
     one.ifr_flags = static_cast<short>(one.ifr_flags | IFF_UP | IFF_RUNNING | IFF_MULTICAST);
-    ask(socket, SIOCSIFFLAGS, one, "up");
+    ask(socket, SIOCSIFFLAGS, one, "cannot start a network device");
   }
   close(socket);
   return tun;
@@ -136,13 +136,13 @@ void send(int to, int descriptor) {
   head->cmsg_type = SCM_RIGHTS;
   head->cmsg_len = CMSG_LEN(sizeof(int));
   std::memcpy(CMSG_DATA(head), &descriptor, sizeof descriptor);
-  if (sendmsg(to, &of.message, 0) != 1) fail("its device is handed over");
+  if (sendmsg(to, &of.message, 0) != 1) fail("cannot pass the TUN device on");
 }
 
 int receive(int from) {
   Handing of;
   if (recvmsg(from, &of.message, MSG_CMSG_CLOEXEC) != 1) {
-    throw std::runtime_error("there is no network to be had");
+    throw std::runtime_error("the child process has sent no TUN device");
   }
   int descriptor = -1;
   std::memcpy(&descriptor, CMSG_DATA(CMSG_FIRSTHDR(&of.message)), sizeof descriptor);
@@ -161,10 +161,11 @@ int statusOf(int how) {
 
 End begin(const std::vector<std::string>& words, const std::string& address) {
   std::array<int, 2> pair{};
-  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair.data()) != 0) fail("a pair");
+  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair.data()) != 0)
+    fail("cannot create a socket pair");
   End end;
   end.child = fork();
-  if (end.child < 0) fail("a process");
+  if (end.child < 0) fail("cannot fork");
   if (end.child == 0) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     try {
@@ -199,8 +200,8 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
 struct Badness {
   double delay = 0.0;      // [ms]
   double jitter = 0.0;     // [ms]; uniform addition to the delay
-  double loss = 0.0;       // share of packets
-  double twice = 0.0;      // share of packets
+  double loss = 0.0;       // share of packets that are lost
+  double twice = 0.0;      // share of packets that arrive twice
   double overtaken = 0.0;  // share of packets that are delayed once more
   double mbit = 0.0;       // [Mbit/s]; 0: unlimited
   std::uint64_t seed = 1;
@@ -285,7 +286,7 @@ int relay(const Badness& of, double seconds, const std::vector<std::string>& one
   std::array<End, 2> ends{begin(one, "10.77.0.1"), begin(other, "10.77.0.2")};
   std::array<Way, 2> ways{Way(of, of.seed), Way(of, of.seed + 0x9e3779b97f4a7c15U)};
   for (const End& end : ends) {
-    if (::write(end.go, "", 1) != 1) fail("a program");
+    if (::write(end.go, "", 1) != 1) fail("cannot start a program");
   }
   const Clock::time_point last =
       Clock::now() + std::chrono::duration_cast<Clock::duration>(Seconds(seconds));
@@ -336,20 +337,22 @@ int main(int argc, char** argv) {
       commands[static_cast<std::size_t>(which)].emplace_back(argv[i]);
     }
   }
-  CLI::App app{"Two programs, each in a network of its own"};
+  CLI::App app{"Runs two programs in separate networks, with a faulty link between them"};
   Badness of;
   double seconds = 600.0;
   const CLI::Range share(0.0, 1.0);
-  app.add_option("--delay-ms", of.delay, "Each way")->check(CLI::NonNegativeNumber);
-  app.add_option("--jitter-ms", of.jitter, "More than that, uniform")
+  app.add_option("--delay-ms", of.delay, "Delay in each direction [ms]")
       ->check(CLI::NonNegativeNumber);
-  app.add_option("--loss", of.loss, "Share of packets")->check(share);
-  app.add_option("--twice", of.twice, "Share of packets")->check(share);
-  app.add_option("--overtaken", of.overtaken, "Share that takes the delay twice")->check(share);
-  app.add_option("--mbit", of.mbit, "A second, each way; 0: any")->check(CLI::NonNegativeNumber);
-  app.add_option("--seed", of.seed, "Of all that is drawn");
-  app.add_option("--seconds", seconds, "It ends then at the latest")
-      ->check(CLI::Range(0.0, 3600.0));
+  app.add_option("--jitter-ms", of.jitter, "Largest random addition to the delay, uniform [ms]")
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--loss", of.loss, "Share of packets that are lost")->check(share);
+  app.add_option("--twice", of.twice, "Share of packets that arrive twice")->check(share);
+  app.add_option("--overtaken", of.overtaken, "Share of packets that are delayed twice")
+      ->check(share);
+  app.add_option("--mbit", of.mbit, "Rate in each direction [Mbit/s]; 0: unlimited")
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--seed", of.seed, "Seed of the random numbers");
+  app.add_option("--seconds", seconds, "Largest duration [s]")->check(CLI::Range(0.0, 3600.0));
   std::reverse(options.begin(), options.end());
   try {
     app.parse(options);

@@ -137,7 +137,7 @@ struct Sums {
     given += 0.5 * kMotionStiffness * std::max(0.0, after * after - before * before);
   }
   void add(const std::vector<Vec3>& forces) {
-    constexpr std::size_t kHalf = 5;  // number of ticks to each side of a mean
+    constexpr std::size_t kHalf = 5;  // half the number of ticks in a mean
     for (std::size_t i = kHalf; i + kHalf < forces.size(); ++i) {
       Vec3 mean = Vec3::Zero();
       for (std::size_t k = i - kHalf; k < i + kHalf; ++k) mean += forces[k] / (2.0 * kHalf);

@@ -13,7 +13,8 @@ namespace palpate::bench {
 
 /// Results for the engine's proxy, or for the proxy that is held back.
 struct Felt {
-  double buzz = 0.0;  ///< RMS of the force minus its mean over 10 ms: frequencies above 100 Hz [N].
+  /// RMS of the force minus its mean over 10 ms: mainly frequencies above 100 Hz [N].
+  double buzz = 0.0;
   double given = 0.0;  ///< Energy that the proxy's motion alone adds to the spring [J/m].
 };
 
@@ -34,12 +35,12 @@ struct Rubbing {
 /// lengths to metres. Throws if the file is unreadable or the grid is not scalar.
 [[nodiscard]] std::shared_ptr<const ScalarField> scanField(const std::string& file, double scale);
 
-/// Counts leaps: large changes of the force from tick to tick where the force of an exact proxy
-/// does not change much.
+/// Counts leaps: changes of the force by more than kLeap from one tick to the next. Also counts the
+/// leaps near which the force of an exact proxy does not change much.
 struct Rattling {
-  static constexpr double kLeap = 0.1;  ///< Smallest change of a leap [N].
+  static constexpr double kLeap = 0.1;  ///< A leap is a larger change than this [N].
 
-  long sites = 0;
+  long sites = 0;  ///< Number of arcs.
   long ticks = 0;
   long leaps = 0;  ///< Number of leaps.
   /// Number of leaps for which no change of the exact force within 20 ticks is at least half as

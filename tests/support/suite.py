@@ -2,7 +2,8 @@
 
     suite.main(words)    words: classes or tests to run (default: all), and the options
         --host           the classes with HOST = True, which depend on how the machine schedules; without it the others.
-                         A test that fails is run once more, and both results are printed
+                         Classes and tests that are named run in both cases. With --host, a test that fails is run once
+                         more, and both results are printed
         --but=CLASS      not the tests of this class
         --smoke          only the tests that are marked @smoke: the sanitizers run these
 
@@ -107,7 +108,7 @@ def main(words=()):
     if "--smoke" in words:
         chosen = [test for test in chosen if hasattr(getattr(test, test._testMethodName), "smoke")]
     if not chosen:
-        sys.exit("no test has such a name")
+        sys.exit("these names and options select no test")
 
     result = run(chosen)
     if host and result.failed and all(result.failed.values()):

@@ -11,7 +11,8 @@ import time
 
 
 class Terminal:
-    """Runs `words` with stderr and Ctrl-C in a terminal. `drawn` is the output."""
+    """Runs `words` with stdin and stderr in a terminal, so that Ctrl-C reaches the program. `drawn` is the text that
+    the terminal shows."""
 
     def __init__(self, words, folder):
         self.own, its = pty.openpty()
@@ -32,8 +33,8 @@ class Terminal:
         return True
 
     def until(self, pattern, seconds=120):
-        """Returns True once the output matches the regular expression. If it does not match in time, ends the
-        program."""
+        """Returns True once the output matches the regular expression. If the time runs out or the program ends
+        before, kills the program and returns False."""
         end = time.monotonic() + seconds
         while not re.search(pattern, self.drawn):
             if time.monotonic() > end or not self.look(0.1):

@@ -1,4 +1,5 @@
-/// Checks statements of the section "What holds" of docs/tick.md in each tick of the motion tests.
+/// Checks statements of the section "What holds in every tick" of docs/tick.md in each tick of the
+/// motion tests.
 #pragma once
 
 #include <algorithm>
@@ -53,11 +54,12 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   if (std::any_of(varying.begin(), varying.end(), [](const Varying& v) { return !v.surface; })) {
     for (const FieldFrame& frame : scene.graph.vector_frames) voxel = std::max(voxel, frame.voxel);
   }
-  // Varying strengths are those of the last reading, at most the tolerance away.
+  // Strengths that depend on the position are those at the last reading, which was at most the
+  // tolerance away from the proxy.
   const double once = scene.step.tolerance_voxels * voxel;
   for (const Varying& one : varying) strengths += one.slope.norm() * once;
-  // The proxy is within the tolerance of its result, which is within the tolerance of the largest
-  // offset that the strengths can hold.
+  // The proxy is within the tolerance of the tick's result. This result is within the tolerance of
+  // the largest offset that the strengths can hold.
   const double tolerance = 2.0 * once;
   const double over =
       k * (offset.norm() - r.waiting.norm() - tolerance - r.error_bound) - (1.0 + 1e-9) * strengths;
