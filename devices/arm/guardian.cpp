@@ -209,8 +209,9 @@ Guardian::~Guardian() {
   Guardian* self = this;
   the_guardian.compare_exchange_strong(self, nullptr);
   if (getpid() == maker_) {
-    shutdown(socket_, SHUT_RDWR);   // the child then makes its watchers write zero and ends
-    constexpr int kPatience = 300;  // [ms]: longest wait for the child, which a device may block
+    shutdown(socket_, SHUT_RDWR);  // the child then makes its watchers write zero and ends
+    // [ms]: longest wait for the child, longer than kLast, for which a blocked device may need it
+    constexpr int kPatience = 1500;
     for (int ms = 0; waitpid(child_, nullptr, WNOHANG) == 0; ++ms) {
       if (ms == kPatience) {
         kill(child_, SIGKILL);

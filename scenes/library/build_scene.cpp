@@ -64,8 +64,8 @@ void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
   }
 }
 
-/// Rejects surfaces and isosurfaces of volumes with nearest-neighbour interpolation.
-void checkGradients(const SceneSpec& spec) {
+/// Rejects surfaces, isosurfaces and forces of scalars with nearest-neighbour interpolation.
+void checkGradients(const SceneSpec& spec, const BuiltScene& built) {
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
     const auto volume = spec.volumes.find(mode.of);
@@ -73,7 +73,10 @@ void checkGradients(const SceneSpec& spec) {
         volume->second.sampling.interpolation != Interpolation::kNearest) {
       continue;
     }
-    if (mode.kind != ModeKind::kSurface && mode.kind != ModeKind::kIsosurface) continue;
+    const auto read = built.volumes.find(mode.of);
+    const bool scalar = read != built.volumes.end() && !read->second->info().vector;
+    const bool force = mode.kind == ModeKind::kForce && scalar;
+    if (mode.kind != ModeKind::kSurface && mode.kind != ModeKind::kIsosurface && !force) continue;
     throw SceneError(
         pathIn(spec, fmt::format("/modes/{}/of", i)),
         fmt::format("mode {} needs a gradient, but \"{}\" has the interpolation "
@@ -369,7 +372,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     if (spec.source.empty()) throw;
     throw SceneError::within(spec.source, e);
   }
-  checkGradients(spec);
+  checkGradients(spec, built);
   noteEmptySurfaces(spec, built);
   building.done();
   return built;

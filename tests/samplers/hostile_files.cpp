@@ -661,7 +661,7 @@ class Run {
   /// Returns the reason in an error line: the part between the file's name and the remedy. Returns
   /// the whole line if it has no such part.
   static std::string reasonIn(const std::string& line) {
-    if (line.find("NaN or infinite") != std::string::npos) return "values are NaN or infinite";
+    if (line.find("NaN, infinite or") != std::string::npos) return "values are NaN or infinite";
     const auto begin = line.find(": it");
     const auto end = begin == std::string::npos ? begin : line.find(": ", begin + 2);
     return end == std::string::npos ? line : line.substr(begin + 2, end - begin - 2);

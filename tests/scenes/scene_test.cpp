@@ -574,6 +574,11 @@ TEST_CASE("an error found at load names the scene file and the JSON path", "[sce
              Contains("/volumes/head") && Contains("there is no grid \"dense\""));
   CHECK_THAT(error("/volumes/head/interpolation", "nearest"),
              Contains("s.json: /modes/0/of: mode isosurface needs a gradient"));
+  Json pushed = fullScene();
+  pushed["volumes"]["head"]["interpolation"] = "nearest";
+  pushed["modes"] = Json::array({{{"mode", "force"}, {"of", "head"}, {"strength", 1}}});
+  CHECK_THROWS_WITH(buildScene(parseScene(pushed.dump(), "s.json", folder.path())),
+                    Contains("/modes/0/of: mode force needs a gradient"));
   CHECK_THAT(error("/volumes/flow",
                    {{"file", "linear.vdb"}, {"grid", "velocity"}, {"axial", true}, {"smooth", 1}}),
              Contains("/volumes/flow/smooth") && Contains("cancel"));

@@ -133,11 +133,11 @@ std::vector<std::array<double, 6>> Overlay::seen() const {
   return boxes;
 }
 
-void Overlay::putArrow(vtkActor& actor, const Vec3& from, const Vec3& along, double least_width) {
+double Overlay::putArrow(vtkActor& actor, const Vec3& from, const Vec3& along, double least_width) {
   // The width of an arrow is ten times the radius of its head. The head is narrower than a ring.
   const double width = std::clamp(along.norm(), least_width, 0.4 * size_);
   put(actor, 0, from, along, along.norm(), width);
-  head_radius_ = 0.1 * width;
+  return 0.1 * width;
 }
 
 void Overlay::show(const LiveTick& tick, const Fit& fit) {
@@ -183,7 +183,7 @@ void Overlay::show(const LiveTick& tick, const Fit& fit) {
         const Vec3 reach = primitive.strength * metresPerNewton() * along;
         const double its_share = fit(proxy, proxy + reach);
         others_shortened_ = others_shortened_ || its_share < 1.0;
-        putArrow(actor, proxy, its_share * reach, 0.08 * size_);
+        (void)putArrow(actor, proxy, its_share * reach, 0.08 * size_);
         break;
       }
       case PrimitiveKind::kPoint:
@@ -199,8 +199,9 @@ void Overlay::show(const LiveTick& tick, const Fit& fit) {
         break;
     }
   }
-  // The label of the force needs the radius of this arrow's head, so it is the last arrow.
-  if (arrow.norm() > 0.1 * ball_size) putArrow(*force_, proxy, tip_ - proxy, 0.12 * size_);
+  if (arrow.norm() > 0.1 * ball_size) {
+    head_radius_ = putArrow(*force_, proxy, tip_ - proxy, 0.12 * size_);
+  }
 }
 
 }  // namespace palpate::view

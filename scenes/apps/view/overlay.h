@@ -51,8 +51,9 @@ class Overlay {
   static constexpr std::size_t kMost = 24;
 
   vtkSmartPointer<vtkActor> add(vtkAlgorithmOutput* output, const Colour& colour);
-  /// Shows the arrow of the vector `along` at the point `from` [m].
-  void putArrow(vtkActor& actor, const Vec3& from, const Vec3& along, double least_width);
+  /// Shows the arrow of the vector `along` at the point `from` [m]. Returns the radius of its head
+  /// [m].
+  double putArrow(vtkActor& actor, const Vec3& from, const Vec3& along, double least_width);
   vtkRenderer& renderer_;
   std::vector<vtkSmartPointer<vtkActor>> all_;
   double size_;
