@@ -555,9 +555,7 @@ const Table& table() {
             "description", jsonText(),
             [](ProfileFile& file, std::string text) { file.profile.description = std::move(text); })
         .may("firmware",
-             jsonText().says(
-                 "When the firmware takes the force off by itself. Required with `output` "
-                 "or `pid`."),
+             jsonText().says("When the firmware takes the force off. Optional without motors."),
              [](ProfileFile& file, std::string text) { file.profile.firmware = std::move(text); })
         .need("match",
               jsonList(matchType(), "it is not a list of devices",

@@ -217,7 +217,7 @@ class Pictures(Case):
                 way = self.path((-0.04, 0, 0), (-0.02, 0, 0), (-0.04, 0, 0))
                 words = (scene, "--device", way)
             data = self.given("feel", *words)
-            self.assertEqual(data["space"], {"name": "patient", "unit": "mm", "hand_mm": 1.0})
+            self.assertEqual(data["space"], {"name": "patient", "unit": "mm", "hand_mm": 1.0, "heights": ""})
             for row in (data["ticks"][0], data["ticks"][-1]):
                 for shown, place in zip(row[1:4], (-40, -10, 60)):
                     self.assertAlmostEqual(shown, place, delta=0.5)

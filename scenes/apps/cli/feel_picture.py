@@ -199,6 +199,7 @@ class Picture:
         time = self.data["stands_at"]
         when = "" if time is None else f"; moving volumes are drawn at {time:.2f} s"
         when += "; sequences: the first frame" if self.data["first_frame"] else ""
+        when += f"; {space['heights']}" if space["heights"] else ""
         if space["name"] == "hand":
             return "axes: the hand's space, z up" + when
         ratio = f"1 {self.unit or 'unit'} of the {space['name']} is {space['hand_mm']:.3g} mm of the hand"

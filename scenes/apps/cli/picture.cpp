@@ -155,8 +155,10 @@ class Drawing {
     OrderedJson json;
     json["title"] = options_.title ? Legible(*options_.title).text() : usualTitle();
     json["made_by"] = versionText();
-    json["space"] = {
-        {"name", frame_.name}, {"unit", frame_.unit}, {"hand_mm", 1e3 * frame_.world.scale}};
+    json["space"] = {{"name", frame_.name},
+                     {"unit", frame_.unit},
+                     {"hand_mm", 1e3 * frame_.world.scale},
+                     {"heights", heights()}};
     json["through"] = toJson(frame_.through);
     const bool felt = most_.force > 0.0;
     json["strongest"] = felt ? toJson(frame_.of(most_.proxy)) : OrderedJson();
@@ -180,6 +182,15 @@ class Drawing {
   }
 
  private:
+  /// Returns what the import of the first field states about heights, as "heights times 20"; empty
+  /// if it states nothing.
+  [[nodiscard]] std::string heights() const {
+    const auto volume = names_.empty() ? nullptr : volumeOf(names_.front());
+    const std::string about = volume ? volume->info().description : "";
+    const std::size_t at = about.find("heights times ");
+    return at == std::string::npos ? "" : cut(about.substr(at, about.find(',', at) - at));
+  }
+
   /// Returns the volume from which a field is derived, directly or not; empty if the volume is
   /// missing.
   [[nodiscard]] std::string sourceOf(std::string name) const {

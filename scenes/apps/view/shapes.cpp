@@ -166,6 +166,7 @@ Shapes::Shapes(const BuiltScene& built, bool fine)
     notes_.push_back(
         fmt::format("{} of {} parts are drawn; all are felt", kMostParts, parts.size()));
   }
+  if (!built.sequences.empty()) notes_.push_back("sequences: only the first frame is drawn");
   for (const auto& [name, field] : built.fields) {
     const auto moved = built.motions.find(name);
     volumes_.push_back({name, field, moved == built.motions.end() ? nullptr : moved->second});
