@@ -83,7 +83,9 @@ void printBalance(const OrderedJson& json) {
   say("spring    {} N; sum of the loads {} N, residual {} N\n", text(balance["spring"]),
       text(balance["loads"]), text(balance["left_over"]));
   if (told(balance["waiting"])) {
-    say("waiting   {} N: the negative of the pull along a streamline, left for the next tick\n",
+    say("waiting   {} N: part of the spring's force along a streamline that the loads do not "
+        "balance "
+        "yet: the next tick continues\n",
         text(balance["waiting"]));
   }
   const OrderedJson& force = json["force"];

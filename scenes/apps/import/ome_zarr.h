@@ -26,7 +26,7 @@ struct OmeImage {
   std::array<std::size_t, 3> space{};
   int time = -1;                      ///< Axis of the array; -1: none.
   int channel = -1;                   ///< Axis of the array; -1: none.
-  std::string unit;                   ///< Unit of lengths, such as "um"; empty: not stated.
+  std::string unit;                   ///< Unit of lengths, such as "um"; empty: unknown.
   std::string time_unit;              ///< Unit of times, such as "second"; empty: not stated.
   std::vector<OmeLevel> levels;       ///< In the file's order: by NGFF, from finest to coarsest.
   std::vector<std::string> channels;  ///< Labels; some may be empty or absent.
