@@ -119,8 +119,16 @@ def broken_quotes(text, known):
                 yield name
 
 
+def anchors(page):
+    """Returns the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", prose(page.read_text(encoding="utf-8")), flags=re.M)
+    plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading) for heading in headings]
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in plain}
+
+
 def broken_links(text, folder):
-    """Returns missing targets of [text](target) and [text]: target, and labels without a target."""
+    """Returns missing targets of [text](target) and [text]: target, and labels without a target. A target is a file, or
+    a heading of a page (page.md#heading)."""
     text = re.sub(r"`[^`\n]*`", "", prose(text))
     labels = dict(re.findall(r"^\[([^\]]+)\]: (\S+)$", text, flags=re.M))
     wanted = re.findall(r"\[[^\]]+\]\[([^\]]+)\]", text) + re.findall(r"\[([^\]]+)\]\[\]", text)
@@ -129,7 +137,8 @@ def broken_links(text, folder):
     for target in targets:
         if re.match(r"[a-z]+:|#", target):
             continue
-        if not (folder / target.split("#")[0]).exists():
+        file, _, heading = target.partition("#")
+        if not (folder / file).exists() or (heading and file.endswith(".md") and heading not in anchors(folder / file)):
             broken.append(target)
     return broken
 
@@ -230,9 +239,9 @@ class Checker(unittest.TestCase):
         self.assertEqual(list(broken_quotes('`"a ball\\, rolling*,slip*,a cube*"`', known)), ["a cube*"])
 
     def test_the_checker_finds_broken_links(self):
-        text = ("[a](paper.md#x) [b](nowhere.md) [c](https://example.org) [d][e] [f][]\n"
+        text = ("[a](paper.md#symbols) [a](paper.md#nothing) [b](nowhere.md) [c](https://example.org) [d][e] [f][]\n"
                 "```\n[g](no.md)\n```\n[f]: ../README.md\n")
-        self.assertEqual(broken_links(text, ROOT / "docs"), ["e", "nowhere.md"])
+        self.assertEqual(broken_links(text, ROOT / "docs"), ["e", "paper.md#nothing", "nowhere.md"])
 
 
 if __name__ == "__main__":

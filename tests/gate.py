@@ -39,7 +39,7 @@ OWN_SECONDS = 10    # [s]; for a host test without a budget
 
 
 def hash_of(room):
-    """Returns the hash of a room's code. C++ comments have no effect."""
+    """Returns the hash of a room's code. C++ comments, except NOLINT, have no effect."""
     total = hashlib.sha256()
     for folder in ROOMS[room]:
         for file in sorted((ROOT / folder).rglob("*")):
@@ -102,7 +102,7 @@ def results_of(folder):
 
 
 def missing_cases(folder, results):
-    """Yields a line for each Catch2 process that reported fewer cases than it has."""
+    """Yields a line for each Catch2 process that reported another number of cases than it has."""
     for file in folder.parents[1].rglob("*_tests.cmake.counts"):
         for line in file.read_text().splitlines():
             count, test = line.split(" ", 1)

@@ -43,13 +43,13 @@ def fault_of(source, header):
     own, other = str(Path(source).parent), str(Path(header).parent)
     for folder in (own, other):
         if folder not in ORDER:
-            return f"{folder} has no place in the order of tests/structure.py"
+            return f"{folder} is not in ORDER of tests/structure.py: add it"
     if own == other:
         return None
     if ORDER.index(other) > ORDER.index(own):
         return f"{other} is above {own}"
     if own in APART and other in APART:
-        return f"{own} and {other} stand apart"
+        return f"{own} and {other} must not include each other's headers"
     return None
 
 
@@ -81,7 +81,7 @@ def check():
     for source in sources():
         folder = str(Path(source).parent)
         if folder not in ORDER:
-            faults.append(f"{source}: {folder} has no place in the order of tests/structure.py")
+            faults.append(f"{source}: {folder} is not in ORDER of tests/structure.py: add it")
         if source.endswith(".h") and folder not in PRIVATE:
             for place, words in (("scenes/package/install.cmake", installed), ("docs/Doxyfile", documented)):
                 if folder not in words and folder + ")" not in words:

@@ -2,7 +2,7 @@
 """Runs clang-tidy on sources that have not passed unchanged before: tidy.py [--all] [--most N] BUILD SOURCE...
 
 BUILD has a compile_commands.json. A source or header has passed unchanged if it has a stamp: a file named by a hash of
-clang-tidy's version and options, the compile command, and the file's own code without comments.
+clang-tidy's version and options, the compile command, and the file's own code without comments, except NOLINT.
 clang-tidy reports a complaint about a header with any source that includes the header. So a changed header is checked
 with one source that includes it, not with all. Only --all finds a complaint that a changed header causes in an
 unchanged source. Stamps are in the user's cache folder, as ccache's objects are, so that all clones share them. --all
@@ -150,7 +150,7 @@ def unit_of(sources):
 
 
 def together(sources):
-    """Distributes sources over units."""
+    """Distributes sources over units. Sources with an equal using-declaration get different units."""
     parts = [[] for _ in range(-(-len(sources) // TOGETHER))]
     for source in sources:
         mine = using(source)

@@ -40,7 +40,7 @@ class Load(unittest.TestCase):
         done = run(self.dir / "linear.vdb", "--grid", "velocity", "--runs", 1)
         self.assertIn("linear.vdb, velocity", done.stdout)
 
-    def test_a_file_that_cannot_be_loaded_is_an_error(self):
+    def test_the_benchmark_ends_with_status_2_if_a_file_cannot_be_loaded(self):
         done = run(self.dir / "nan.vdb", "--runs", 1)
         self.assertEqual(done.returncode, 2)
         self.assertIn("density", done.stderr)

@@ -31,7 +31,7 @@ CELLS = {
     9: ["at most 16 ms"],
     10: ["0, 0, 0"],
 }
-# For each figure: a text in the recorded output that its value needs, and a text that invalidates the output.
+# For each figure: a text in the recorded output, and a replacement with which the output has no valid figure.
 OTHERWISE = {1: ("1e-09 |", "1e-08 |"), 2: ("10000000 problems", "20000 problems"),
              3: ('"walk, carried", "primitives": 8', '"walk, carried", "primitives": 4'),
              4: ("1 kHz, asleep", "1 kHz, early"), 5: ("along 1000", "along 100"),
@@ -112,7 +112,7 @@ class Writing(unittest.TestCase):
         self.assertEqual(self.page.read_text(), self.before)
         self.assertEqual([p.name for p in self.dir.glob("page*")], ["page.md"])
 
-    def test_writes_all_figures_to_the_page(self):
+    def test_the_script_writes_all_figures_to_the_page(self):
         self.run_it("--write", self.page)
         page = figures.Page(self.page)
         self.assertEqual(page.cells, CELLS)
@@ -121,16 +121,16 @@ class Writing(unittest.TestCase):
         self.assertEqual(page.part, figures.part(page.head, page.cells))
         self.assertEqual((page.above, page.below), ("# above\n\n", "\n\nbelow\n"))
 
-    def test_a_failed_command_does_not_prevent_the_other_figures(self):
+    def test_after_a_failed_command_option_resume_measures_only_the_missing_figures(self):
         self.assertIn("figure 8: PALPATE_CASES=100000000 palpate_loop_tests",
                       self.run_it("--write", self.page, fails="8", status=1))
         self.untouched()
-        # All other figures are kept.
+        # Figures 1 to 7 were measured before the failure and are kept.
         told = self.run_it("--write", self.page, "--resume")
         self.assertEqual([n for n in CELLS if f"\n{n}: " in told], [8, 9, 10])
         self.assertEqual(figures.Page(self.page).cells, CELLS)
 
-    def test_measures_figures_in_several_runs_but_only_of_one_commit(self):
+    def test_figures_can_be_measured_in_several_runs_but_only_of_one_commit(self):
         self.assertIn("figures 1, 4, 5, 6, 7, 8, 9, 10 are not measured",
                       self.run_it("--write", self.page, "--only", "2,3", status=1))
         self.assertIn("figures 2, 3 are not", self.run_it(

@@ -94,7 +94,7 @@ class SpeedAccuracy(unittest.TestCase):
         for solver in figure["solvers"]:
             self.assertEqual(len(solver["iterations"]), len(figure["speed_m_s"]))
 
-    def test_in_figure_7_palpate_needs_1_to_8_iterations_and_other_solvers_30_to_45_for_two_primitives(self):
+    def test_in_figure_7_the_median_for_two_primitives_is_1_to_8_iterations_in_palpate_and_30_to_45_elsewhere(self):
         figure = self.data["figure7"]
         for solver in figure["solvers"]:
             both = [n for n, count in zip(solver["iterations"], figure["primitives"]) if count == 2]

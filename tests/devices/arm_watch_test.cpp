@@ -43,7 +43,7 @@ class Says final : public ReportPort {
   int sent = 0;
 };
 
-/// Returns a profile with two kinds of reports: one with three counters of 10 um per count, the
+/// Returns a profile with two kinds of reports: one with three fields of 10 um per count, the
 /// other with a switch.
 HidProfile arm(const char* home) {
   return parseHidProfile(std::string(R"({

@@ -126,7 +126,7 @@ TEST_CASE("a released simulated arm with viscous friction slows down as the clos
   CHECK(device.velocity().x() == Approx(v0 * std::pow(decay, 100)).epsilon(1e-9));
 }
 
-TEST_CASE("the spring of the simulated hand holds the arm at its target against a force",
+TEST_CASE("a force displaces the simulated arm by the force over the hand's stiffness",
           "[simulated]") {
   ArmParams arm;
   arm.coulomb = 0.0;
@@ -182,7 +182,7 @@ TEST_CASE("the target of a simulated hand is evaluated once a tick at times that
   CHECK(device.position().x() == Approx(1.001 + 0.5e-3).margin(2e-5));
 }
 
-TEST_CASE("the simulated arm reports its position in encoder steps", "[simulated]") {
+TEST_CASE("the simulated arm reports its position rounded to encoder steps", "[simulated]") {
   ArmParams arm;
   arm.encoder = 1e-3;
   SimulatedDevice device(arm, {300.0, 5.0}, hold({0.0126, -0.0004, 0}, 1.0), 1000.0);
@@ -244,7 +244,7 @@ TEST_CASE("the exploration path starts and ends outside the box and passes near 
     for (int i = 0; i <= 1000; ++i) {
       const Vec3 p = target.at(seconds * i / 1000.0);
       REQUIRE(p.allFinite());
-      // The path has no jumps: in 5 s or more its speed is at most 1 m/s.
+      // A path of 5 s or more has no jumps: its speed is below 1 m/s.
       if (seconds >= 5.0 && i > 0) {
         REQUIRE((p - target.at(seconds * (i - 1) / 1000.0)).norm() < seconds / 1000.0);
       }
@@ -256,7 +256,8 @@ TEST_CASE("the exploration path starts and ends outside the box and passes near 
   }
 }
 
-TEST_CASE("reading and writing a device neither allocates nor locks", "[simulated][realtime]") {
+TEST_CASE("reading and writing a simulated arm or a recorded path neither allocates nor locks",
+          "[simulated][realtime]") {
   const Box box{Vec3::Constant(-0.05), Vec3::Constant(0.05)};
   SimulatedDevice simulated({}, {}, explore(box, 2.0), 1000.0);
   PathDevice follower({{0.0, Vec3::Zero()}, {1.0, Vec3::Ones()}, {2.0, Vec3::Zero()}}, 1000.0);

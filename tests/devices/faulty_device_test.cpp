@@ -1,6 +1,6 @@
-/// Checks how a loop reacts to a faulty device: the fault with which the loop cuts the force, the
-/// time until the cut, and the duration of the cut. Prints the table of docs/loop.md, in ticks.
-/// Only reads and writes that hang are measured with the real clock.
+/// Checks how a loop reacts to a faulty device: the fault, the time until the force is zero, and
+/// that the fault stays until it is cleared. Prints the ticks of the table in docs/loop.md. Only
+/// reads and writes that hang are measured with the real clock.
 #include "palpate/devices/simulated/faulty_device.h"
 
 #include <algorithm>
@@ -60,8 +60,8 @@ struct Arrived final : Device {
   Vec3& last;
 };
 
-/// Runs the ticks of a hand that presses on a ball. Checks that the force on the device stays
-/// within its limits.
+/// Runs the ticks of a hand that presses on a ball. `within` becomes false if the loop's force
+/// exceeds the device's limits.
 class Pressed {
  public:
   explicit Pressed(std::unique_ptr<Device> device)
@@ -109,8 +109,8 @@ constexpr double kTick = 1.0 / kRate;
 
 const std::vector<Expected> kExpected{
     {Trouble::kLate, Fault::kStale, 0.05 + kTick, "WatchLimits::stale"},
-    {Trouble::kEarly, Fault::kNone, kNever, "none: an age below zero is none"},
-    {Trouble::kRepeated, Fault::kNone, kNever, "none: not merely repeated"},
+    {Trouble::kEarly, Fault::kNone, kNever, "none: a negative age is not stale"},
+    {Trouble::kRepeated, Fault::kNone, kNever, "none: the position changes every 4 ticks"},
     {Trouble::kFrozen, Fault::kNone, 1.0 + kTick, "StillFade"},
     {Trouble::kJumping, Fault::kJump, 0.0, "5 m/s"},
     {Trouble::kNotFinite, Fault::kNotFinite, 0.0, "at once"},
@@ -127,14 +127,15 @@ const std::vector<Expected> kExpected{
 
 }  // namespace
 
-TEST_CASE("each simulated trouble of a device causes its fault within its time limit", "[fault]") {
+TEST_CASE("each simulated trouble of a device causes its fault, or none, within its time limit",
+          "[fault]") {
   REQUIRE(kExpected.size() == kTroubles);
   std::printf("trouble    cause        zero after ticks by\n");
   for (const Expected& expected : kExpected) {
     CAPTURE(wordFor(expected.trouble));
     CHECK(troubleOf(wordFor(expected.trouble)) == expected.trouble);
     Vec3 arrived = Vec3::Zero();
-    // Reads and writes that hang take real time, so this trouble lasts only ten ticks.
+    // Reads and writes that hang take real time, so such a trouble lasts only ten ticks.
     const double end = needsClock(expected.trouble) ? kBegin + 0.01 : kEnd;
     Pressed pressed(std::make_unique<FaultyDevice>(std::make_unique<Arrived>(arrived),
                                                    expected.trouble, kRate, kBegin, end));
@@ -185,7 +186,7 @@ TEST_CASE("each simulated trouble of a device causes its fault within its time l
   }
 }
 
-TEST_CASE("a real arm cannot get a simulated trouble", "[fault]") {
+TEST_CASE("a simulated trouble is refused for a real arm", "[fault]") {
   struct Real final : Device {
     DeviceInfo about;
     [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }

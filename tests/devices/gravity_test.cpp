@@ -225,8 +225,8 @@ TEST_CASE(
   CAPTURE(light.words);
   REQUIRE(light.result.problems.empty());
 
-  // First the tip weighs 0.3 N, which the self-test can hold with its 0.5 N. Then it weighs 1.5 N,
-  // which is too much.
+  // First the weight at the tip is about 0.3 N, which the self-test can hold with its 0.5 N. Then
+  // it is five times as large, which is too much.
   for (const double scale : {1.0, 5.0}) {
     CAPTURE(scale);
     const std::vector<HidMass> masses{{0.02 * scale, std::nullopt, Vec3::Zero()},
@@ -326,7 +326,7 @@ TEST_CASE(
   CHECK(device->given() < 0.5);
   CHECK(most.cwiseAbs().maxCoeff() <= 1.0 + kTorque);
   CHECK((most - whole - device->given() * torquesOf(10.0 * push)).norm() < 5.0 * kTorque);
-  // If reports stop, or the program stops reading, the motors stop carrying the weight at once.
+  // If no report comes for longer than HidLimits::stale, the motors stop carrying the weight.
   // Afterwards their torques grow from zero again.
   (void)after(10, true);
   for (int i = 0; i < 60; ++i) {
@@ -346,7 +346,7 @@ TEST_CASE(
   (void)after(500, true);
   device.reset();
   CHECK(arm.motors().norm() == 0.0);
-  // The motors of an untested arm carry at most 3 N at the tip.
+  // The motors of an untested arm carry at most ArmHost::carries at the tip, here 3 N.
   tested = false;
   profile.masses[0].mass = 1.0;
   device = open();

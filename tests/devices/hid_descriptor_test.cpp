@@ -71,7 +71,7 @@ std::string complaint(const HidProfile& profile, const std::vector<std::byte>& d
 TEST_CASE("a HID descriptor gives the direction, number and size of each report", "[hid]") {
   CHECK(text(virtualArm()) == "# in1:40 out2:24 feature3:8");
   CHECK(text(bytes(kRawHid)) == " in0:64 out0:64");
-  // Tests a keyboard's lights (5 bits and 3 bits of padding), a report of 9 bits, a size that is
+  // Tests a keyboard's lights (5 bits and 3 bits of padding), a report of 9 bits, a count that is
   // pushed and popped, and a report whose fields are declared in two places.
   CHECK(text(bytes({0x75, 1, 0x95, 5, 0x91, 2, 0x75, 3, 0x95, 1, 0x91, 1})) == " out0:1");
   CHECK(text(bytes({0x75, 1, 0x95, 9, 0x81, 2})) == " in0:2");
@@ -257,7 +257,7 @@ TEST_CASE("a mismatch between profile and HID descriptor is reported with its co
   CHECK(complaint(puck, virtualArm()) == "none");
   puck.input = {report(1, 41)};
   CHECK(complaint(puck, virtualArm()) != "none");
-  // The message lists only the first of many reports, in less than 250 characters.
+  // If there are many reports, the message lists only the first ones, in less than 250 characters.
   std::vector<int> many{0x75, 8, 0x95, 1};
   for (int id = 1; id <= 200; ++id) many.insert(many.end(), {0x85, id, 0x81, 2});
   puck.input = {report(std::nullopt, 1)};

@@ -33,8 +33,8 @@ namespace {
 
 constexpr std::size_t kRing = 63;
 
-/// A simulated device. A ring holds up to kRing unread reports and drops newer ones; a list holds
-/// the reports that the host sent.
+/// A simulated device. A ring holds up to kRing unread reports and drops newer ones. A list holds
+/// the reports that the host sent successfully.
 class FakeArm {
  public:
   void give(const std::vector<std::byte>& report) {
@@ -57,7 +57,7 @@ class FakeArm {
     const std::lock_guard lock(mutex_);
     return sent_;
   }
-  /// Returns the last force in counts.
+  /// Returns the values of the three motors in the last report [counts]; zeros before the first.
   std::array<int, 3> driven() {
     const std::lock_guard lock(mutex_);
     std::array<int, 3> out{};
@@ -73,8 +73,9 @@ class FakeArm {
   std::atomic<bool> holds{false};    ///< Writes block while this is true.
   std::atomic<bool> holding{false};  ///< A write is blocked.
   std::atomic<int> fails{0};         ///< Number of further writes that fail.
-  std::atomic<bool> answers{false};  ///< Adds a report after every write.
-  std::vector<int> again;            ///< Counts and state of a report that every second read adds.
+  std::atomic<bool> answers{false};  ///< Each successful write adds a report.
+  /// Counts and state of a report that every second read adds; empty: none.
+  std::vector<int> again;
 
  private:
   friend class FakePort;
@@ -84,8 +85,8 @@ class FakeArm {
   std::atomic<long> written_{0};
 };
 
-/// Blocks the writes of an arm until letGo() or its destruction. Declare it after the device: its
-/// destructor must unblock the device's writer before the device's destructor waits for that
+/// Blocks the writes of an arm until letGo() or the destructor. Declare it after the device, so
+/// that its destructor unblocks the device's writer before the device's destructor waits for that
 /// writer.
 class Held {
  public:
@@ -246,7 +247,8 @@ void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
     std::this_thread::yield();
   }
 }
-/// An output rate so high that no force is delayed by pacing in virtual time.
+/// An output rate so high that pacing delays no force, even if virtual time is faster than real
+/// time.
 constexpr double kAtOnce = 1e9;  // [Hz]
 
 }  // namespace
@@ -289,7 +291,7 @@ TEST_CASE("a HID arm reports buttons, orientation, gripper and joints to the app
   CHECK(device->read().handle.buttons == 1);
 }
 
-TEST_CASE("a NaN in a HID report leaves the last value of the handle unchanged", "[hid]") {
+TEST_CASE("a NaN in a HID report leaves the gripper and the orientation unchanged", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   // Field `odd` is a float whose upper half is the state.
@@ -326,7 +328,7 @@ TEST_CASE("a HID arm reads positions and sends forces in the profile's units and
   CHECK(hand.age == 0.0);
   device->write({1.0, 2.0, -3.0});
   await([&] { return arm.driven() == std::array<int, 3>{2000, -1000, -3000}; });
-  // One count moves the tip by 10 um along each axis.
+  // One count of each joint moves the tip by 10 um.
   for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
 }
 
@@ -343,7 +345,7 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
   FakeArm arm;
   const auto device = open(arm, profile);
   // Computes the windings' heat from the sent forces. Each force is held until the next one. The
-  // motors start hot.
+  // motors start at the limit of their heat.
   std::array<double, 2> heat{holds[0] * holds[0], holds[1] * holds[1]};
   std::array<double, 2> hottest{};
   std::array<int, 3> driven{};
@@ -365,7 +367,7 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
     }
   };
 
-  // A hot motor gives at most its continuous force. A motor that has rested gives its peak force.
+  // A hot motor gives at most its continuous force. A rest of 20 s cools the motor.
   step({2.5, 0.0, 2.0}, 0.0);
   CHECK(2.5 * share == Approx(1.0));
   step({0.4, 0.2, 0.0}, 1e-3);
@@ -383,7 +385,7 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
     last = share;
     if (i == 150) REQUIRE(share == 1.0);
   }
-  CHECK(steepest < 0.02);  // a constant 2.5 N would heat motor 0 to six times its limit
+  CHECK(steepest < 0.02);  // a constant 2.5 N would heat motor 0 to 6.25 times its limit
   CHECK(2.5 * share == Approx(1.0).epsilon(1e-3));
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[0] > 0.99);
@@ -408,7 +410,7 @@ TEST_CASE("forces that would overheat a motor are scaled down and keep their dir
   }
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[1] <= 1.0);
-  // A NaN force is not sent: its share is zero.
+  // The device sends zero instead of a NaN force.
   device->write({NAN, 0.0, 0.0});
   CHECK(device->given() == 0.0);
 }
@@ -547,7 +549,7 @@ TEST_CASE("a force above a motor's limit is scaled down and keeps its direction"
   CHECK(device->given() == 0.0);
 }
 
-TEST_CASE("an arm beyond its reach is not ready and its motors get zero", "[hid]") {
+TEST_CASE("an arm whose joints do not fit its geometry is not ready and gets zero force", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) field.scale = 1e-3;
@@ -628,7 +630,7 @@ TEST_CASE("an arm gets no force along a direction without a motor", "[hid]") {
   }
 }
 
-TEST_CASE("a HID arm sends one report per tick and never delays a tick by a blocked write",
+TEST_CASE("a HID arm sends one report per force, and ticks continue while a write is blocked",
           "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
@@ -685,7 +687,7 @@ TEST_CASE("a HID arm keeps its limited output rate and sends the newest force la
   CHECK(slow.driven() == std::array<int, 3>{0, 0, 0});
 }
 
-TEST_CASE("a HID write that does not return is a fault", "[hid]") {
+TEST_CASE("a HID write that takes longer than 20 ms and one output period is a fault", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   Held held(arm);
@@ -699,9 +701,10 @@ TEST_CASE("a HID write that does not return is a fault", "[hid]") {
   await([&] { return device->read().fault == Fault::kNone; });
 }
 
-TEST_CASE("a force that stays unsent is a fault even if the output rate delays it",
+TEST_CASE("a force that stays unsent for longer than 20 ms and one output period is a fault",
           "[hid][safety]") {
-  // The writer waits 1000 s on the real clock, so the force stays unsent while virtual time passes.
+  // The writer waits 1000 s of real time before it sends a second force, so this force stays unsent
+  // while virtual time passes.
   HidProfile profile = slides();
   profile.output_rate = 1e-3;
   FakeArm arm;
@@ -995,7 +998,7 @@ TEST_CASE("a report with a repeated sequence number is not a new position", "[hi
 }
 
 TEST_CASE("the state of a switch expires when its HID report stops arriving", "[hid]") {
-  // Report 1 has the positions. Report 2 has the dead-man switch and arrives ten times per second.
+  // Report 1 has the positions. Report 2 has the dead-man switch, whose state expires after 0.3 s.
   HidProfile profile = slides();
   profile.input[0].id = 1;
   HidReportSpec switches;
@@ -1078,7 +1081,7 @@ TEST_CASE("the force of a HID arm fades while the arm keeps sending the same cou
   CHECK(ticks < 700);
   CHECK(loop.latest().fault == Fault::kNone);
   CHECK(loop.latest().report.moving == 0.0);
-  // When the arm moves by one count, the force returns as gradually as it faded.
+  // When the arm moves again, the force returns gradually.
   double last = 0.0;
   z -= 1;
   for (int i = 0; i < 600; ++i) {
@@ -1168,7 +1171,7 @@ struct Holding {
 
 }  // namespace
 
-TEST_CASE("the time of rest counts on while a joint moves that does not move the tip",
+TEST_CASE("the time of rest keeps growing while only a joint moves that does not move the tip",
           "[hid][safety]") {
   // A planar arm with a third joint that has no motor, like a wrist's. The last bit of this joint's
   // counter toggles.
@@ -1191,8 +1194,9 @@ TEST_CASE("the time of rest counts on while a joint moves that does not move the
   CHECK(device->read().still == 0.0);
 }
 
-TEST_CASE("a fading force moves a held arm little more than its friction and one encoder count",
-          "[hid][safety][release]") {
+TEST_CASE(
+    "a fading force moves a held arm by about a count plus friction over the hand's stiffness",
+    "[hid][safety][release]") {
   // Friction holds the arm while the force fades. When the arm moves by one count, the force
   // returns.
   const FieldPtr ball = test::ballField();
@@ -1211,7 +1215,7 @@ TEST_CASE("a fading force moves a held arm little more than its friction and one
           }
           CAPTURE(sways, step, grip, coulomb, fading.faded, moved, grip * moved);
           CHECK(grip * moved <= 1.3 * coulomb + grip * step + 0.02);
-          // The force never fades if the hand's tremor moves the arm by at least a count.
+          // The force does not fade if the hand's tremor moves the arm by at least a count.
           if (sways && step <= 1e-5 && coulomb <= 0.02) CHECK(fading.faded == 0);
           if (!sways) CHECK(fading.faded > 0);
         }
@@ -1311,8 +1315,7 @@ TEST_CASE(
   CHECK((device->read().position - Vec3(-1e-5, 0.05003, 1e-2)).norm() < 1e-12);
 }
 
-TEST_CASE("the first position of a homed arm is accepted after any pause since its opening",
-          "[hid]") {
+TEST_CASE("the first position of a homed arm is accepted 3 s after the opening", "[hid]") {
   HidProfile profile = narrowSlides();
   HidFlag homed;
   homed.field = {0, 3};
@@ -1327,12 +1330,13 @@ TEST_CASE("the first position of a homed arm is accepted after any pause since i
   const HandState hand = device->read();
   CHECK(hand.fault == Fault::kNone);
   CHECK(hand.ready);
-  // After a pause, each counter is taken to be in the range nearest to the middle of the workspace.
+  // The first reading of each counter counts as the position nearest to the middle of the
+  // workspace.
   CHECK((hand.position - Vec3(-3e-5, 1e-2, -1.096e-2)).norm() < 1e-12);
   arm.giveCounts(-40, 1000, 3000);
   CHECK(device->read().position.x() == Approx(-4e-4));
-  // After the first position, the device counts the wraps, so a large change after a pause is a
-  // fault.
+  // After the first position, the device counts the wraps. In a pause of 0.2 s a counter can wrap
+  // unnoticed, so the next report is a fault.
   pass(0.2);
   CHECK_FALSE(device->read().ready);
   arm.giveCounts(2000, 0, 0);
@@ -1490,7 +1494,7 @@ TEST_CASE("under rate control a 3D mouse moves the hand within the workspace", "
     REQUIRE(device.read().position.norm() < 0.1 + 1e-12);
   }
   CHECK(device.read().position.norm() == Approx(0.1));
-  // After a pause between reads, the position is not extrapolated over the pause.
+  // After a pause between reads, the position moves as in 20 ms, not as in the whole pause.
   arm.giveCounts(-350, 0, 350);
   (void)device.read();
   const Vec3 looked = device.read().position;
@@ -1532,7 +1536,7 @@ TEST_CASE("reading and writing a HID arm does not allocate", "[hid]") {
     device->write({0.001 * i, 0, 0});
     allocations += test::CountScope::counts().allocations;
   }
-  // In this thread, the simulated arm's deque frees memory, but does not allocate.
+  // In the scope, this thread frees memory of the simulated arm's deque, but allocates none.
   CHECK(allocations == 0);
   CHECK(sum.allFinite());
 }
@@ -1573,12 +1577,12 @@ TEST_CASE("a replugged HID arm gets force again only after the fault is cleared"
         ticks(2);
       }
     };
-    // If the machine stops the loop for longer than kWriteTime during a write, the loop rightly
-    // cuts the force. The test tolerates this case.
+    // If the machine stops the loop or the writer for longer than kWriteTime, the loop rightly cuts
+    // the force with Fault::kWrite. The test tolerates this case.
     const auto stopped = [&] { return hand.latest().fault == Fault::kWrite; };
     const auto press = [&] {
       for (;;) {
-        ticks(1000);  // longer than an engagement without force
+        ticks(1000);  // longer than an engagement
         move(2700);
         await([&] { return arm.driven()[2] > 1000 || stopped(); });
         if (!stopped()) return;

@@ -86,7 +86,7 @@ std::string trouble(const Json& json) {
 
 }  // namespace
 
-TEST_CASE("a complete HID profile is read with all its values", "[profile]") {
+TEST_CASE("the values of a complete HID profile are read", "[profile]") {
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
   CHECK(arm.match[0].vendor == 0x1209);
   CHECK(arm.match[0].usage_page == 0xFF00);
@@ -293,8 +293,9 @@ TEST_CASE("a profile's sequence field and stale time of a report are read", "[pr
   CHECK(plain.input[0].stale == 0.0);
 }
 
-TEST_CASE("a profile without home steps is refused if a counter wraps within the workspace",
-          "[profile]") {
+TEST_CASE(
+    "a profile without home steps is refused if a count can mean several positions of the tip",
+    "[profile]") {
   Json json = full();
   json.erase("home");
   REQUIRE(trouble(json) == "none");  // 32 bits of 1 um per count
@@ -350,7 +351,7 @@ TEST_CASE("only one program at a time can claim a device", "[profile]") {
   const int second = open(file.c_str(), O_RDWR | O_CLOEXEC);
   CHECK_THROWS_WITH(claim(second, file),
                     Contains("(" + std::to_string(getpid()) + ") uses this arm"));
-  // After a program was killed, its guardian keeps the device claimed until it has written zero.
+  // A guardian's copy of the descriptor keeps the device claimed after the program has ended.
   const int guard = fcntl(ours, F_DUPFD_CLOEXEC, 3);
   close(ours);
   CHECK_THROWS_AS(claim(second, file), DeviceError);
@@ -454,7 +455,7 @@ TEST_CASE("a profile's continuous limit of a motor is read and checked", "[profi
   CHECK_FALSE(schemaAccepts(sensed));
 }
 
-TEST_CASE("every kind of arm geometry is read from a profile", "[profile]") {
+TEST_CASE("capstan, delta, pantograph and chain geometries are read from a profile", "[profile]") {
   const auto with = [](const char* kinematics, std::size_t joints, const Vec3& middle) {
     Json json = full();
     Json& model = json["kinematics"];
@@ -589,7 +590,7 @@ TEST_CASE("a profile's resolution, home position and largest motor demand are co
   const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
   CHECK(facts.off < 1e-6);
   CHECK(facts.step == Approx(3e-6));
-  // In the home pose the tip is at (0, 0, 0.1), which is the origin of the hand's world.
+  // In the home pose the tip is at (0, 0, 0.1) m in the arm's frame, which is the origin of W.
   CHECK(facts.home_W.norm() < 1e-12);
   REQUIRE(facts.motors.size() == 3);
   CHECK(facts.motors[0].asked == Approx(5.0));
@@ -683,7 +684,7 @@ TEST_CASE("self-test results are stored by serial number and by profile", "[prof
   unsetenv("XDG_STATE_HOME");
 }
 
-TEST_CASE("an arm without a serial number is identified by its port", "[profile]") {
+TEST_CASE("an arm without a usable serial number is identified by its port", "[profile]") {
   const HidProfile profile = parseHidProfile(full().dump(), "arm.json");
   FoundArm arm;
   arm.device.port = "usb-0000:00:14.0-2/input0";
@@ -722,8 +723,8 @@ TEST_CASE("an arm's name is split into profile, serial number and file", "[profi
 }
 
 TEST_CASE("a profile name that fits two profiles is refused with both their names", "[profile]") {
-  // The motor constants of the two editions differ by a factor of twelve. With the wrong profile,
-  // an arm would get twelve times the wanted force.
+  // The motor constants of the two editions differ by a factor of twelve. With the profile of 2015,
+  // an arm of 2019 would get twelve times the wanted force.
   const std::string editions =
       "hid:woodenhaptics: this name is incomplete, and fits woodenhaptics-v2015 or "
       "woodenhaptics-v2019";
@@ -739,7 +740,7 @@ TEST_CASE("a profile name that fits two profiles is refused with both their name
   CHECK(young.joints[1].torque_constant == 0.0603);
 }
 
-TEST_CASE("a torque constant above 1 N m per unit is reported once unless its joint slides",
+TEST_CASE("torque constants above 1 N m per unit are reported once unless their joints slide",
           "[profile]") {
   const test::TemporaryFolder folder;
   const std::string file = (folder / "mine.json").string();
@@ -860,7 +861,7 @@ TEST_CASE("every known arm has limits with their source", "[profile]") {
 
 TEST_CASE("damaged profiles never crash the profile reader", "[profile]") {
   const std::string good = full().dump();
-  // At each byte: replaces the byte by each of five characters, or removes it.
+  // Replaces each byte by each of five characters, and removes each byte.
   for (std::size_t i = 0; i < good.size(); ++i) {
     for (const char c : {'0', '"', '}', '-', '9'}) {
       std::string bad = good;

@@ -95,7 +95,7 @@ TEST_CASE("writing a field of a HID report changes only the bits of this field",
   }
 }
 
-TEST_CASE("a value that is not finite or beyond the range of its HID report field is never written",
+TEST_CASE("a HID report field gets a value limited to its range, and 0 if the value is not finite",
           "[hid]") {
   ReportField f = field(0, 16, ReportField::Type::kSigned);
   f.least = -3000;

@@ -197,7 +197,7 @@ TEST_CASE("an unreachable pose of an arm gives finite numbers and no torque", "[
       REQUIRE(pose.position_D.allFinite());
       for (std::size_t j = 0; j < model->joints(); ++j) REQUIRE(pose.jacobian[j].allFinite());
       lost += pose.reachable ? 0 : 1;
-      // Torques are bounded in every reachable pose: at most 12 N m per newton at the tip.
+      // In every reachable pose a force of 1 N along x needs torques below 12 N m.
       for (std::size_t j = 0; j < model->joints(); ++j) {
         REQUIRE(std::abs(Kinematics::torque(pose, j, Vec3::UnitX())) < 12.0);
       }

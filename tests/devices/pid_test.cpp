@@ -28,7 +28,7 @@ using test::PidShape;
 
 namespace {
 
-/// The clock of devices and drivers. Only a test advances it.
+/// The clock of devices and drivers. Tests advance it, and each write advances it by Wire::takes.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -227,7 +227,7 @@ TEST_CASE("a PID device with one to three axes gives positions and takes forces"
     send(*device, force);
     for (int a = 0; a < shape.axes; ++a) {
       CAPTURE(a);
-      // A direction field of 8 bits causes angular errors of up to 0.3 degrees.
+      // A direction field of 8 bits turns a force along x by 0.35 degrees.
       CHECK(wire.share(a) * (a == 1 ? -8.0 : 8.0) == Approx(force[a]).margin(0.02));
     }
     send(*device, Vec3::Zero());
@@ -392,7 +392,7 @@ TEST_CASE("PID effects have a finite duration and are renewed before it ends", "
     REQUIRE(wire.share(0) > 0.2);
     pass(0.02);
   }
-  // The driver restarts an effect four times per duration, not with every force.
+  // The driver restarts an effect about four times per duration, not with every force.
   const double times =
       wire.model.starts() / 2.0 / (130.0 / (shape.duration_bits == 8 ? 0.254 : 0.5));
   CHECK(times > 3.0);
@@ -434,7 +434,7 @@ TEST_CASE("a PID device is sent only the magnitudes that have changed", "[hid][p
   CHECK(sent({1.0, 2.0, 0.0}) == 1);
   CHECK(sent({0.5, 2.0, 0.0}) == 1);
   CHECK(sent({0.0, 0.0, 0.0}) == 2);
-  CHECK(sent({0.0, 0.0, 5.0}) == 0);  // the arm has no z
+  CHECK(sent({0.0, 0.0, 5.0}) == 0);  // the arm has no z axis
   CHECK(wire.share(0) == 0.0);
   CHECK(sent({NAN, 0.0, 0.0}) == 0);
 }
@@ -550,7 +550,7 @@ TEST_CASE("the stiffness limit of a PID device follows from the time that its re
   wire.takes = 0.0;
   // If reports take less time, the output rate is the profile's.
   CHECK(open(wire, true, {}, 500.0)->info().output_rate == 500.0);
-  // Measured friction and delay also determine the limit.
+  // If friction and delay were measured, they determine the limit.
   HidHost host;
   host.measured = {2.0, 0.1, 0.003, 0.001, 0.2};
   const auto device = open(wire, true, host, 500.0);
@@ -615,7 +615,7 @@ TEST_CASE("reading and writing a PID device does not allocate", "[hid][pid][real
   CHECK(test::CountScope::counts().allocations == 0);
 }
 
-TEST_CASE("a PID descriptor without constant force is refused with the name of the missing part",
+TEST_CASE("a PID descriptor without a required part is refused with the name of the part",
           "[hid][pid]") {
   const PidModel model(PidShape{});
   CHECK(mapOf(model).buttons.size() == 32);

@@ -1,5 +1,5 @@
-/// Tests recordings: reading back, files with damaged or missing ends, and replays with
-/// bit-identical forces.
+/// Tests recordings: reading back, damaged and truncated files, and replays with bit-identical
+/// forces.
 #include "palpate/devices/recording/recording.h"
 
 #include <algorithm>
@@ -55,7 +55,7 @@ struct Folder {
   [[nodiscard]] fs::path file(const char* name) const { return path / name; }
 };
 
-/// Returns a tick with random values in all fields.
+/// Returns tick `number` with random values in its other fields.
 Telemetry anyTick(std::int64_t number, Random& random) {
   RecordedTick tick{};
   const auto bits = [&] { return static_cast<std::uint8_t>(random.integer(2)); };
@@ -198,7 +198,7 @@ TEST_CASE("the intact chunks of a truncated or damaged recording are read", "[re
   };
   CHECK(ticksOf(whole) == 9);
   CHECK(Recording(file).incomplete().empty());
-  // Cuts the file after every seventh byte.
+  // Cuts the file at every seventh byte after the header.
   for (std::size_t end = header; end <= whole.size(); end += 7) {
     const auto chunks = std::count_if(ends.begin(), ends.end(), [&](auto e) { return e <= end; });
     CAPTURE(end);
@@ -437,7 +437,7 @@ struct Troubles {
     ticks = std::move(kept.ticks);
   }
 
-  /// Replays the ticks. Returns the first tick that differs; 0 if all are equal.
+  /// Replays the ticks. Returns the number of the first tick that differs; 0 if all are equal.
   [[nodiscard]] std::int64_t firstOther() const {
     std::map<std::uint64_t, const Scene*> by_id{{0, nullptr}};
     for (const auto& scene : scenes) by_id[scene->id] = scene.get();
@@ -477,7 +477,9 @@ TEST_CASE("a run with many faults replays bit for bit", "[record][replay]") {
 }
 
 #if defined(__x86_64__)
-TEST_CASE("a replay is bitwise equal in any floating-point mode of the host", "[record][replay]") {
+TEST_CASE(
+    "a replay is bitwise equal if the host flushes denormals, rounds upwards or enables traps",
+    "[record][replay]") {
   const Troubles troubles(20000);
   const unsigned before = _mm_getcsr();
   constexpr unsigned kFlush = 0x8040;    // treats denormals as zero
@@ -504,7 +506,7 @@ TEST_CASE("a replay is bitwise equal in any floating-point mode of the host", "[
 }
 #endif
 
-TEST_CASE("a replay can start at any time and gives the recorded positions and force shares",
+TEST_CASE("a replay starts at a given time and gives the recorded positions and force shares",
           "[replay]") {
   const Folder folder;
   const fs::path file = folder.file("hand.rec");

@@ -145,8 +145,8 @@ TEST_CASE("the self-test finds wrong force scales and directions from implausibl
   CHECK_FALSE(tried(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
-  // The y axis has a wrong sign, and a force along x also acts along y. The test must not use an
-  // axis whose sign is unknown.
+  // The y axis has a wrong sign, and a force along x also acts along y. The self-test must not
+  // use an axis whose sign is unknown.
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
   expectWords(coupled, "pushed to +y, the arm moved the other way");
@@ -233,8 +233,7 @@ TEST_CASE("comparing with a ruler reveals a wrong position scale of any axis", "
   CHECK_THAT(trouble({0, 0.1, 0}, 2), Contains("along +z the arm reports the direction (0, 1, 0)"));
 }
 
-TEST_CASE("the self-test of an arm without motors in one direction uses only the driven plane",
-          "[hid]") {
+TEST_CASE("the self-test uses only the directions in which the arm has motors", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   for (const double lean : {0.0, 0.5}) {  // [rad], about x
     const Vec3 across(0, -std::sin(lean), std::cos(lean));

@@ -142,7 +142,9 @@ TEST_CASE("a servo's force fades while a held arm's position is frozen and retur
   }
 }
 
-TEST_CASE("a servo's force fades if the arm reports that it stands still", "[servo]") {
+TEST_CASE(
+    "a servo's force fades if the arm reports, or the servo measures, that the arm stands still",
+    "[servo]") {
   for (const double still : {1.0, std::numeric_limits<double>::quiet_NaN()}) {
     Servo servo(arm(), 1.0 / kDt, false);
     servo.publish(ball());
@@ -160,7 +162,8 @@ TEST_CASE("a servo's force fades if the arm reports that it stands still", "[ser
   }
 }
 
-TEST_CASE("a servo reports a late fault if its clock has stopped", "[servo]") {
+TEST_CASE("a servo reports a late fault if its time steps are too small, negative or NaN",
+          "[servo]") {
   for (const double dt : {0.0, -1e-3, 1e-6, 1e-320, std::numeric_limits<double>::quiet_NaN()}) {
     Servo servo(arm(), 1.0 / kDt, false);
     servo.publish(ball());

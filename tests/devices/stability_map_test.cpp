@@ -1,5 +1,5 @@
-/// Tests maps of stability over coupling stiffness and damping. On a wall the engine agrees with
-/// the formula; other methods do not.
+/// Tests maps of stability over coupling stiffness and damping: the engine agrees with the formula,
+/// and other methods oscillate at settings at which the engine is stable.
 #include "palpate/devices/simulated/stability_map.h"
 
 #include <algorithm>
@@ -81,7 +81,7 @@ TEST_CASE("other methods oscillate at coupling settings at which the engine is s
     const MapFeel feel = named(methods, name).make(stiffness, damping, 1.0 / setting.rate);
     return tryCoupling(setting, trough, feel).outcome == MapOutcome::kRests;
   };
-  // A method without a proxy has a force jump at the wall, for any coupling.
+  // A method without a proxy has a force jump at the surface, for any coupling.
   for (const double stiffness : {50.0, 200.0, 1000.0, 3000.0}) {
     for (const double damping : {0.0, 0.5, 5.0}) {
       CHECK_FALSE(rests("force function", stiffness, damping));

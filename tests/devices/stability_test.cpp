@@ -69,7 +69,7 @@ class Oscillator {
 };
 
 /// Returns the growth rate of the oscillation's envelope, by least squares. The loop is stable if
-/// the rate is negative. The simulation advances from event to event and uses no transition matrix.
+/// the rate is negative. The simulation advances from event to event and uses no eigenvalues.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
                      double damping, int span, int swings) {
   const double ticks = arm.delay / period;
@@ -326,8 +326,8 @@ std::shared_ptr<const Scene> wallScene(double stiffness) {
 }
 
 struct Pressed {
-  double early = 0.0;  ///< Amplitude about the resting position soon after the kick [m].
-  double later = 0.0;  ///< Amplitude some time later [m].
+  double early = 0.0;  ///< Amplitude about the resting position from 2.02 s to 2.2 s [m].
+  double later = 0.0;  ///< Amplitude about the resting position after 3.5 s [m].
   double force = 0.0;  ///< Mean force that was sent [N].
   /// Share of ticks in which the tank reduced the force, or would have reduced it if active.
   double drained = 0.0;
@@ -406,7 +406,7 @@ TEST_CASE("the energy tank reduces the force of a passive wall by at most one pe
     if (!rates.runs()) continue;
     for (const double encoder : {1e-7, 1e-6, 1e-5}) {
       ArmParams arm = bare(0.1, 0.5, 1.0 / rate);
-      // Without Coulomb friction, motions smaller than an encoder step would not decay.
+      // Without Coulomb friction, the arm may vibrate by one encoder step (quietStiffness).
       arm.coulomb = 0.02;
       arm.encoder = encoder;
       arm.tank = TankUse::kObserve;
@@ -422,7 +422,7 @@ TEST_CASE("the energy tank reduces the force of a passive wall by at most one pe
   }
 }
 
-TEST_CASE("the stable stiffness is at least the passive one for any arm, hand and rate",
+TEST_CASE("the stable stiffness is at least the passive one for random arms, hands and rates",
           "[stability]") {
   test::Random random(31);
   for (int i = 0; i < 60; ++i) {
@@ -442,7 +442,7 @@ TEST_CASE("the stable stiffness is at least the passive one for any arm, hand an
   }
 }
 
-TEST_CASE("the friction at which a coupling becomes passive is found for any stiffness",
+TEST_CASE("the friction at which a coupling becomes passive is found for 500 N/m and for 100 kN/m",
           "[stability]") {
   ArmParams arm;
   arm.delay = 0.02;

@@ -230,7 +230,7 @@ TEST_CASE("requests in the shared memory are limited to valid values", "[asked]"
   now.dials[5] = {15, 0.5F};
   cli::Asked asked = cli::asked(before, now);
   CHECK(asked.dialled == 7);
-  // A gain of NaN is ignored.
+  // Gains that are not finite are ignored.
   REQUIRE(asked.dials.size() == 3);
   CHECK((asked.dials[0].mode == 13 && asked.dials[0].factor == 0.0F));
   CHECK((asked.dials[1].mode == 14 && asked.dials[1].factor == kMostDial));
@@ -260,7 +260,7 @@ TEST_CASE("the simulated hand follows its mouse with a time constant of 20 ms", 
   const auto to = [&](double x, double y = 0.0, double z = 0.0) { mouse.write({{x, y, z}}); };
   CHECK(hand.at(0.0) == start);
   CHECK(hand.at(20.0) == start);
-  SECTION("a late first move of the mouse counts as one tick") {
+  SECTION("after 20 s without a move, a move of the mouse counts as one tick") {
     to(0.11);
     const double share = 1.0 - std::exp(-1e-3 / 0.02);
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
@@ -270,7 +270,7 @@ TEST_CASE("the simulated hand follows its mouse with a time constant of 20 ms", 
     for (int i = 2; i <= 20; ++i) at = hand.at(20.0 + 1e-3 * i);
     CHECK(at.x() == Approx(0.11 - 0.01 * std::exp(-1.0)).epsilon(1e-9));
   }
-  SECTION("a jump of the mouse moves the hand at 2 m/s") {
+  SECTION("after a jump of the mouse the hand moves at up to 2 m/s") {
     to(0.1, 0.5, 0.0);
     Vec3 last = start;
     double fastest = 0.0;
@@ -316,7 +316,7 @@ TEST_CASE("the simulated arm follows its mouse with the expected lag and within 
     const double should = kSpeed * (2.0005 - behind);
     CHECK(device.position().x() == Approx(should).margin(2e-6));
   }
-  SECTION("after a jump of the mouse the arm reaches it below the speed limit") {
+  SECTION("after a jump of the mouse the arm reaches the mouse below the speed limit") {
     mouse.write({{0.5, 0.0, 0.0}});
     double fastest = 0.0;
     for (int i = 0; i <= 1000; ++i) {

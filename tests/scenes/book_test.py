@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The README's first commands and the book's first pages: every block of commands runs as it stands, in the order of
-its page, with the installed programs.
+"""Tests the README's first commands and the book's first pages: all blocks of commands run in the order of their page,
+with the installed programs. Leaves out the line that only users need who have built palpate.
 
 book_test.py BUILD. A block of JSON is the scene that the next commands name, and blocks of Python are the script that
 they name. A block of text is output that the commands print. Blocks of console need an arm, and do not run. Builds
@@ -50,7 +50,7 @@ class Pages(unittest.TestCase):
         cls.addClassCleanup(shutil.rmtree, cls.prefix)
         subprocess.run(["cmake", "--install", BUILD, "--prefix", cls.prefix], check=True, stdout=subprocess.DEVNULL)
         cls.env = {**os.environ, "PATH": f"{cls.prefix / 'bin'}:/usr/bin:{os.environ['PATH']}"}
-        for module in cls.prefix.rglob("palpate.cpython*.so"):  # as the package does, which installs for the system
+        for module in cls.prefix.rglob("palpate.cpython*.so"):  # the packages install the module where Python finds it
             cls.env["PYTHONPATH"] = str(module.parent)
 
     def run_page(self, page, *said, complaint=None):

@@ -105,7 +105,7 @@ TEST_CASE("the force of a host program in C stays on if a reload changes only a 
   double force = 0.0;
   for (int i = 0; i < 100; ++i) force = host.tick(0.04).force[2];
   CHECK(force > 0.1);
-  REQUIRE(load(2.5) == 0);
+  REQUIRE(load(2.9) == 0);
   CHECK(host.tick(0.04).force[2] == Approx(force).epsilon(1e-6));
 }
 

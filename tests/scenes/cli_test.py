@@ -60,7 +60,8 @@ class Case(unittest.TestCase):
 
 
 def explains(test, felt):
-    """Checks that the command that `feel` states explains its strongest force. Returns the explanation."""
+    """Runs the explain command of feel's report. Checks that its spring force is that of the strongest tick to within
+    2 %. Returns the explanation."""
     most = felt["most"]
     words = shlex.split(most["explain"])
     test.assertEqual(words[:2], ["palpate", "explain"])
@@ -151,7 +152,7 @@ class Info(Case):
 
 class Make(Case):
     @suite.smoke
-    def test_the_command_make_reports_a_full_disk(self):
+    def test_the_command_make_reports_a_file_that_exceeds_the_limit_of_file_sizes(self):
         out = self.dir / "full.vdb"
         done = process.run(["prlimit", "--fsize=20000", PALPATE, "make", "two-bodies", out],
                               capture_output=True, text=True, timeout=300)
@@ -166,7 +167,7 @@ class Make(Case):
         self.assertEqual(done.returncode, 2)
         self.assertIn("it is a pipe or a device", done.stderr)
 
-    def test_procedural_volumes_are_complete_and_described(self):
+    def test_the_command_make_writes_all_grids_of_each_procedural_volume_with_their_source(self):
         for name, grids in (("wind-tunnel", ["velocity", "wing"]),
                             ("fibres", ["direction", "anisotropy"]),
                             ("two-bodies", ["bowl", "cloud"]),
@@ -181,7 +182,7 @@ class Make(Case):
                     self.assertTrue(found[at]["can_be_felt"])
                     self.assertEqual(found[at]["active_voxels"], grid["active_voxels"])
                     self.assertEqual(found[at]["source"], f"palpate make {name}")
-            if name == "wind-tunnel":  # the vortices of the wing's tips fill a small part of the air
+            if name == "wind-tunnel":  # the guess finds the tip vortices, which are small
                 modes = json.loads(run("scene", out).stdout)["modes"]
                 self.assertIn("vortex_tube", [mode["mode"] for mode in modes])
             self.assertIn(name, run("make", "--help").stdout)
@@ -240,8 +241,8 @@ class Parts(Case):
         for mode in felt["felt"]:
             self.assertIn(mode["mode"], ("cloud-0", "cloud-1", "cloud-2"))
             self.assertGreater(mode["touches"], 0)
-        # Only the parts bear force, except for Newton's step beyond the balance: up to the stiffness times the
-        # tolerance, 500 N/m times 0.01 voxel.
+        # The load of the parts equals the force on the hand to within the error of the balance: the stiffness, 500 N/m,
+        # times the tolerance, 0.01 voxel. In few ticks the error may be larger.
         rows = list(csv.DictReader(io.StringIO(
             run("feel", scene, "--seconds", 5, "--trace", "-").stdout)))
         self.assertEqual([name for name in rows[0] if name.startswith("load_")], ["load_parts"])
@@ -327,7 +328,7 @@ class Sample(Case):
         self.assertIn("lambda2", run("sample", "--help").stdout)
 
     @suite.smoke
-    def test_sample_refuses_invalid_input_and_every_interpolation_keeps_voxel_values(self):
+    def test_sample_refuses_invalid_input_and_all_interpolations_agree_in_a_linear_field(self):
         file = self.dir / "linear.vdb"
         self.refused("sample", file, "--points", "-", says="more than one grid", stdin="x,y,z\n")
         self.refused("sample", file, "--grid", "densty", "--points", "-", says='"density"',
@@ -340,7 +341,7 @@ class Sample(Case):
                      says="scalar", stdin="x,y,z\n")
         self.refused("sample", file, "--grid", "density", "--points", "-", "--interpolation",
                      "quintic", says="quadratic", stdin="x,y,z\n")
-        # At a voxel's centre, every interpolation gives the voxel's value.
+        # The field is linear, so every interpolation gives the voxel's value at its centre.
         values = [run("sample", file, "--grid", "density", "--points", "-", "--interpolation", order,
                       stdin="x,y,z\n1,2,3\n").stdout.splitlines()[1].split(",")[4]
                   for order in ("trilinear", "nearest", "quadratic", "cubic")]
@@ -466,7 +467,7 @@ class Check(Case):
         told, found, volume = edge()
         self.assertEqual((told, found["open_cells"], found["open_at"]), ([], 0, None))
         self.assertGreater(found["surface_cells"], 1000)
-        # The band ends three voxels outside the surface.
+        # The band ends three voxels outside the surface, so a surface at 2.9 voxels reaches the edge of the data.
         mode["value"] = 2.9 * volume["voxel"] / volume["metres_per_unit"]
         (line,), found, _ = edge()
         share = f"{100 * found['open_cells'] / found['surface_cells']:.2g}"
@@ -479,7 +480,7 @@ class Check(Case):
         self.assertAlmostEqual(math.dist(found["open_at"], [1, 0, 0]), 0.023, delta=0.002)
         it["interpolation"] = "cubic"
         self.assertEqual(edge()[:2], ([], None))
-        # Only isosurfaces have an edge.
+        # The command check examines the edges of isosurfaces only.
         mode.update(mode="surface")
         for key in ("value", "solid"):
             del mode[key]
@@ -504,7 +505,7 @@ class Check(Case):
         self.refused("check", self.dir / "round.json", says="symbolic links")
 
     @suite.smoke
-    def test_a_stiffness_above_the_device_s_limit_is_refused(self):
+    def test_the_command_feel_refuses_a_stiffness_above_the_device_s_limit(self):
         scene = self.dir / "stiff.json"
         scene.write_text('{"palpate": 1, "coupling": {"stiffness": 4000}, "volumes": {"a": {"file":'
                          ' "ball.vdb"}}, "modes": [{"mode": "isosurface", "of": "a", "value": 0, '
@@ -531,7 +532,7 @@ class Room(Case):
         self.assertEqual(kept["tank"]["debt"], 0)
 
     @suite.smoke
-    def test_an_unstable_coupling_is_reported_with_its_stability_margin(self):
+    def test_the_command_check_reports_the_largest_allowed_stiffness_if_the_scene_s_is_above(self):
         scene = self.dir / "stiff.json"
         scene.write_text(json.dumps({
             "palpate": 1, "coupling": {"stiffness": 9000},
@@ -543,12 +544,12 @@ class Room(Case):
         os.remove(scene)
 
     def room(self, *words):
-        """Returns the lines of a report with the stability margin."""
+        """Returns the lines about the stability margin in a command's report."""
         lines = run(*words).stdout.splitlines()
         at, = (i for i, line in enumerate(lines) if line.startswith("stability "))
         return [lines[at]] + [line for line in lines[at + 1:at + 2] if line.startswith(" ")]
 
-    def test_the_stability_margin_is_one_sentence_and_option_verbose_adds_numbers(self):
+    def test_the_stability_margin_is_one_line_and_option_verbose_adds_a_line_of_numbers(self):
         scene = self.dir / "room.json"
 
         def asked(**coupling):
@@ -677,7 +678,7 @@ class Feel(Case):
 
     @suite.smoke
     def test_the_summary_of_a_run_agrees_with_its_trace(self):
-        # A surface and two drags, pressed and slid along, so balances have more than two primitives.
+        # The scene has a surface and two drags, so a balance on the surface has more than two primitives.
         scene = self.dir / "drag.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": ['
                          '{"mode": "isosurface", "of": "a", "value": 0, "solid": "below", '
@@ -721,7 +722,7 @@ class Feel(Case):
         self.assertEqual(len(drop[0]), 3001)
 
     @suite.smoke
-    def test_a_folder_of_volumes_is_a_scene(self):
+    def test_the_command_feel_accepts_a_folder_of_volumes_as_a_scene(self):
         folder = self.dir / "some"
         folder.mkdir()
         (folder / "ball.vdb").write_bytes((self.dir / "ball.vdb").read_bytes())
@@ -765,7 +766,7 @@ class Feel(Case):
             self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
 
     @suite.smoke
-    def test_an_output_is_written_through_a_symbolic_link_and_refused_to_a_device(self):
+    def test_an_output_to_a_symbolic_link_is_written_and_one_to_a_pipe_or_device_is_refused(self):
         ball = str(self.dir / "ball.vdb")
         link = self.dir / "link.csv"
         link.symlink_to(self.dir / "behind.csv")
@@ -782,7 +783,7 @@ class Feel(Case):
                              says="it is a pipe or a device")
         os.remove(pipe)
 
-    def test_an_output_is_never_written_through_a_link_planted_at_its_temporary_name(self):
+    def test_an_output_is_not_written_through_links_at_guesses_of_its_temporary_name(self):
         place = self.dir / "shared"
         place.mkdir()
         precious = self.dir / "precious"
@@ -813,7 +814,7 @@ class Feel(Case):
         self.assertIn("the hand felt no force: it touched no active mode", said)
 
     @suite.smoke
-    def test_a_run_without_force_is_reported(self):
+    def test_a_run_without_force_is_reported_and_ends_with_status_4(self):
         scene = self.dir / "high.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode":'
                          ' "isosurface", "of": "a", "value": 50, "strength": 1}]}')
@@ -831,14 +832,14 @@ class Feel(Case):
         self.assertNotIn("palpate explain", felt)
         self.assertEqual(len(trace.read_text().splitlines()), 1001)
         self.assertIn("4 if the hand felt no force", run("feel", "--help").stdout)
-        # One hand with a force suffices.
+        # If one of two hands felt a force, the status is 0.
         ball = self.dir / "ball.vdb"
         away, near = (self.dir / f"{name}.csv" for name in ("away", "near"))
         away.write_text("t,x,y,z\n0,0.5,0,0\n0.1,0.5,0,0\n")
         near.write_text("t,x,y,z\n0,0.06,0,0\n1,0.04,0,0\n")
         run("feel", ball, "--device", f"path:{away}", status=4)
         run("feel", ball, "--device", f"path:{away}", "--device", f"path:{near}")
-        # A fault's status takes precedence.
+        # A fault gives status 1, also if the hand felt no force.
         away.write_text("t,x,y,z\n0,0.5,0,0\n0.01,0.5,0,0\n0.02,1e7,0,0\n")
         run("feel", ball, "--device", f"path:{away}", status=1)
 
@@ -873,7 +874,7 @@ class Feel(Case):
         os.remove(place)
 
     @suite.smoke
-    def test_the_command_explain_repeats_each_kind_of_run(self):
+    def test_the_command_explain_reproduces_the_force_of_runs_with_other_rates_paths_hands_and_recordings(self):
         ball = self.dir / "ball.vdb"
         path = self.dir / "press.csv"
         path.write_text("t,x,y,z\n0,0.07,0,0\n1,0.04,0.01,0\n2,0.045,-0.02,0.01\n", encoding="utf-8")
@@ -893,7 +894,7 @@ class Feel(Case):
         os.remove(recording)
 
     @suite.smoke
-    def test_the_reasons_precede_the_steps_and_wrong_options_of_a_repeated_run_are_refused(self):
+    def test_the_command_explain_states_reasons_in_its_second_line_and_refuses_invalid_options(self):
         ball = self.dir / "ball.vdb"
         felt = json.loads(run("feel", ball, "--json").stdout)
         lines = run(*shlex.split(felt["most"]["explain"])[1:]).stdout.splitlines()
@@ -975,10 +976,11 @@ class OnTime(Case):
             if any(f.stat().st_size > 4096 for f in self.dir.glob(trace + ".partial-*")):
                 return
             time.sleep(0.01)
-        self.fail("it never ticked")
+        self.fail("the trace got no rows within 120 s")
 
     def on_time(self, *words):
-        """Runs in real time. On a busy machine, ticks may be missed and the fault "late" may occur."""
+        """Runs in real time. Returns the summary and the messages. On a busy machine, ticks may be missed and the fault
+        "late" may occur."""
         done = process.run([PALPATE, "feel", *map(str, words), "--realtime", "--json",
                             "--reengage", "0"],
                               capture_output=True, text=True, timeout=120)
@@ -1007,8 +1009,8 @@ class OnTime(Case):
                '"mode": "isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
 
     def watched(self, scene, text):
-        """Feels a scene with this text and --watch. Returns the process, and a function that waits for words in its
-        output."""
+        """Starts `palpate feel --watch` with a scene of this text. Returns the process, and a function that waits for
+        words in its messages."""
         scene.write_text(text)
         child = subprocess.Popen([PALPATE, "feel", str(scene), "--realtime", "--watch", "--seconds",
                                   "100000", "--json", "--trace", f"{scene}.csv"],
@@ -1019,13 +1021,13 @@ class OnTime(Case):
             for line in child.stderr:
                 if words in line:
                     return
-            self.fail(f"it never said {words}")
+            self.fail(f"the run ended without the message {words}")
 
         self.until_it_ticks(f"{scene.name}.csv")
         return child, until
 
     def felt(self, child):
-        """Ends the run. Returns the first mode of each scene with contact."""
+        """Ends the run. Returns the name of the only mode of each scene of the run."""
         child.send_signal(signal.SIGINT)
         out, _ = child.communicate(timeout=60)
         self.assertEqual(child.returncode, 130)
@@ -1051,7 +1053,7 @@ class OnTime(Case):
         until("the new scene is active")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
 
-    def test_after_an_edit_the_report_states_the_force_that_its_command_gives(self):
+    def test_after_an_edit_the_report_states_the_force_that_its_explain_command_gives(self):
         scene = self.dir / "softer.json"
         text = self.WATCHED.replace("FILE", "ball.vdb") % "skin"
         child, until = self.watched(scene, text)
@@ -1113,12 +1115,12 @@ class OnTime(Case):
                 if words in line:
                     return
                 if words == "on again" and "is cut" in line:
-                    os.write(main, b"\r")   # the loop was late again
-            self.fail(f"it never said {words}")
+                    os.write(main, b"\r")   # clears a further fault "late"
+            self.fail(f"the run ended without the message {words}")
 
         until("Esc: force off")
         for _ in range(2):
-            os.write(main, b"\r\x1b")   # Enter first, because the machine may have been late
+            os.write(main, b"\r\x1b")   # Enter first: it clears a fault "late" of a busy machine
             until("switched off")
             self.assertFalse(termios.tcgetattr(main)[3] & termios.ICANON)
             os.write(main, b"\r")
@@ -1152,9 +1154,9 @@ class OnTime(Case):
 
 
 class Interrupted(Case):
-    """After Ctrl-C the prompt returns at once, and no temporary file is left."""
+    """Tests that a command ends within SOON after a signal, and leaves no temporary file."""
     HOST = True
-    SOON = 10.0  # [s]; for a busy machine
+    SOON = 10.0  # [s]; enough for a busy machine
 
     def setUp(self):
         self.place = Path(tempfile.mkdtemp(dir=self.dir))
@@ -1165,7 +1167,7 @@ class Interrupted(Case):
 
     def wait_for(self, child, there):
         while not there():
-            self.assertIsNone(child.poll(), "it ended before it was interrupted")
+            self.assertIsNone(child.poll(), "the command ended before the signal was sent")
             time.sleep(0.01)
 
     def partial(self):
@@ -1198,7 +1200,7 @@ class Interrupted(Case):
         os.remove(self.place / "a.vdb")
 
     def test_a_run_interrupted_while_it_draws_its_picture_keeps_the_trace(self):
-        """The trace is complete, and the process that draws with matplotlib ends, too."""
+        """The signal comes after the trace was written. The trace must be complete."""
         trace = self.place / "t.csv"
         said = self.end(signal.SIGINT, "feel", self.dir / "ball.vdb", "--seconds", 1, "--trace",
                         "t.csv", "--picture", "p.png", there=trace.exists)
@@ -1217,13 +1219,13 @@ class Interrupted(Case):
         # The progress line must be erased.
         self.assertIn("\x1b[K" + "palpate: interrupted", terminal.drawn)
 
-    def test_the_repository_s_scripts_show_their_progress_and_end_immediately_on_ctrl_c(self):
+    def test_the_repository_s_scripts_show_their_progress_and_end_on_ctrl_c(self):
         """Tests .ci/watched, with which demo.sh, test.sh and .ci/install run long commands."""
         watched = Path(__file__).resolve().parents[2] / ".ci" / "watched"
         terminal = Terminal(["bash", "-euc", f". '{watched}'; watched building log bash -c "
                              "'trap \"exit 3\" INT; echo [3/9]; while :; do sleep 0.1; done' || exit 1; "
                              "touch on"], self.place)
-        # Accepts any number of seconds, because a busy machine can skip some.
+        # Accepts 1 to 9 s, because a busy machine can skip some of these times.
         self.assertTrue(terminal.until(r"building 0:0[1-9] \[3/9\]"), terminal.drawn)
         terminal.press(b"\x03")
         status, took = terminal.ended()
@@ -1239,7 +1241,7 @@ class Interrupted(Case):
 
 class Stability(Case):
     def test_the_stability_command_maps_a_set_of_planes_and_a_scene(self):
-        # 250 Hz takes a quarter of the time of 1 kHz.
+        # At 250 Hz a map has fewer ticks than at 1 kHz, so it takes less time.
         planes = json.loads(run("stability", "--planes", 20, "--size", 9, "--rate", 250,
                                 "--json").stdout)
         self.assertEqual([method["name"] for method in planes["methods"]], ["palpate"])
@@ -1265,7 +1267,7 @@ class Stability(Case):
         os.remove(again)
 
     def test_the_energy_tank_limits_the_force_of_a_moving_volume_unless_it_is_refilled(self):
-        """A ball that moves back and forth does work on the hand, which the tank limits to the refill."""
+        """A ball that moves back and forth does work on the hand. The tank limits this work."""
         scene = self.dir / "beating.json"
         place = {"keyframes": [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                                for t, z in ((0, 0), (0.1, 0.03), (0.2, 0))],
@@ -1287,7 +1289,7 @@ class Stability(Case):
 
     @suite.smoke
     def test_a_stability_map_uses_the_values_of_an_arm_s_profile(self):
-        """Values that the user does not give come from the arm's self-test."""
+        """An arm without a self-test needs its mass and its viscous friction as options."""
         self.refused("stability", "--device", "hid:polhem", says="palpate devices --test hid:polhem")
         self.refused("stability", "--device", "simulated", says="does not name a profile")
         self.refused("stability", "--device", "hid:spacemouse", "--mass", 1, "--viscous", 1,
@@ -1318,7 +1320,7 @@ class Stability(Case):
                                       capture_output=True, text=True, env=env, timeout=300)
             drawn = json.loads(map_of("--device", "hid:polhem", "--rate", "250").stdout)
             self.assertEqual(drawn["device"], "hid:polhem")
-            # The largest delay: three standard errors and half a millisecond above the mean.
+            # The delay is the largest mean, plus three standard errors and half a millisecond.
             self.assertAlmostEqual(drawn["arm"].pop("delay"), 0.0028, 9)
             self.assertEqual({k: v for k, v in drawn["arm"].items() if k != "encoder"},
                              {"mass": 0.15, "viscous": 0.8, "coulomb": 0.04})
@@ -1344,7 +1346,7 @@ class Stability(Case):
 
 
 class Devices(Case):
-    """Tests without an arm. tests/devices/vm tests with one."""
+    """Tests without a connected arm. tests/devices/vm tests with emulated arms."""
     @suite.smoke
     def test_profiles_and_known_arms_are_listed_with_their_sources(self):
         words = run("devices").stdout
@@ -1354,7 +1356,7 @@ class Devices(Case):
         for profile in listed["profiles"]:
             self.assertTrue(profile["sources"]["/limits"])
             # The firmware must end the force if the program ends.
-            if profile["name"] != "spacemouse":  # has no motors
+            if profile["name"] != "spacemouse":  # this device has no motors
                 told = json.loads(run("devices", profile["name"], "--json").stdout)["firmware"]
                 self.assertRegex(told, "takes? the force off")
                 self.assertIn(f"firmware: {told}\n", run("devices", profile["name"]).stdout)
@@ -1398,7 +1400,7 @@ class Devices(Case):
             self.assertIn("nobody has pressed Enter", done.stderr)
 
     @suite.smoke
-    def test_watching_invalid_arms_is_refused(self):
+    def test_watching_an_arm_that_is_missing_or_named_twice_is_refused(self):
         for arm in ("hid:polhem", "polhem"):
             self.refused("devices", "--watch", arm, says="no plugged-in arm fits this name")
         self.refused("devices", "--watch", "woodenhaptics", says="woodenhaptics-v2015 or")
@@ -1479,7 +1481,7 @@ class Examples(Case):
             "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb"),
             "beating_heart": ("beating-heart", "heart.vdb"), "breathing": ("breathing", "breathing.vdb")}
 
-    def test_every_mode_of_the_examples_acts_and_no_force_reaches_6_n(self):
+    def test_every_mode_of_examples_with_procedural_volumes_acts_and_no_force_reaches_6_n(self):
         for scene, (name, volume) in self.MADE.items():
             with self.subTest(scene):
                 run("make", name, self.dir / volume)
@@ -1519,7 +1521,7 @@ class Hostile(Case):
     if cases(len(NAMES), "hostile names") < len(NAMES):
         NAMES = {"all": b"".join(NAMES.values())}
     WORDS = "Stra\u00dfe \u4e2d\u6587 \U0001f9b4"
-    LONGEST = 3000  # [characters]; limit of a line: two sentences and two names
+    LONGEST = 3000  # [characters]; limit of a line, which can have two sentences and two names
 
     def legible(self, *words, stdin=b"", env=None):
         """Runs a command. Returns its output after checking that it is safe for a terminal."""

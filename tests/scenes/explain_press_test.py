@@ -241,7 +241,7 @@ class Explain(Touch):
     def test_an_explanation_waits_until_a_varying_stiffness_has_settled(self):
         scene = self.scene(WALL, coupling={"stiffness": {"piecewise": [[0, 300], [8, 500]],
                                                          "by": "d"}})
-        # The hand starts outside of the wall's reach, two voxels.
+        # The wall reaches two voxels. The hand starts outside of this reach.
         out, _ = self.explain(scene, along(INTO, -0.012, start=MIDDLE), along(INTO, 0.013))
         k = 400 - 25 * 1.2 * math.sqrt(6)
         self.assertAlmostEqual(out["balance"]["stiffness"], k, 4)
@@ -255,7 +255,7 @@ class Explain(Touch):
         self.assertEqual(out["balance"]["substeps"], 3)
         self.near([p[1] for p in out["read_at"]], [0.025, 0.03, 0.032 - 0.2 / K])
         self.assertAlmostEqual(out["balance"]["proxy"][1], 0.032 - 0.2 / K)
-        # The tick's steps: first the remembered planes, then the balance after each reading.
+        # The first step of the tick uses the remembered planes. Each further step is the balance after a reading.
         steps = out["steps"]
         self.assertEqual([step["foreseen"] for step in steps], [True, False, False, False])
         self.assertEqual([step["at"] for step in steps[1:]], out["read_at"])
@@ -276,7 +276,7 @@ class Explain(Touch):
         for at in ("0,0", "0,0,0,0", "0,0,x", "", "nan,0,0", "0,0,1e999", "0, 0, 0", "0,,0"):
             self.refused("explain", ball, "--at", at, "--push", good, says="is not x,y,z")
         self.refused("explain", ball, "--at", "1e7,0,0", "--push", good, says="1,000 km")
-        self.refused("explain", ball, "--at", "9e5,0,0", "--push", "9e5,0,0", says="--push: the place is farther")
+        self.refused("explain", ball, "--at", "9e5,0,0", "--push", "9e5,0,0", says="--push: a coordinate is 1,000 km or more")
         self.refused("explain", ball, "--at", good, "--push", "1", says="--push: ")
         self.refused("explain", ball, "--at", good, says="--push: it is required without --until")
         self.refused("explain", ball, "--at", good, "--push", good, "--rate", 1, says="--rate")
@@ -331,7 +331,7 @@ class Press(Touch):
         contacts = [row["contacts"] for row in rows[:241]]
         self.assertEqual(list(dict.fromkeys(contacts)), ["", "wall=holds", "wall=yields"])
 
-    def test_a_wall_that_releases_the_proxy_keeps_the_energy_that_the_hand_put_in(self):
+    def test_a_wall_that_releases_the_proxy_dissipates_the_energy_that_the_hand_put_in(self):
         # From a depth of 1 mm, the force fades over one voxel, 5 mm.
         summary, rows = self.press(self.scene({**WALL, "depth": 0.2}), MIDDLE,
                                    along(INTO, 0.014))
@@ -343,7 +343,7 @@ class Press(Touch):
         self.assertAlmostEqual(summary["hysteresis"], summary["work_in"], 6)
         self.assertLess(summary["net_energy"], -0.5 * K * 0.006 ** 2)
 
-    def test_a_wall_that_is_passed_within_a_tick_has_yielded(self):
+    def test_a_wall_that_is_passed_within_a_tick_is_reported_as_yielded(self):
         # The hand moves 14 mm in one tick, to a place where the wall has no strength.
         soft = {"name": "wall", "mode": "surface", "of": "d",
                 "strength": {"piecewise": [[6, 1], [6.5, 0]]}}
@@ -357,7 +357,7 @@ class Press(Touch):
                    words(along(INTO, 0.014)), "--speed", 14).stdout
         self.assertIn("wall: yielded at 14 mm within one tick, load unknown; released at 14 mm", said)
 
-    def test_a_gap_of_one_tick_is_no_release_of_a_pressed_mode(self):
+    def test_a_gap_of_one_tick_in_a_mode_s_load_is_not_reported_as_a_release(self):
         # The strength is 0 in a layer of 0.1 mm, where the proxy moves to the hand: one tick has no load.
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": {
             "piecewise": [[4, 0.5], [4.7, 0.5], [4.71, 0], [4.73, 0], [4.74, 0.5], [6, 0.5], [6.1, 0]]}}
@@ -370,7 +370,7 @@ class Press(Touch):
         self.assertAlmostEqual(drag["let_go_at"], 0.01 * 2.1 / math.sqrt(6), delta=0.001)
 
     def test_a_pressed_mode_yields_and_releases_only_after_its_contact_has_begun(self):
-        # For 1 mm the drag is below 1 uN, which does not count as contact.
+        # For 1 mm the drag is below 1 µN, which does not count as contact.
         drag = {"name": "drag", "mode": "viscosity", "of": "d",
                 "strength": {"piecewise": [[4.2, 0], [4.21, 1e-8], [4.45, 1e-8], [4.5, 0.3]]}}
         summary, _ = self.press(self.scene(drag), MIDDLE, along(INTO, 0.01))
@@ -379,7 +379,7 @@ class Press(Touch):
         self.assertGreaterEqual(drag["yield"]["depth"], drag["touched_at"])
         self.assertIsNone(drag["let_go_at"])
 
-    def test_a_press_outside_the_bounds_of_a_scene_says_this(self):
+    def test_a_press_outside_the_bounds_of_a_scene_is_reported(self):
         scene = self.scene(WALL)
         for way, hint in (("0,0,0.01", True), ("-50,-50,-50", False)):  # the second path ends in the scene
             done = run("press", scene, "--at", "50.02,50.02,50.02", "--along", way, "--speed", 100)
@@ -400,7 +400,7 @@ class Press(Touch):
         self.assertAlmostEqual(drag["yield"]["force"], 0.5)
         self.assertAlmostEqual(float(rows[-1]["force_along"]), -0.5)
 
-    def test_friction_gives_a_force_perpendicular_to_the_path_of_a_press(self):
+    def test_sticking_friction_turns_the_force_of_an_oblique_press_along_its_path(self):
         # The path enters the wall at 45 degrees. With sticking friction, the force is k times the path's length, along
         # the path. Without friction, half of it is along the path and half is perpendicular.
         way = along(INTO, 0.002 / math.sqrt(2), ASIDE, 0.002 / math.sqrt(2))
@@ -464,7 +464,7 @@ class Press(Touch):
         ball = self.dir / "ball.vdb"
         at = ("press", ball, "--at", "0,0,0.06")
         self.refused(*at, "--along", "0,0,0", says="--along: its length is the depth")
-        self.refused(*at, "--along", "0,0,1e6", says="--along: the place is farther")
+        self.refused(*at, "--along", "0,0,1e6", says="--along: a coordinate is 1,000 km or more")
         self.refused(*at, "--along", "0;0;1", says="is not x,y,z")
         self.refused(*at, says="--along is required")
         for speed in (0, -1, "nan", "inf", 1e-9):
@@ -553,7 +553,7 @@ class NearParts(Touch):
             out = json.loads(a)
             self.assertIn("stream[2]", [mode["name"] for mode in out["modes"]])
             self.assertGreater(sum(mode["active"] for mode in out["modes"]), 3)
-        # A run in the whole scene is explained in the scene of the near parts.
+        # The explain command of a run in the whole scene gives the same spring force.
         path = self.dir / "into.csv"
         ends = [0.025, 0.022, 0.02], along(INTO, 0.004, start=[0.025, 0.022, 0.02])
         path.write_text("t,x,y,z\n" + "".join(f"{0.1 * i},{words(at)}\n" for i, at in enumerate(ends)))
@@ -567,7 +567,7 @@ class NearParts(Touch):
             b, _ = self.told("press", few, *words_, *how)
             self.assertEqual(a, b)
             self.assertIn("the hand comes near 3 of the scene's 1000 parts", said)
-        # Elsewhere, another part is near.
+        # At another place, only part 7 is near.
         out, _ = self.explain(many, along(self.STEP, 30 * 7, start=MIDDLE), along(INTO, 0.002))
         self.assertEqual([mode["name"] for mode in out["modes"]],
                          ["wall[7]", "/modes/1[7]", "stream[7]", "honey", "floor"])

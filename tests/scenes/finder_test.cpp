@@ -171,9 +171,8 @@ TEST_CASE("the exploration path finds a moving ball and the parts of a scene", "
   }
 }
 
-TEST_CASE(
-    "the exploration path is the same in every run, at most 0.1 m/s fast, and within the workspace",
-    "[finder]") {
+TEST_CASE("the exploration path is reproducible, at most 0.1 m/s fast, and within the workspace",
+          "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.02, 0.0, 0.0}, 0.015)}});

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Tests that the simulated hand feels more than 0.2 N in 30 % of the ticks, in every volume of PALPATE_DATA. Also tests
-that the `palpate explain` command of each run gives the run's largest force: hand_data_test.py BIN_DIR
+"""Tests that the simulated hand feels more than 0.2 N in at least 30 % of the ticks, in every volume of PALPATE_DATA.
+Also tests that the `palpate explain` command of each run gives the spring force of the run's strongest tick:
+hand_data_test.py BIN_DIR
 
 Feels .vdb files directly. Imports other files, with the scene that `palpate import` guesses. Prints a table."""
 import json
@@ -56,7 +57,8 @@ def main():
             if share < 0.3 or abs(explained - most["spring"]) > 0.02 * most["spring"]:
                 failed.append(f"{name} ({share}; {most['spring']} N, explained {explained} N)")
     if failed or len(scenes) < 4:
-        sys.exit(f"of {len(scenes)} volumes too little was felt, or another force explained, in {failed}")
+        sys.exit(f"{len(scenes)} volumes; at least 4 are required. Too little force, or another explained force, in: "
+                 f"{failed}")
 
 
 main()

@@ -3,7 +3,7 @@
 set -euo pipefail
 images=/usr/share/mricron/templates
 if [ ! -f $images/ch2.nii.gz ]; then
-    echo "mricron-data is not there"
+    echo "head: needs mricron-data"
     exit 77
 fi
 work=$(mktemp -d)

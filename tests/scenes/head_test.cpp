@@ -12,7 +12,7 @@
 
 using namespace palpate;
 
-TEST_CASE("ticks on the head scene never allocate, lock or throw, and 99.5 % converge",
+TEST_CASE("ticks on the head scene never allocate, lock or throw, and more than 99.5 % converge",
           "[head][realtime]") {
   const char* file = std::getenv("PALPATE_HEAD");
   REQUIRE(file != nullptr);

@@ -149,7 +149,8 @@ class Far(Case):
     HOST = True
 
     def felt(self, seed, *relay, delay=5, during=None):
-        """Runs a hand that circles in the bowl in real time, and records it in far.rec. Returns the run's summary."""
+        """Runs a hand that circles in the bowl in real time, and records it in far.rec. Returns the run's summary, and
+        the relay's counts of packets."""
         home = self.dir / f"far{seed}"
         rows = [(0, 0.01, 0.01, 0), (1, 0.01, 0.01, -0.02)]
         for i in range(1, 60):
@@ -186,7 +187,7 @@ class Far(Case):
         here = self.dir / "here.rec"
         (self.dir / "far.scene").write_text(self.scene(str(self.dir / "bowl")).read_text())
         run("feel", self.dir / "far.scene", "--device", f"replay:{self.dir / 'far.rec'}", "--record", here)
-        # Status 1: in the run, some ticks read coarser levels because bricks had not arrived.
+        # `compare` may report a difference: in the run, some ticks read coarser levels because bricks had not arrived.
         said = run("compare", self.dir / "far.rec", here, status=None).stdout
         self.assertIn("force     differs by at most 0 N, proxy by at most 0 mm", said)
 
@@ -252,7 +253,8 @@ class Wrong(Case):
         return file
 
     def locked(self, authorization, seen=None):
-        """Returns an address that answers only requests with this header."""
+        """Returns the address of a server that serves only requests with this Authorization header, and answers others
+        with 401. Appends the received headers to `seen`."""
         def answer(of):
             got = of.headers.get("Authorization")
             if seen is not None:
@@ -361,7 +363,7 @@ class Wrong(Case):
         self.assertIn(says, said)
         self.assertGreater(max(float(row["force_z"]) for row in rows), 0.1)
 
-    def test_a_missing_brick_is_replaced_by_coarser_data(self):
+    def test_a_brick_that_is_missing_or_not_received_is_replaced_by_coarser_data(self):
         self.of_brick(lambda of: of.give(b"<html>" * 100_000, 404), "it is missing")
         self.of_brick(lambda of: of.give(b"", 500), "the server answers with status 500")
 

@@ -96,7 +96,8 @@ TEST_CASE("the server can read messages of the OpenIGTLink library", "[igtl]") {
   CHECK(readIgtlString(said.subspan(kIgtlHead)) == "cut");
 }
 
-TEST_CASE("an image of the OpenIGTLink library keeps its size, placement and values", "[igtl]") {
+TEST_CASE("an image of the OpenIGTLink library keeps its size, placement and range of values",
+          "[igtl]") {
   const auto image = igtl::ImageMessage::New();
   image->SetDeviceName("head");
   image->SetDimensions(4, 3, 2);
@@ -105,7 +106,7 @@ TEST_CASE("an image of the OpenIGTLink library keeps its size, placement and val
   image->SetEndian(igtl_is_little_endian() != 0 ? igtl::ImageMessage::ENDIAN_LITTLE
                                                 : igtl::ImageMessage::ENDIAN_BIG);
   image->SetCoordinateSystem(GENERATE(1, 2));
-  int whole[3]{4, 3, 2};  // NOLINT: the library's
+  int whole[3]{4, 3, 2};  // NOLINT: the library takes C arrays
   int nowhere[3]{};       // NOLINT
   image->SetSubVolume(whole, nowhere);
   // The image's axis i is along y, and its axis j against x, in RAS or in LPS.

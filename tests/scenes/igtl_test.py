@@ -23,7 +23,7 @@ import suite  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 PALPATE = str(Path(sys.argv[1]) / "palpate")
-PATIENCE = 20  # s
+PATIENCE = 20  # [s]
 HEAD = struct.Struct(">H12s20sQQQ")
 # Placement of the scene's volume, rotated by 90 degrees about z: x of the file is y of W.
 SCALE = 0.001
@@ -52,7 +52,7 @@ def crc64(data):
 
 
 def message(kind, name, body, version=1, crc=None, size=None):
-    if version == 2:  # of protocol 3
+    if version == 2:  # a message of OpenIGTLink protocol 3
         body = struct.pack(">HHIi", 14, 2, 0, 7) + b"\0\0" + body + b"\0\0"
     return HEAD.pack(version, kind.encode(), name if isinstance(name, bytes) else name.encode(),
                      int(time.time()) << 32, len(body) if size is None else size,
@@ -84,8 +84,8 @@ SIZE = (24, 12, 12)
 
 
 def wall(at):
-    """Returns a ramp along x of the file that is 5 at `at` [mm], for images of SIZE with voxels of 2 mm. The values
-    are whole numbers if `at` is odd."""
+    """Returns the values of a ramp along x of the file, with the value 5 at x = `at` [mm], for images of SIZE with
+    voxels of 2 mm. The values are whole numbers if `at` is odd."""
     row = [max(0, min(10, 5 + 0.5 * (at - 2 * (i - 11.5)))) for i in range(SIZE[0])]
     return row * (SIZE[1] * SIZE[2])
 
@@ -114,7 +114,7 @@ class Client:
             raise AssertionError(f"version {version}, checksum {crc:x}, not {crc64(body):x}")
         self.stamp = stamp / 2**32
         if not time.time() - 2 * PATIENCE < self.stamp <= time.time():
-            raise AssertionError(f"it was sent at {self.stamp}")
+            raise AssertionError(f"the time stamp of the message is {self.stamp} s")
         kind, name = (text.rstrip(b"\0").decode() for text in (kind, name))
         if kind == "TRANSFORM":
             numbers = struct.unpack(">12f", body)
@@ -389,19 +389,19 @@ class IgtlTest(unittest.TestCase):
         run = self.start()
         good = self.connect(run)
         hostile = {
-            "bad checksum": message("TRANSFORM", "PalpateSteer", transform(1, 2, 3), crc=1),
-            "bad checksum of what is skipped": message("POINT", "x", b"1234", crc=1),
+            "a bad checksum": message("TRANSFORM", "PalpateSteer", transform(1, 2, 3), crc=1),
+            "a bad checksum of an unknown message": message("POINT", "x", b"1234", crc=1),
             "2^63 bytes": message("IMAGE", "head", b"", size=2**63),
             "2^64 - 1 bytes": message("POINT", "x", b"", size=2**64 - 1),
             "a long string": message("STRING", "x", b"", size=2**20),
-            "a version to come": message("TRANSFORM", "x", transform(0, 0, 0), version=9),
+            "a future version": message("TRANSFORM", "x", transform(0, 0, 0), version=9),
             "another protocol": b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" + b" " * 40,
             "a short transform": message("TRANSFORM", "x", b"1234"),
-            "a string that is longer than it is": message("STRING", "x", b"\0\x03\0\x09abc"),
-            "no number": message("TRANSFORM", "PalpateSteer", transform(float("nan"), 0, 0)),
-            "infinite": message("TRANSFORM", "PalpateSteer", transform(0, float("inf"), 0)),
-            "too far": message("TRANSFORM", "PalpateSteer", transform(0, 1e30, 0)),
-            "extended beyond its end": message("TRANSFORM", "PalpateSteer", struct.pack(
+            "a string whose length exceeds the message": message("STRING", "x", b"\0\x03\0\x09abc"),
+            "a position of NaN": message("TRANSFORM", "PalpateSteer", transform(float("nan"), 0, 0)),
+            "an infinite position": message("TRANSFORM", "PalpateSteer", transform(0, float("inf"), 0)),
+            "a position that is too far away": message("TRANSFORM", "PalpateSteer", transform(0, 1e30, 0)),
+            "an extended header longer than the message": message("TRANSFORM", "PalpateSteer", struct.pack(
                 ">HHIi", 60000, 60000, 2**32 - 1, 0) + transform(0, 0, 0)).replace(
                     b"\0\1TRANS", b"\0\2TRANS", 1),
         }
@@ -416,9 +416,9 @@ class IgtlTest(unittest.TestCase):
         self.assertLess(summary["late_ticks"], 20)
         lines = [line for line in run.errors if "igtl: 127" in line and "is closed" in line]
         self.assertTrue(lines)
-        self.assertLess(len(lines), len(hostile))  # one line per second, which counts the others
+        self.assertLess(len(lines), len(hostile))  # at most one line per second; it counts the lines not shown
         counted = re.findall(r"\((\d+) earlier lines not shown\)", "".join(lines))
-        self.assertEqual(len(lines) + sum(map(int, counted)), len(hostile))  # including the last ones
+        self.assertEqual(len(lines) + sum(map(int, counted)), len(hostile))  # no closed connection is missing
         for line in lines:
             self.assertTrue(line.startswith("palpate: "), line)
 
@@ -430,14 +430,14 @@ class IgtlTest(unittest.TestCase):
         not_finite[7] = float("nan")
         refused = {
             "an image without a header": message("IMAGE", "head", b"12"),
-            "an image that is cut": message("IMAGE", "head", image(voxels[:-1], SIZE)),
-            "an image that is longer": message("IMAGE", "head", image(voxels + [1], SIZE)),
+            "an image with a missing value": message("IMAGE", "head", image(voxels[:-1], SIZE)),
+            "an image with an additional value": message("IMAGE", "head", image(voxels + [1], SIZE)),
             "a part of an image": message("IMAGE", "head", image(voxels, SIZE, part=(1, 1, 1))),
             "a flat image": message("IMAGE", "head", image(voxels, SIZE, spacing=0.0)),
-            "an image nowhere": message("IMAGE", "head",
+            "an image at NaN": message("IMAGE", "head",
                                         image(voxels, SIZE, middle=(float("nan"), 0, 0))),
             "an empty image": message("IMAGE", "head", image([], (0, 12, 12))),
-            "a large image of nothing": message("IMAGE", "head", image([], (65535,) * 3)),
+            "a large image without values": message("IMAGE", "head", image([], (65535,) * 3)),
             "two components": message("IMAGE", "head", image(voxels, SIZE, components=2)),
             # The image's values are checked when the scene is built; the previous scene continues.
             "a value that is not finite": message("IMAGE", "head", image(not_finite, SIZE, scalar=10)),
@@ -508,7 +508,7 @@ class IgtlTest(unittest.TestCase):
         self.assertGreater(hands, 150)
         self.assertTrue(loris.ended())
         summary = run.end()
-        self.assertEqual(summary["igtl"]["ended"], 2)  # one of them is the deaf client
+        self.assertEqual(summary["igtl"]["ended"], 2)  # the clients `deaf` and `loris`
         self.assertGreater(summary["igtl"]["skipped"], 100)
         self.assertEqual(summary["faults"], {})
         self.assertLess(summary["late_ticks"], 0.005 * summary["ticks"])
@@ -549,7 +549,7 @@ class IgtlTest(unittest.TestCase):
         self.assertGreaterEqual(summary["igtl"]["connections"], 2000)
         self.assertGreaterEqual(summary["igtl"]["refused"], 17)
 
-    def test_invalid_options_are_refused(self):
+    def test_invalid_options_of_the_igtl_server_are_refused(self):
         def refused(*words, says):
             done, line = refusal(self, self.folder, lambda: process.run(
                 [PALPATE, *map(str, words)], capture_output=True, text=True, timeout=60))

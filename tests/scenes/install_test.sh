@@ -10,7 +10,7 @@ palpate=$place/usr/bin/palpate
 echo '{"stiffness":500,"probe":[0,0,-0.001],"primitives":[]}' >balance.jsonl
 printf 'x,y,z\n0,0,0\n' >points.csv
 "$palpate" make two-bodies bodies.vdb >/dev/null
-# The verbs, each with text that only its output has. The loop below reports verbs that are missing here.
+# The verbs, each with a text that its output must have. The loop below reports verbs that are missing here.
 declare -A says=(
     [info]=voxels [brick]=stored [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"'
@@ -56,7 +56,8 @@ run() {
 }
 for verb in $("$palpate" --help | sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*/\1/p'); do
     run "$verb" >"said.$verb" 2>&1 || { echo "install: $verb:"; cat "said.$verb"; exit 1; }
-    grep -qF -- "${says[$verb]}" "said.$verb" || { echo "install: $verb says:"; head "said.$verb"; exit 1; }
+    grep -qF -- "${says[$verb]}" "said.$verb" ||
+        { echo "install: the output of $verb lacks ${says[$verb]}:"; head "said.$verb"; exit 1; }
 done
 
 # The installed script `prepare` makes an example in the current folder.
@@ -66,10 +67,11 @@ usr/share/palpate/examples/prepare two_bodies >prepared
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
-# Features for few users are in modules.
+# Features that few users need are in modules, so the program loads few libraries.
 ldd "$palpate" >libraries
 [ "$(wc -l <libraries)" -le 25 ] || { echo "install: palpate loads more than 25 libraries:"; cat libraries; exit 1; }
-! grep -E "curl|ddsc|iceoryx|hdf5|mpi|rados|ceph" libraries || { echo "install: these belong in modules"; exit 1; }
+! grep -E "curl|ddsc|iceoryx|hdf5|mpi|rados|ceph" libraries ||
+    { echo "install: palpate must load these libraries only in modules"; exit 1; }
 for library in usr/lib/palpate/*.so; do
     [ ! -e "$library" ] || [ "$(nm -D --defined-only "$library" | awk '{print $3}')" = palpate_module ] ||
         { echo "install: $library exports more than palpate_module"; exit 1; }
@@ -78,16 +80,16 @@ PALPATE_MODULES=$place/none "$palpate" info http://localhost/none 2>without || t
 grep -q "install the package palpate-network" without
 # Drawing scripts must not be in PATH.
 for script in feel stability trace; do test -x usr/share/palpate/${script}_picture.py; done
-! ls usr/bin/*.py 2>/dev/null || { echo "install: scripts in the user's PATH"; exit 1; }
+! ls usr/bin/*.py 2>/dev/null || { echo "install: usr/bin, which is in PATH, has drawing scripts"; exit 1; }
 if [ -d usr/share/man/man1 ]; then
     for verb in said.*; do
         page=usr/share/man/man1/palpate-${verb#said.}.1
-        grep -q "^palpate-${verb#said.} " "$page" || { echo "install: $page has another's name"; exit 1; }
+        grep -q "^palpate-${verb#said.} " "$page" || { echo "install: $page does not name its verb"; exit 1; }
     done
     grep -q smooth usr/share/man/man1/palpate-import.1
     if command -v groff >/dev/null; then
         for page in usr/share/man/man1/*.1; do groff -man -ww -Tutf8 "$page" 2>&1 >/dev/null; done >pages
-        [ ! -s pages ] || { echo "install: of the manual:"; cat pages; exit 1; }
+        [ ! -s pages ] || { echo "install: warnings of groff about the manual pages:"; cat pages; exit 1; }
     fi
 fi
 # A C host finds the header and the library. With sanitizers the host would have to link them, too.

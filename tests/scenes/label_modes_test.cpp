@@ -71,7 +71,7 @@ TEST_CASE("a mode of a label acts at this label's faces only, with its own stren
   // At 5 mm the spring needs 2 N: the liver yields at 0.5 N, the spleen holds.
   CHECK(forceAfter(*scene.scene, at(0.018), at(0.0095)).norm() < 0.6);
   CHECK(forceAfter(*scene.scene, at(0.018), at(0.0295)).x() == Approx(-2.0).margin(0.02));
-  // The label 3 has no mode.
+  // Label 3 has no mode, so it gives no force.
   CHECK(forceAfter(*scene.scene, at(0.017), at(0.022)).norm() < 1e-9);
 
   const auto& mask = scene.computed.at("organs:liver");
@@ -101,7 +101,7 @@ TEST_CASE("modes with equal labels share a mask, which a scene cache keeps", "[l
   CHECK(second.scene->shape == first.scene->shape);
 }
 
-TEST_CASE("a mask moves and has the instances of its label volume", "[labels]") {
+TEST_CASE("the mask of a label moves with the label volume and has its instances", "[labels]") {
   const TemporaryFolder folder;
   writeOrgans(folder.path());
   Json moving = organs();

@@ -64,7 +64,7 @@ TEST_CASE("the procedural wind has no divergence, and its vortices have the stat
     const Mat3 J = jacobian(wind, p, 1e-5);
     CHECK(std::abs(J.trace()) < 1e-4 * (1.0 + J.norm()));
   }
-  // Far behind the wing, the circulation around one vortex is the share inside the circle.
+  // Far behind the wing, the circulation along a circle is that of the vorticity inside the circle.
   const auto velocity = [&](const Vec3& p) { return wind.velocity(p); };
   const Vec3 right(5.0, 0.5 * wind.span, 0.0);
   const Vec3 left(5.0, -0.5 * wind.span, 0.0);
@@ -85,8 +85,10 @@ TEST_CASE("the procedural wind has no divergence, and its vortices have the stat
   CHECK(wind.velocity({-50, 0, 0}).isApprox(Vec3(wind.stream, 0, 0), 1e-4));
 }
 
-TEST_CASE("the procedural wind's voxels equal its formula with a divergence below 2 % between them",
-          "[made]") {
+TEST_CASE(
+    "the procedural wind's voxels equal its formula, and its divergence is below 2 % of its "
+    "Jacobian",
+    "[made]") {
   const test::TemporaryFolder folder;
   const auto grids = writeMade("wind-tunnel", std::nullopt, folder / "wind.vdb");
   REQUIRE(grids.size() == 2);
@@ -136,7 +138,8 @@ TEST_CASE("procedural level sets equal the distance to their surface", "[made]")
     const Vec3 at_bowl = 40.0 * p;
     const Vec3 at_wing = p.cwiseProduct(Vec3(0.06, 0.17, 0.03));
     CAPTURE(p.transpose());
-    // Skips the ridges of a distance field, where differences mix two sides.
+    // Tests points outside the solid and away from the bowl's centre. Elsewhere a distance field
+    // has ridges, where differences mix the slopes of two sides.
     if (made::bowl(at_bowl) > 0.0 && at_bowl.norm() > 1.0) {
       CHECK(slope(made::bowl, at_bowl, 1e-4) == Approx(1.0).epsilon(1e-3));
     }

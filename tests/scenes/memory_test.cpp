@@ -92,7 +92,7 @@ TEST_CASE("a scene load that runs out of memory leaves the force of the current 
       "%ld allocations; with one failing, %ld loads ended with bad_alloc, %ld with another error, "
       "%ld succeeded\n",
       all, refused, told, loaded);
-  // At least a quarter of the loads must have failed.
+  // More than a quarter of the loads must have ended with bad_alloc.
   CHECK(refused > (refused + told + loaded) / 4);
   // If a stream gets no memory, the load reports an unreadable file instead.
   CHECK(told <= 2);

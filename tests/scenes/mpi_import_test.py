@@ -27,11 +27,11 @@ import suite  # noqa: E402
 
 IMPORT = str(Path(sys.argv[1]).resolve())
 MPIRUN = shutil.which("mpirun")
-PATIENCE = 60  # s
+PATIENCE = 60  # [s]
 HERE = ["--oversubscribe", "--mca", "btl", "self,vader",
         "--mca", "btl_vader_single_copy_mechanism", "none",
         "--mca", "odls_base_sigkill_timeout", "0", "--mca", "btl_tcp_if_include", "lo"]
-# Open MPI 5 refuses this option's loopback.
+# Open MPI 5 refuses the loopback interface in this option.
 if MPIRUN and "(Open MPI) 4" in subprocess.run([MPIRUN, "--version"], capture_output=True, text=True, check=False).stdout:
     HERE += ["--mca", "oob_tcp_if_include", "lo"]
 os.environ.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
@@ -110,7 +110,8 @@ class Case(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
 
     def check(self, ranks, file, *words):
-        """Checks that these numbers of ranks give the bytes and the report of a single process, except for memory."""
+        """Checks that these numbers of ranks give the bytes and the report of a single process. In the report, the file's
+        name and the memory may differ."""
         name = f"{file.name}{len(list(self.dir.iterdir()))}"
         alone = self.dir / f"{name}_alone"
         report = json.loads(run(0, file, alone, "--bricks", "--json", *words).stdout)
@@ -146,7 +147,7 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([3], file, *self.layout)
 
-    def test_an_import_with_distant_holes_equals_that_of_a_single_process(self):
+    def test_an_import_with_two_invalid_values_equals_that_of_a_single_process(self):
         values = array.array("f", self.values)
         values[len(values) * 3 // 4] = math.nan
         values[len(values) // 2] = 1e39  # too large for a float
@@ -212,7 +213,7 @@ class Bytes(Case):
             "zarr_format": 2, "shape": SIZE[::-1], "chunks": (depth, SIZE[1], SIZE[0]), "dtype": "<f4", "order": "C",
             "filters": None, "compressor": {"id": "zlib"}, "fill_value": 0}))
         size = depth * SIZE[0] * SIZE[1]
-        for n in range(-(-SIZE[2] // depth) - 1):  # the last chunk is missing, and zero
+        for n in range(-(-SIZE[2] // depth) - 1):  # the last chunk is missing, so its values are the fill value
             data = self.values[n * size:(n + 1) * size].tobytes()
             (folder / f"{n}.0.0").write_bytes(zlib.compress(data))
         self.check([3], folder, "--smooth", "1")
@@ -330,7 +331,7 @@ class Trouble(Case):
         return [pid for pid in found if pid not in workers], workers
 
     def test_a_killed_import_on_several_ranks_resumes(self):
-        # Noise takes long to compress.
+        # The values are noise, which takes long to compress.
         size = (250, 250, 320)
         file = self.dir / "noise.raw"
         file.write_bytes(random.Random(3).randbytes(size[0] * size[1] * size[2]))
@@ -350,7 +351,7 @@ class Trouble(Case):
                 fresh = [one for one in out.glob("0/*.0") if one.name not in kept]
                 time.sleep(0.002)
             self.assertTrue(victims)
-            self.assertIsNone(begun.poll(), "it was too quick to be killed")
+            self.assertIsNone(begun.poll(), "the import ended before it was killed")
             for pid in victims:
                 os.kill(pid, signal.SIGKILL)
             begun.communicate(timeout=PATIENCE)
@@ -364,14 +365,14 @@ class Trouble(Case):
             self.assertEqual(left(), [])
             now = {one.name: one.stat().st_mtime_ns for one in out.glob("0/*.0")}
             for name, when in kept.items():
-                self.assertEqual(now[name], when, "it was there already")
+                self.assertEqual(now[name], when, "a brick that existed was written again")
             kept = now
             self.assertGreater(len(kept), 2)
         run(3, file, out, *words)
         self.assert_same(whole, files_in(out))
         for name, when in kept.items():
             self.assertEqual((out / "0" / name).stat().st_mtime_ns, when)
-        self.assertLess(len(kept), len(list(out.glob("0/*.0"))), "nothing was left to be done")
+        self.assertLess(len(kept), len(list(out.glob("0/*.0"))), "no brick was left for the last run")
 
 
 if __name__ == "__main__":

@@ -160,7 +160,7 @@ class Pictures(Case):
         return json.loads(done.stdout)
 
     def head(self, name, **place):
-        """Returns a scene of an imported ball, and a hand that enters it from the patient's front."""
+        """Returns words of a command: a scene of an imported ball, and a hand that enters it from the front."""
         place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06], **place}
         volume = {"file": f"{name}.vdb", "place": place}
         scene = self.scene(f"{name}-scene", {"body": volume},
@@ -365,7 +365,7 @@ class Pictures(Case):
         far = 0.5 * (data["extent"][1][0] - data["extent"][0][0])
         data["ticks"] = [[0.1 * i, x + 0.02 * i, y, z + (0 if i < 100 else far), 0, 0, 0.01 * i]
                          for i in range(200)]
-        for colours in self.look(data)["alphas"][0]:  # slice across z: rim and line
+        for colours in self.look(data)["alphas"][0]:  # in the slice across z: the path's rim and its line
             self.assertGreater(max(colours), 3 * min(colours))
             self.assertEqual(colours, sorted(colours))  # near pieces are drawn last
 
@@ -379,7 +379,7 @@ class Pictures(Case):
         scene = self.scene("moves", {"body": {"file": "lps.vdb", "place": place}}, wall)
         data = self.given("feel", scene, "--device", self.path(*[(0, 0.035, 0)] * 3))
         self.assertEqual(data["space"]["name"], "hand")  # because the volume moves
-        # The volume moves towards the hand. The force is largest at the end, when its front is at 0.024 + 0.02.
+        # The volume moves towards the hand. The force is largest at the end, when its front is at 0.024 + 0.02 m.
         self.assertAlmostEqual(data["stands_at"], 2.0, delta=0.1)
         column = [line[len(line) // 2] for line in data["fields"][0]["slices"][0]["values"]]
         low, high = data["extent"][0][1], data["extent"][1][1]
@@ -400,7 +400,7 @@ class Pictures(Case):
     def test_the_legend_has_the_colours_that_are_drawn(self):
         data = self.given_head()
         look = self.look(data)
-        for colours in look["path colours"]:  # from no force to the largest one
+        for colours in look["path colours"]:  # the legend's path has colours from no force to the largest force
             self.assertGreater(len({tuple(c) for c in colours}), 10)
         field = json.loads(json.dumps(data["fields"][0]))
         for piece in field["slices"]:
@@ -410,7 +410,7 @@ class Pictures(Case):
         [arrows] = [c for label, c in colours.items() if label.startswith("flow, component")]
         [skin] = [c for label, c in colours.items() if label.startswith("skin: ")]
         self.assertNotEqual(arrows, skin)
-        self.assertEqual(look["colours"]["skin: body = 0 HU"], arrows)  # without arrows, their colour is free
+        self.assertEqual(look["colours"]["skin: body = 0 HU"], arrows)  # without arrows, the surface gets their colour
 
     def test_names_above_a_press_neither_overlap_nor_leave_the_page(self):
         scene, *_ = self.head("lps")
@@ -495,7 +495,7 @@ class Pictures(Case):
         self.assertEqual(words.count("L"), 2)
         self.assertIn("body [HU]", words)
         self.assertTrue(re.search(r"slices through the place of the largest force", "\n".join(words)))
-        # The force is drawn over the depth, with the modes' names where they begin to hold, yield and end.
+        # The force is drawn over the depth, with a mode's name where its contact begins, yields or ends.
         self.assertIn("depth of the hand [mm]", words)
         self.assertNotIn("time [s]", words)
         told = json.loads(run("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0", "--json").stdout)

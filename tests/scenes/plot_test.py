@@ -215,7 +215,7 @@ class Plot(unittest.TestCase):
             told, picture = self.both() if kind == "png" else self.drawn(*traces, out=f"runs.{kind}")
             self.assertEqual((told["format"], told["dpi"]), (kind, 300))
             again = self.both_printed() if kind == "png" else self.drawn(*traces, out=f"runs.{kind}")
-            self.assertEqual(again[1], picture)  # has no dates
+            self.assertEqual(again[1], picture)  # equal, because a picture has no date
             self.assertNotIn(str(self.dir).encode(), picture)
             self.assertLess(len(picture), 3e6)
             if kind == "png":
@@ -265,7 +265,7 @@ class Plot(unittest.TestCase):
     def test_a_plot_reads_traces_with_more_columns_in_another_order(self):
         """One of the traces comes from a pipe."""
         told, _ = self.six()
-        _, usual, *_, other, piped = [  # only the first run has a legend of the paths
+        _, usual, *_, other, piped = [  # skips the first run, which alone has a legend of the paths
             ({**run, "name": ""}, [{**panel, "run": ""} for panel in told["panels"] if panel["run"] == run["name"]])
             for run in told["runs"]]
         self.assertEqual([run["name"] for run in told["runs"][4:]], ["other", "stdin"])

@@ -50,7 +50,7 @@ def press(ticks=2000):
     return path
 
 
-def test_smooth_is_a_deviation_in_voxels_or_in_the_array_s_own_unit():
+def test_parameter_smooth_is_a_standard_deviation_in_voxels_or_in_the_array_s_own_unit():
     values = np.zeros((21, 21, 21))
     values[10, 10, 10] = 1
     def along(smooth, **more):
@@ -77,7 +77,7 @@ def test_an_array_s_values_are_placed_by_its_origin_and_spacing():
     assert inner["gradient"].tolist() == pytest.approx([30, 3, 1 / 3])
 
 
-def test_integers_become_the_smallest_float_type_that_holds_them():
+def test_integers_become_floats_or_doubles_that_hold_their_values():
     counts = np.full((4, 4, 4), 7, "u2")
     counts[2, 2, 2] = 60001
     assert palpate.volume(counts).info["type"] == "float"
@@ -300,7 +300,7 @@ def test_a_seek_blends_frames_over_50_ms_and_a_time_set_by_the_script_does_not(t
 
 
 def saved_volumes(bodies):
-    """Returns volumes by kind, each with the largest error of its values with 16 bits."""
+    """Returns volumes by kind, each with the largest allowed error of its values in 16 bits. None: not tested."""
     flow = np.random.default_rng(69).normal(size=(21, 9, 70, 3)).astype("f4")
     return {"float": (ball(), 1e-3), "double": (ball(dtype="f8"), 1e-3),
             "vector": (palpate.volume(flow, spacing=(1, 2, 0.5), name="flow"), 5e-3),
@@ -357,7 +357,7 @@ def test_bricks_that_python_saves_equal_those_of_palpate_brick(tmp_path):
 def test_a_volume_that_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path):
     volume = ball()
     volume.save(tmp_path / "ball.bricks")
-    volume.save(tmp_path / "ball.bricks")  # finished: stays unchanged
+    volume.save(tmp_path / "ball.bricks")  # the same bricks again: the folder stays unchanged
     with pytest.raises(palpate.Error) as caught:
         ball(33).save(tmp_path / "ball.bricks")
     assert "ball.bricks" in caught.value.what and "\n" not in str(caught.value)

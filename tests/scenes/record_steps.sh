@@ -17,14 +17,14 @@ hush() {
     [ $? -eq 1 ] && grep 'the force was cut: the loop was late' hushed.txt || { cat hushed.txt; exit 1; }
 }
 # Runs a command that must exit with status 1, because recordings differ.
-differ() { printf '$ %s\n' "$*"; if "$@"; then echo "they do not differ"; exit 1; fi; }
+differ() { printf '$ %s\n' "$*"; if "$@"; then echo "the recordings do not differ"; exit 1; fi; }
 
 step "a scene"
 try palpate make two-bodies bodies.vdb
 printf '$ palpate scene bodies.vdb > bodies.json\n'
 palpate scene bodies.vdb 2>&1 >bodies.json | sed -n 's/^palpate: added: /added /p'
 
-step "a hand feels it on time, is recorded, and the program is killed after some 2 s"
+step "a run in real time is recorded, and killed after about 2 s"
 printf '$ palpate feel bodies.json --realtime --seconds 60 --record monday.rec & sleep 2; kill -9 $!\n'
 palpate feel bodies.json --realtime --seconds 60 --record monday.rec >feel.txt 2>&1 &
 killed=$!
@@ -34,25 +34,25 @@ kill -9 "$killed"
 wait "$killed" 2>/dev/null || true
 ls -l monday.rec | awk '{print $5, $9}'
 
-step "by numpy, with the lines of docs/recording.md"
+step "numpy reads the recording with the lines of docs/recording.md"
 try "$python" -c 'import json, numpy as np
 head = json.loads(open("monday.rec", "rb").readline())
 rows = np.fromfile("monday.rec", [tuple(f) for f in head["dtype"]], offset=head["offset"]); rows = rows[rows["tick"] > 0]
 print(len(rows), "ticks,", rows["time"][-1].round(3), "s, at most", np.linalg.norm(rows["force"], axis=1).max().round(3), "N")
 assert len(rows) > 1500'
 
-step "the same hand in the same scene: the same to the last bit"
+step "a replay in the same scene: identical to the last bit"
 hush palpate feel monday.rec --device replay:monday.rec --record again.rec
 try palpate compare monday.rec again.rec
 
-step "the same hand in another one: where it is felt, and by how much"
+step "a replay in another scene: where and by how much the forces differ"
 sed 's/"strength": 3,/"strength": 0.4,/; s/0.4\]\]/0.1]]/' bodies.json >other.json
 hush palpate feel other.json --device replay:monday.rec --record other.rec
 differ palpate compare monday.rec other.rec
 
-step "as a table, and as HDF5 where that is built in"
+step "the recording as a table, and as HDF5 if the build supports it"
 try palpate convert monday.rec monday.csv
 head -2 monday.csv | cut -c1-100
-palpate convert monday.rec monday.h5 && ls -l monday.h5 | awk '{print $5, $9}' || echo "no HDF5 in this build"
+palpate convert monday.rec monday.h5 && ls -l monday.h5 | awk '{print $5, $9}' || echo "this build has no HDF5"
 echo
-echo "the same again, and what differs was told: recorded, killed, felt again, compared"
+echo "passed: recorded, killed, replayed and compared"

@@ -44,7 +44,7 @@ def run(*words, status=0):
 
 
 def rows_of(file):
-    """Reads a recording with the code in docs/recording.md."""
+    """Reads a recording with the code in docs/recording.md. Returns its header and its ticks."""
     text = (ROOT / "docs/recording.md").read_text(encoding="utf-8")
     lines = re.search(r"```python\n(.*?)```", text, re.DOTALL).group(1)
     names = {}
@@ -89,7 +89,7 @@ class Recorded(Case):
         for key in ("force_max", "samples", "status", "net_energy"):
             self.assertEqual(told[0].get(key), told[1].get(key), key)
 
-    def test_forces_do_not_depend_on_the_cores_or_the_c_library(self):
+    def test_forces_of_volumes_at_rest_do_not_depend_on_the_cores_or_the_c_library(self):
         run("make", "wind-tunnel", self.dir / "wind.vdb", "--voxel", 0.02)
         wind = self.dir / "wind.json"
         wind.write_text(run("scene", self.dir / "wind.vdb").stdout, encoding="utf-8")
@@ -102,7 +102,8 @@ class Recorded(Case):
                                 "--record", self.dir / "b.rec"], env={**os.environ, **more},
                                capture_output=True, check=True)
                 self.assertTrue(self.compare("a.rec", "b.rec")["identical"], (scene, words))
-        # Rotations of moving volumes use the C library's sine, whose differences are far below the error bound.
+        # Rotations of moving volumes use the C library's sine. Its versions may differ in the last bits, so forces may
+        # differ by up to 1e-9 N.
         moving = json.loads(json.dumps(SCENE))
         moving["volumes"]["ball"]["place"] = {
             "fit": 0.1, "repeat": True, "keyframes": [
@@ -129,7 +130,7 @@ class Recorded(Case):
         words = run("compare", a, self.dir / "b.rec", status=1).stdout
         self.assertIn(f"first in tick {told['first']['tick']} ", words)
         self.assertIn("largest   force difference in tick", words)
-        # The output has a command that explains this tick with A's force.
+        # The output has a command that explains the tick of the largest difference in the first recording.
         line = re.search(r"explain +palpate (explain .*)", words).group(1)
         self.assertEqual("palpate " + line, told["explain"])
         explained = json.loads(run(*line.split(), "--json").stdout)
@@ -138,7 +139,7 @@ class Recorded(Case):
         spring = row["stiffness"] * np.linalg.norm(row["proxy"] - row["hand"])
         self.assertAlmostEqual(np.linalg.norm(explained["force"]["spring"]), spring,
                                delta=0.001 * spring)
-        # A different hand is reported.
+        # A difference in the input is reported, here the duration of a tick.
         self.record("c.rec", self.scene, "--seconds", 4, "--rate", 900)
         told = self.compare("a.rec", "c.rec", status=1)
         self.assertEqual(told["given_otherwise"]["tick"], 1)
@@ -165,7 +166,7 @@ class Recorded(Case):
             self.assertGreater(time.monotonic() - begun, 0.99 * least)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
 
-    def test_a_run_along_a_recorded_path_can_be_recorded(self):
+    def test_a_run_along_a_path_can_be_recorded_and_replayed_identically(self):
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n0.5,0,0,0.045\n1,0.01,0,0.045\n", encoding="utf-8")
         self.record("a.rec", self.scene, "--device", f"path:{path}")
@@ -266,7 +267,7 @@ class Recorded(Case):
             self.assertIn(says, line)
             self.assertEqual(out.read_bytes(), b"what stood there")
 
-        # The limit leaves room for nothing, for a part, or for all but the end of the file.
+        # The limits allow no byte, a part, or all but the end of the file.
         size = self.dir / "whole.h5"
         run("convert", a, size)
         for blocks in (0, 4, size.stat().st_size // 2048, size.stat().st_size // 1024 - 1):
@@ -359,7 +360,7 @@ class Recorded(Case):
             self.assertEqual(done.returncode, 2)
             self.assertIn(says, done.stderr)
 
-    def test_a_full_disk_is_reported_and_the_run_continues(self):
+    def test_a_recording_that_reaches_the_limit_of_file_sizes_ends_and_the_run_continues(self):
         full = f"ulimit -f 300; exec {PALPATE} feel {self.scene} --seconds 3 --record {self.dir}/a.rec"
         done = subprocess.run(["bash", "-c", full], capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 1, done.stderr)

@@ -141,7 +141,8 @@ TEST_CASE("a scene file with most kinds of entries is read, placed and compiled"
   CHECK((built.placements.at("turned")({1, 0, 0}) - Vec3(0, 0.01, 0.1)).norm() < 1e-6);
 }
 
-TEST_CASE("places that a scene cannot use are refused and not ignored", "[scene]") {
+TEST_CASE("a moving or deforming instance and instances in a scene of one graph are refused",
+          "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   Json json = fullScene();
@@ -369,7 +370,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
   }
   CHECK_THROWS_WITH(buildScene(both),
                     Contains("/instances: the volume has instances and is also placed"));
-  // The caller can also cancel while parts are built.
+  // An exception of the progress function cancels the load, also while parts are built.
   int calls = 0;
   CHECK_THROWS_AS(buildScene(parseScene(scene.dump(), "s.json", folder.path()),
                              [&](double) {
@@ -381,7 +382,7 @@ TEST_CASE("each instance of a volume acts at its own place, and all instances sh
 TEST_CASE("a folder of many volumes gives a scene in which each volume is a part",
           "[scene][scale]") {
   const TemporaryFolder folder;
-  constexpr int kFiles = 80;  // more than a graph may have
+  constexpr int kFiles = 80;  // more volumes than one graph may have
   for (int i = 0; i < kFiles; ++i) {
     openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.2);
     ball->transform().postTranslate(openvdb::Vec3d(5.0 * i, 0, 0));
@@ -392,7 +393,7 @@ TEST_CASE("a folder of many volumes gives a scene in which each volume is a part
   const BuiltScene built = buildScene(sceneFromVdb(folder.path()));
   CHECK(built.scene->parts.size() == kFiles);
   CHECK(built.scene->graph.modes.empty());
-  // The first grid fits into 0.1 m. The others keep their positions in their files.
+  // The first grid is scaled to 0.1 m. The others get the same placement.
   const double unit = built.placements.at("1000.ball").scale;
   CHECK(built.bounds.size().x() == Approx(unit * 5.0 * (kFiles - 1) + 0.1).epsilon(0.1));
   Reader reader;
@@ -406,7 +407,8 @@ TEST_CASE("a folder of many volumes gives a scene in which each volume is a part
   CHECK(r.force.z() > 0.5);
 }
 
-TEST_CASE("isosurfaces of derived fields hold the hand at their exact radius", "[scene][derive]") {
+TEST_CASE("isosurfaces of derived fields hold the hand within 0.1 mm of their exact radius",
+          "[scene][derive]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   struct Wall {
@@ -456,8 +458,9 @@ TEST_CASE("isosurfaces of derived fields hold the hand at their exact radius", "
   }
 }
 
-TEST_CASE("a derived field is computed at load only if a mode needs its derivatives",
-          "[scene][derive]") {
+TEST_CASE(
+    "a derived field is computed at load only if a mode or another field needs its derivatives",
+    "[scene][derive]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   const auto build = [&](const Json& scene) {
@@ -479,7 +482,7 @@ TEST_CASE("a derived field is computed at load only if a mode needs its derivati
   scene["modes"].push_back({{"mode", "surface"}, {"of", "speed"}, {"strength", 1}});
   CHECK(build(scene).computed.at("speed").why == "mode /modes/2 needs its gradient");
   // If another field needs a field's derivatives, the field is computed at load, because only grids
-  // have them.
+  // have derivatives.
   scene = vortexScene("speed", 0.4, "above");
   scene["fields"]["slope"] = {{"gradient", "swirl"}};
   scene["modes"] = Json::parse(R"([{"mode": "force", "of": "slope", "strength": 1}])");
@@ -487,7 +490,7 @@ TEST_CASE("a derived field is computed at load only if a mode needs its derivati
   CHECK(built.computed.at("swirl").why == "field \"slope\" needs its derivatives");
   CHECK(built.scene->graph.vector_properties == std::vector<std::string>{"gradient of swirl"});
 
-  // The limit is the largest number that a message to another site can carry.
+  // The chain needs 65 computed fields, one more than the limit.
   scene = vortexScene("f63", 0.4, "above");
   for (int i = 0; i < 65; ++i) {
     const std::string of = i == 0 ? "flow" : "f" + std::to_string(i - 1);
@@ -512,7 +515,7 @@ TEST_CASE("a derived field is computed at load only if a mode needs its derivati
   scene["modes"][0]["of"] = "speed";
   CHECK(error(scene) == "no error");
 
-  // A user's own field has no voxels, so it cannot be computed at load.
+  // A user's own field has no voxels, so a field derived from it cannot be computed at load.
   SceneSpec spec;
   spec.volumes["flow"].field = makeVortex(Vec3::Zero(), {0, 0, 2}, 0.1, 0.1);
   spec.graph.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
@@ -536,7 +539,7 @@ TEST_CASE("a scene file with invalid JSON or duplicate keys is rejected", "[scen
              Contains("nested deeper"));
 }
 
-TEST_CASE("the time to read JSON is proportional to its length", "[scene]") {
+TEST_CASE("JSON of 8 times the length takes less than 24 times as long to read", "[scene]") {
   // Takes the fastest of three runs. A parser of quadratic cost takes 64 times as long for 8 times
   // the text.
   const auto seconds = [](int objects) {
@@ -622,7 +625,8 @@ TEST_CASE("smoothing of a volume is applied and stated in the scene's notes", "[
 }
 
 TEST_CASE(
-    "a smoothing width that is a whole number gets a note because older versions smoothed more",
+    "a small smoothing width that is written as an integer gets a note: older versions smoothed "
+    "more",
     "[scene]") {
   const auto notes = [](const char* smooth) {
     Json scene = fullScene();
@@ -658,8 +662,8 @@ TEST_CASE("a smoothing length in metres is converted to the file's unit by the v
   CHECK(width("turned", "5 mm") == Approx(0.5));
   CHECK(width("turned", "20000 um") == Approx(2.0));
   CHECK(width("turned", "0.02 m") == Approx(2.0));
-  // A placement like another volume's defines the scale. A size that depends on the bounds does
-  // not.
+  // A volume that is placed like another one has its scale. The scale of a fitted volume is
+  // unknown here, because it depends on the bounds.
   Json scene = fullScene();
   scene["volumes"]["head"]["place"] = {{"unit", "cm"}};
   scene["volumes"]["flow"]["smooth"] = "5 mm";
@@ -725,7 +729,7 @@ TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[s
   const BuiltScene moved = build();
   CHECK(moved.volumes == first.volumes);
   CHECK(moved.scene->shape != first.scene->shape);
-  // An invalid scene in between loads nothing and adds nothing to the cache.
+  // An invalid scene in between adds nothing to the cache.
   const std::size_t kept = cache.size();
   json["fields"]["more"] = {{"gradient", "swirl"}};
   json["fields"]["most"] = {{"magnitude", "more"}};
@@ -765,8 +769,9 @@ TEST_CASE("the bounds of a scene enclose a volume far from the origin", "[scene]
   CHECK((built.bounds.centre() - Vec3::Constant(-5.0)).norm() < 1e-12);
 }
 
-TEST_CASE("keyframes of a volume also move volumes that are placed like it and its derived fields",
-          "[scene][moving]") {
+TEST_CASE(
+    "keyframes of a volume also move its derived fields and the volumes that are placed like it",
+    "[scene][moving]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   Json scene = vortexScene("speed", 0.4, "above");
@@ -956,7 +961,7 @@ TEST_CASE("a scene with extreme numbers is refused or gives finite forces withou
     Reader reader;
     ProxyState state;
     const Box& box = built.bounds;
-    // Makes two ticks at the centre of the bounds, then two at the origin of the head's data.
+    // Makes two ticks near the centre of the bounds, then two near the head's translation.
     const Vec3 from = built.placements.at("head").translate;
     const Vec3 step = 1e-4 * (box.centre() - from).stableNormalized();
     for (int tick = 0; tick < 4; ++tick) {
@@ -1012,7 +1017,8 @@ TEST_CASE("the default coupling is lowered to the stiffness that the device can 
   }
 }
 
-TEST_CASE("a .vdb file without a scene gets a suitable mode for each grid", "[scene]") {
+TEST_CASE("a .vdb file without a scene gets modes for its usable grids and notes about the others",
+          "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   SceneSpec spec = openScene(folder / "mixed.vdb");
@@ -1032,7 +1038,7 @@ TEST_CASE("a .vdb file without a scene gets a suitable mode for each grid", "[sc
   CHECK(spec.graph.modes[1].solid == Solid::kAbove);
   CHECK(spec.graph.modes[2].kind == ModeKind::kViscosity);
 
-  // A folder: the scene has every usable grid, in the order of the files, placed like the first.
+  // The scene of a folder has every usable grid, placed like the first one.
   spec = openScene(folder.path());
   CHECK(spec.volumes.size() == 4);
   CHECK(spec.volumes.count("linear.density") == 1);
@@ -1044,7 +1050,7 @@ TEST_CASE("a .vdb file without a scene gets a suitable mode for each grid", "[sc
   CHECK_THROWS_WITH(openScene(folder / "none.vdb"), Contains("no such file"));
 }
 
-TEST_CASE("a scene built in C++ passes the same checks as a scene file", "[scene]") {
+TEST_CASE("a scene built in C++ is checked like a scene file", "[scene]") {
   SceneSpec spec;
   spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
   ModeSpec skin;
@@ -1204,7 +1210,7 @@ TEST_CASE("the reader and the schema agree on the keys of surfaces, fronts, tube
 }
 
 TEST_CASE(
-    "a transfer function reads the same values, in the file's units, at any size of the scene",
+    "a transfer function reads the same values, in the file's units, at two sizes of the scene",
     "[scene][graph]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());

@@ -39,8 +39,8 @@ Json ballScene() {
                "strength": 6}]})");
 }
 
-/// Returns the height at which the proxy rests [mm]. The hand presses on the middle of the ball's
-/// side at play time `play` [s].
+/// Returns the x at which the proxy rests [mm]. The hand presses along -x on the ball at play time
+/// `play` [s].
 double surfaceAt(const BuiltScene& scene, double play) {
   Reader reader;
   ProxyState state({1e3, 1e12});

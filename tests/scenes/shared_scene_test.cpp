@@ -383,7 +383,7 @@ TEST_CASE("edits that arrive while a scene is built stay within the size of a me
 }
 
 TEST_CASE("a site with another scene is reported in one line with the difference", "[site]") {
-  // A part whose name other sites would refuse is not sent. The other parts are.
+  // A part whose name other sites would refuse is not sent. The other parts are sent.
   Json odd = scene();
   odd["fields"][std::string(300, 'x')] = {{"curl", "ball"}};
   SharedScene boston("boston", withStrength(odd, 5));

@@ -36,13 +36,13 @@ KEYS = str(Path(__file__).resolve().parents[2] / "scenes/network/sites/site_keys
 RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else min(3, cases(3, "networks"))
 START = 1e-3  # LinkParams::start [J]
 PEAK = 2.0  # LinkParams::peak [N]
-ON_TIME = 1.4e-3  # [s]: START pays for PEAK over a tick of 1.58 ms (kLinkNimble)
+ON_TIME = 1.4e-3  # [s]; within 1.58 ms, PEAK can do the work START at the acceleration kLinkNimble
 SILENCE, RAMP, RISE = 0.2, 0.5, 0.1  # kLinkSilence, kLinkRamp, kLinkRise [s]
 
 
 def domain():
     """Returns a DDS domain that other tests on this machine are unlikely to use."""
-    # One test also uses the next domain, and the three processes have successive ids.
+    # Domains differ by 2, because one test also uses the next domain, and the three processes have successive ids.
     return 1 + 2 * os.getpid() % 200
 
 
@@ -57,7 +57,7 @@ def own(rows):
 
 
 def came_within(rows):
-    """Returns the time between the first and the largest force of the other sites' hands [s]."""
+    """Returns the time from the first force of the other sites' hands to 99 % of the largest one [s]."""
     size = np.linalg.norm(pulled(rows), axis=1)
     first, largest = np.flatnonzero(size)[0], np.flatnonzero(size > 0.99 * size.max())[0]
     return rows["time"][largest] - rows["time"][first]
@@ -73,8 +73,8 @@ def periods(rows):
 
 
 def since_late(rows):
-    """Returns, for each tick, the time since the link last expected a period for which its energy may not suffice
-    [s]."""
+    """Returns, for each tick, the time since the link last expected a period above ON_TIME [s]. Its energy may not
+    suffice for such a period."""
     late = np.where(periods(rows) > ON_TIME, rows["time"], -1.0)
     return rows["time"] - np.maximum.accumulate(late)
 
@@ -181,7 +181,7 @@ class Case(unittest.TestCase):
         end = time.monotonic() + seconds
         while self.said(name).count(words) < times:
             if time.monotonic() > end:
-                self.fail(f"{name} has not said \"{words}\": {self.said(name)}")
+                self.fail(f"site {name} did not print \"{words}\" within {seconds:g} s: {self.said(name)}")
             time.sleep(0.005)
         return time.monotonic()
 
@@ -265,10 +265,10 @@ class OneMachine(Case):
         self.assertEqual(leaps(rows), [])
         held = np.flatnonzero(force > 0.99)
         let_go = np.flatnonzero(force[held[0]:] == 0)[0] + held[0]
-        self.assertTrue((force[let_go:] > 0.9).any(), "it did not come back")
+        self.assertTrue((force[let_go:] > 0.9).any(), "the force did not return")
         facts = json.loads((self.dir / "A.json").read_text())["sites"]["B"]
         self.assertEqual(facts["lives"], 2)
-        self.assertIn("site B: it has left", self.said("A"))  # the second site reported its departure
+        self.assertIn("site B: it has left", self.said("A"))  # the second run of B told that it ends
 
     def test_sites_in_another_domain_are_not_linked(self):
         mine = self.start("A", self.path("A", None), 30)
@@ -334,15 +334,15 @@ class OneMachine(Case):
                 one.wait(timeout=30)
             told = wire.heard()
         said = {name: self.said(name) for name in hands}
-        # The message comes at most once, even if the request is repeated.
+        # All sites together print at most one line about DDS, even if a request is repeated.
         self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
         met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
         self.assertEqual(met, {"A": {"B"}, "B": {"A"}, "C": set(), "D": {"E"}, "E": {"D"}})
         if wire.works:
             # Certificates are readable, hand messages are not. Without keys, hand messages are readable.
             self.assertGreater(len(secret), 10000)
-            self.assertFalse(b"palpate_hand" in secret, "it is not encrypted")
-            self.assertTrue(b"palpate_hand" in told, "nothing is heard here")
+            self.assertFalse(b"palpate_hand" in secret, "hand messages are not encrypted")
+            self.assertTrue(b"palpate_hand" in told, "no hand message was captured")
         felt = np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1)
         self.assertGreater(felt.max(), 0.5, said)
 
@@ -407,7 +407,7 @@ class OneMachine(Case):
             self.assertIn("PRIVATE KEY", (self.dir / "cut/B/key.pem").read_text())
             shutil.rmtree(self.dir / "cut/B")
 
-    def test_invalid_keys_are_refused(self):
+    def test_mixed_or_missing_keys_of_a_site_are_refused(self):
         self.keys("ours", "A")
         self.keys("theirs", "A")
         hand = self.path("A", None)
@@ -423,7 +423,7 @@ class OneMachine(Case):
         (self.dir / "ours/A/permissions.p7s").unlink()
         refused(" is missing")
 
-    def test_invalid_options_are_refused(self):
+    def test_invalid_options_of_a_site_are_refused(self):
         hand = self.path("A", None)
         for words, says in (
                 (["--site", "A"], "add --realtime"),
@@ -473,7 +473,7 @@ class Edits(Case):
         """Returns the scene's last force [N]."""
         return own(rows_of(self.dir / f"{name}.rec"))[-1]
 
-    def test_an_edit_reaches_others_and_late_joiners_after_its_author_is_gone(self):
+    def test_an_edit_reaches_other_sites_and_also_a_late_joiner_after_its_author_was_killed(self):
         killed = self.site("A", 60, "--watch")
         other = self.site("B", 60)
         self.wait_for("B", "site A: its hand is connected")
@@ -491,7 +491,7 @@ class Edits(Case):
         late.wait(timeout=30)
         other.send_signal(signal.SIGINT)
         other.wait(timeout=30)
-        print(f"an edit was felt elsewhere after {took:.2f} s", flush=True)
+        print(f"an edit was active at another site after {took:.2f} s", flush=True)
         self.assertLess(took, 2.0)
 
         # The second edit waits until the first has taken full effect.
@@ -501,7 +501,7 @@ class Edits(Case):
         for name in "BC":
             np.testing.assert_allclose(self.last(name), [3, 1, 1], atol=1e-6)
             file = json.loads((self.dir / f"of-{name}/scene.json").read_text())
-            self.assertEqual(file["modes"][0]["strength"], 1, "the file was written")
+            self.assertEqual(file["modes"][0]["strength"], 1, "palpate changed the site's file")
         again = self.dir / "again.rec"
         process.run([PALPATE, "feel", self.dir / "B.rec", "--device",
                         f"replay:{self.dir}/B.rec", "--record", again], check=True,
@@ -612,7 +612,7 @@ class Far(Case):
 
     def through(self, one, other, *network, act=None):
         """Runs two commands with a relay between them. Calls `act` when both sites feel the other's hand. Returns the
-        output of all three."""
+        messages of all three."""
         with open(self.dir / "relay.err", "w", encoding="utf-8") as file:
             relay = subprocess.Popen([RELAY, *map(str, network), "--seconds", "60", "--", *map(str, one), "--",
                                       *map(str, other)], stdout=subprocess.DEVNULL, stderr=file)
@@ -682,7 +682,7 @@ class Far(Case):
             relay.send_signal(signal.SIGUSR1)
 
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
-        # Only sites with keys get edits.
+        # Only sites with keys send edits to other machines.
         self.keys("ours", "A", "B")
         keys = [("--site-keys", self.dir / "ours" / name) for name in "AB"]
         said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch", *keys[0]),
@@ -699,7 +699,7 @@ class Far(Case):
         # After the last message, the force stays during the silence. Then it falls by a ramp.
         begins = np.flatnonzero(force[:let_go] > 0.99)[-1]
         self.assertLess(rows["time"][let_go] - rows["time"][begins], RAMP + 0.1)
-        self.assertTrue((force[let_go:] > 0.99).any(), "it did not come back")
+        self.assertTrue((force[let_go:] > 0.99).any(), "the force did not return")
 
 
 def parts():

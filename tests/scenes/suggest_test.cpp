@@ -148,7 +148,8 @@ float headInHounsfield(const Vec3d& p) {
 
 }  // namespace
 
-TEST_CASE("the guess for a ball in air has one surface, halfway between their values", "[guess]") {
+TEST_CASE("the guess for a ball in air has one surface, halfway between the values of ball and air",
+          "[guess]") {
   const double deviation = GENERATE(0.0, 10.0, 50.0);
   CAPTURE(deviation);
   const Json scene = suggested({scalar(ball(16.0, 1000.0, 0.0, deviation))});
@@ -237,8 +238,9 @@ TEST_CASE("nested shells get two surfaces, the outer one weaker", "[guess]") {
   CHECK(knots.back()[0] == surfaces[1]["value"]);
 }
 
-TEST_CASE("the bone surface of a raw CT with varying bone is just above the values of tissue",
-          "[guess]") {
+TEST_CASE(
+    "the bone surface of a raw CT with varying bone is nearer to tissue than to the densest bone",
+    "[guess]") {
   // Air has the value 20, tissue 1050, and bone 1200 to 2400.
   const Json scene = suggested({scalar([](const Vec3d& p) {
     const double r = p.length();
@@ -253,7 +255,8 @@ TEST_CASE("the bone surface of a raw CT with varying bone is just above the valu
   CHECK(surfaces[1]["value"].get<double>() < 1500.0);
 }
 
-TEST_CASE("a CT gets surfaces of skin, soft tissue and bone by Hounsfield's scale", "[guess]") {
+TEST_CASE("a CT gets a skin surface at -300 HU and a stronger bone surface at 150 to 500 HU",
+          "[guess]") {
   SuggestInput input = scalar(headInHounsfield);
   input.modality = Modality::kCt;
   const Json scene = suggested({input});
@@ -287,7 +290,7 @@ TEST_CASE("a CT in raw values is analysed like any other image", "[guess]") {
   CHECK(surfaces[1]["value"].get<double>() < 1750.0);
 }
 
-TEST_CASE("an MR image gets one skin surface at a low signal and one viscosity", "[guess]") {
+TEST_CASE("an MR image gets one skin surface at a low signal and one viscosity mode", "[guess]") {
   SuggestInput input = scalar([](const Vec3d& p) {
     const double r = p.length();
     return static_cast<float>((r < 18.0 ? (r < 10.0 ? 120.0 : 60.0) : 4.0) +
@@ -301,7 +304,7 @@ TEST_CASE("an MR image gets one skin surface at a low signal and one viscosity",
   CHECK(modesOf(scene, "viscosity").size() == 1);
 }
 
-TEST_CASE("a scalar without boundaries gets a viscosity and no surface", "[guess]") {
+TEST_CASE("a scalar without boundaries gets a viscosity mode and no surface", "[guess]") {
   const auto ramp = [](const Vec3d& p) { return static_cast<float>(p.x()); };
   const auto noisy = [](const Vec3d& p) { return static_cast<float>(p.x() + noise(p)); };
   const auto blob = [](const Vec3d& p) {
@@ -345,7 +348,9 @@ TEST_CASE("a constant scalar is rejected by name, a constant vector gets a follo
   CHECK_THROWS_AS(suggestScene("data.vdb", {empty}), VolumeError);
 }
 
-TEST_CASE("non-finite values do not change the guessed scene", "[guess]") {
+TEST_CASE(
+    "with a few non-finite values a ball keeps its guessed isovalue and a flow its follow mode",
+    "[guess]") {
   const auto value = ball(16.0, 1000.0, 0.0, 10.0);
   const Json scene = suggested({scalar([&](const Vec3d& p) {
     if (p.x() > 0.0 && p.x() < 1.0 && p.y() > 10.0) return p.z() > 0.0 ? NAN : INFINITY;
@@ -360,7 +365,8 @@ TEST_CASE("non-finite values do not change the guessed scene", "[guess]") {
   CHECK(modesOf(flow, "follow").size() == 1);
 }
 
-TEST_CASE("guessed isovalues do not depend on the shape and place of voxels", "[guess]") {
+TEST_CASE("a ball on oblong, rotated voxels far from the origin gets its usual isovalue",
+          "[guess]") {
   auto transform = openvdb::math::Transform::createLinearTransform(1.0);
   transform->preScale(Vec3d(0.7, 0.7, 1.9));
   transform->postRotate(0.6, openvdb::math::X_AXIS);
@@ -421,7 +427,7 @@ TEST_CASE("the guessed strength along a flow follows the percentiles of its spee
   CHECK(outputsOf(follow["strength"]) == std::vector<double>{0.0, 1.0, 2.0});
 }
 
-TEST_CASE("a vortex gets a vortex tube, and a shear layer a viscosity that follows its curl",
+TEST_CASE("a vortex gets a vortex tube, and a shear layer a viscosity mode that follows its curl",
           "[guess]") {
   // Rankine's vortex: it rotates like a solid inside, and has no curl outside.
   const Json turning = suggested({vector([](const Vec3d& p) {
@@ -542,7 +548,7 @@ TEST_CASE("each volume of a guessed scene has a unique name that is made from it
 }
 
 TEST_CASE("the guessed scene does not depend on the number of threads", "[guess]") {
-  // The grid has more voxels than the analysis reads.
+  // The grids have more voxels than the analysis reads.
   const std::vector<SuggestInput> grids{
       scalar(ball(30.0, 1000.0, 0.0, 30.0), 96),
       vector([](const Vec3d& p) { return Vec3f(Vec3d(-p.y(), p.x(), noise(p))); }, "flow", 96)};
@@ -792,8 +798,8 @@ TEST_CASE("mixed gases get no material surface", "[guess]") {
 }
 
 TEST_CASE("a shock gets a surface where the value changes most steeply", "[guess]") {
-  // A bow shock with uniform flow in front and values that fall and rise behind, blurred over three
-  // cells of two voxels.
+  // A bow shock with uniform flow in front, blurred over about six voxels. Behind it the values
+  // fall and rise.
   const Scalar bow = [](const Vec3d& p) {
     const double ahead = p.x() + 12.0 - 0.01 * (p.y() * p.y() + p.z() * p.z());
     const double behind =
@@ -812,7 +818,8 @@ TEST_CASE("a shock gets a surface where the value changes most steeply", "[guess
   }
 }
 
-TEST_CASE("a shock gets a surface beside its velocity, and the speed is left out", "[guess]") {
+TEST_CASE("the pressure of a shock gets a surface, and a speed beside the velocity is left out",
+          "[guess]") {
   const Scalar behind = [](const Vec3d& p) {
     const double ahead = p.x() + 12.0 - 0.01 * (p.y() * p.y() + p.z() * p.z());
     return static_cast<float>(1.0 / (1.0 + std::exp(-ahead / 0.7)));
@@ -1253,7 +1260,7 @@ TEST_CASE("the surface of a small plume in noise is between the noise and the pl
   CHECK_THAT(guess.seen.at(0), !Contains("in nearly all voxels"));
 }
 
-TEST_CASE("a guessed scene sets no stiffness and uses the device's", "[guess]") {
+TEST_CASE("a guessed scene sets no stiffness, so a weak device lowers the default", "[guess]") {
   const std::string text = suggestScene("data.vdb", {scalar(ball(16.0, 1000.0, 0.0, 0.0))});
   SceneSpec spec = parseScene(text, "suggested.json", "/data");
   CHECK(spec.any_stiffness);
@@ -1322,7 +1329,8 @@ struct BowShock {
 
 }  // namespace
 
-TEST_CASE("the guessed surface of a bow shock is at the steepest places", "[guess]") {
+TEST_CASE("the median distance of the guessed surface from a bow shock is below 1 voxel",
+          "[guess]") {
   const BowShock shock;
   const auto pressure = [&](const Vec3d& p) {
     const auto [depth, ratio] = shock.at(p);

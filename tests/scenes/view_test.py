@@ -54,7 +54,7 @@ def near(image, at, colour, reach):
     height = image.shape[0]
     x, y = round(at[0]), round(height - 1 - at[1])
     part = image[max(0, y - reach):y + reach + 1, max(0, x - reach):x + reach + 1, :3]
-    # The hue is the differences between channels.
+    # Compares hues: each channel minus the mean of the three.
     grey = part.mean(axis=2, keepdims=True)
     hue = part - grey
     want = [c - sum(colour) / 3 for c in colour]
@@ -98,7 +98,7 @@ class Case(unittest.TestCase):
     def use(self, folder):
         """Uses this folder and the scene file in it."""
         self.dir = folder
-        self.scene = folder / "scene.json"
+        self.scene = folder / f"{folder.name}.json"   # the window's title has this name
         self.told_file = folder / "told.json"
         self.env = {**os.environ, "PALPATE_VIEW_TOLD": str(self.told_file), "PALPATE_VIEW_TOLD_EVERY": "0.05"}
 
@@ -131,14 +131,14 @@ class Still(Case):
         return done
 
     def press_drawn(self, env=None):
-        """Draws a hand that moves from the camera's side into the ball, 4 mm deep."""
+        """Draws a hand that moves from the camera's side into the ball, 3 mm deep."""
         (self.dir / "path.csv").write_text("t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n",
                                            encoding="utf-8")
         self.still("--device", "path:path.csv", "--picture", "still.png", "--trace", "t.csv", env=env)
 
     def use_the_first(self):
         """Uses a picture that tests share. It is drawn without a display, so palpate starts a server. A client without
-        a cookie tries to connect even before palpate knows the server's number."""
+        a cookie tries to connect even before palpate knows the number of the display."""
         if Still.first is None:
             self.use(folder_until(self.addClassCleanup))
             self.write_scene(SCENE)
@@ -200,7 +200,7 @@ wait
             told = self.told()
             image = imread(self.dir / "still.png")
             x, y = told["pixels"]["centre"][0], told["size"][1] - 1 - told["pixels"]["centre"][1]
-            # From the picture's centre to the ball's rim.
+            # The difference from the background, along the picture's row through the ball's centre.
             wide = np.abs(image[round(y), :, :3].mean(axis=1) - image[round(y), 20, :3].mean())
             light.append(wide)
         right = next(i for i in range(round(x), round(x) + 600) if light[0][i] < 0.1)
@@ -244,7 +244,7 @@ wait
         self.assertTrue(told["bars"])
 
     def test_a_patient_is_seen_from_the_front(self):
-        """From the front, +x in RAS, the patient's right, is on the left of the picture."""
+        """In RAS, +x is the patient's right. From the front it is on the left of the picture."""
         (self.dir / "path.csv").write_text("t,x,y,z\n0,0.03,0.06,0\n0.1,0.03,0.06,0\n", encoding="utf-8")
         values = [7 - math.dist((x, y, z), (8, 8, 8)) for z in range(17) for y in range(17) for x in range(17)]
         for space, left in (("space: right-anterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)", True),
@@ -279,7 +279,7 @@ wait
                 (self.dir / "own.vdb").unlink()
 
     def test_a_strong_force_and_its_number_stay_inside_the_picture(self):
-        """At full length, the first two arrows leave the picture. The last one points at the camera."""
+        """At full length, the first two arrows would leave the picture. The last one points at the camera."""
         scene = json.loads(json.dumps(SCENE))
         scene["modes"][0]["strength"] = 30
         self.write_scene(scene)
@@ -311,8 +311,8 @@ wait
                 for edge in (image[:6], image[-6:], image[:, :6], image[:, -6:]):
                     self.assertLess(float((edge[..., 0] - edge[..., 1]).max()), 0.1)
 
-    def test_a_picture_from_a_chosen_side_with_a_chosen_slice(self):
-        """The hand is at (0.01, -0.036, 0.01). Only from the left or the right is a slice across x seen from above."""
+    def test_a_picture_shows_the_scene_from_the_chosen_side_with_the_chosen_slice(self):
+        """The hand is at (0.01, -0.034, 0.01) m. A slice across x faces the camera only from the left and the right."""
         (self.dir / "path.csv").write_text("t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n", encoding="utf-8")
         lines = {}
         for side, right, up in (("front", 1, 1), ("back", -1, 1), ("left", 1, 1), ("right", -1, 1), ("top", 1, -1),
@@ -473,7 +473,7 @@ wait
 
 
 class Window(Case):
-    """Tests of windows on one server. The windows are small, so that they draw fast."""
+    """Tests of windows on one X server. The windows are small, so that they draw fast."""
     SIZE = (700, 400)  # [pixels]; the panel is 300 wide
 
     @classmethod
@@ -557,7 +557,7 @@ class Window(Case):
         self.assertIn(words, self.said())
 
     def until_at_rest(self):
-        """Waits until five states have come without a new frame."""
+        """Waits until the window has written its state five times without a new frame. Returns the state."""
         end = time.monotonic() + PATIENCE
         frames = -1
         while time.monotonic() < end:
@@ -569,7 +569,7 @@ class Window(Case):
             if told["frames"] == frames and time.monotonic() < end:
                 return told
             frames = told["frames"]
-        raise AssertionError(f"it draws on: {self.told()}")
+        raise AssertionError(f"the window still draws: {self.told()}")
 
     def cover(self):
         """Covers the screen with another window. Returns a function that removes it."""
@@ -612,9 +612,9 @@ class Window(Case):
         self.do("keyup", "q")
 
     def window(self):
-        """Returns the window once it draws."""
+        """Returns the window of this test's scene once it draws. The shared run may have a window too."""
         self.until("a frame", lambda told: told["frames"] > 0)
-        return self.do("search", "--onlyvisible", "--name", "^palpate:")[0]
+        return self.do("search", "--onlyvisible", "--name", f"^palpate: {self.scene.name}")[0]
 
     def child(self, feel):
         return int(subprocess.run(["pgrep", "-P", str(feel.pid), "-x", "palpate-view"], text=True,
@@ -656,7 +656,7 @@ class Window(Case):
 class Drawn(Window):
     """Tests of the picture while a hand feels. Tests without options share a run, and restore its first state."""
     COMMON = json.loads(json.dumps(SCENE))
-    COMMON["modes"][1]["strength"] = 9e5  # [N]; one more step exceeds the limit
+    COMMON["modes"][1]["strength"] = 9e5  # [N]; the key + would exceed the limit of 1e6 N
     common = None  # folder and process of the run that tests share
     busy = False   # a test uses the run, or failed before it released the run
 
@@ -697,16 +697,16 @@ class Drawn(Window):
     def tearDownClass(cls):
         """Checks that the last shared run ends without a fault."""
         if cls.common is not None and not cls.busy:
-            last = cls("test_slices_go_through_the_proxy")
+            last = cls("test_the_key_s_shows_slices_with_the_line_of_the_surface_and_hides_them")
             last.end(last.join())
 
-    def test_a_mouse_hand_is_held_by_a_ball_and_keys_have_their_documented_effect(self):
+    def test_a_mouse_hand_is_held_by_a_ball_and_keys_change_the_strength_and_cut_the_force(self):
         window = self.join()
         self.keys(window, "Return")  # late ticks may have cut the force
         self.press(window)
         felt = lambda told: math.hypot(*told["force"]) > 0.2 and told["bars"][0]["state"] == "holds"
         told = self.until("a force", felt)
-        # The proxy stays on the ball wherever the mouse moves, so the picture shows the resistance.
+        # The proxy is on the ball, and the probe is inside.
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         self.assertLess(math.hypot(*told["probe"]), math.hypot(*told["proxy"]))
         # The panel shows a bar in the colour of "holds".
@@ -802,7 +802,7 @@ class Drawn(Window):
         self.until_shown("a picture", window, lambda image: image[..., :3].std() > 0.05)
         self.leave(window)
 
-    def test_slices_go_through_the_proxy(self):
+    def test_the_key_s_shows_slices_with_the_line_of_the_surface_and_hides_them(self):
         window = self.join()
         self.until("a fine backdrop", lambda told: not told["coarse"])
 
@@ -848,7 +848,7 @@ class Drawn(Window):
         # While the loop is stopped, requests are pending.
         self.feel.send_signal(signal.SIGSTOP)
         self.keys(window, "o")
-        told = self.until("a wish", lambda t: t["bars"][0]["words"] == "skin: off (not yet)")
+        told = self.until("a pending request", lambda t: t["bars"][0]["words"] == "skin: off (not yet)")
         self.assertEqual(told["bars"][0]["dial"], 1)
         self.feel.send_signal(signal.SIGCONT)
         told = self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
@@ -857,13 +857,13 @@ class Drawn(Window):
         self.keys(window, "2")
         self.keys(window, "plus")
         self.until("a refusal", lambda t: any("change rejected" in note for note in t["notes"]))
-        self.until("no wish", lambda t: [bar["words"] for bar in t["bars"]] == ["skin: off", "pin: idle"])
+        self.until("no pending request", lambda t: [bar["words"] for bar in t["bars"]] == ["skin: off", "pin: idle"])
         self.assertRegex(self.said()[self.read:], "/modes/1/strength: .* N is beyond the limit of 1e.06 N: .*; "
                          "the previous scene stays active\n")
         self.keys(window, "1", "o")
         self.leave(window)
 
-    def test_a_window_responds_while_a_scene_is_read_again(self):
+    def test_a_window_draws_frames_while_a_changed_scene_is_read(self):
         window = self.join()
         before = self.told()["frames_reading"]
         scene = json.loads(json.dumps(self.COMMON))
@@ -901,7 +901,7 @@ class Drawn(Window):
         self.env["PALPATE_VIEW_SHOT"] = str(shot)
         feel = self.start("--device", "path:far.csv")
         window = self.window()
-        told = self.until("it far behind", lambda told: told["time"] > 1.2 and not told["coarse"])
+        told = self.until("a hand behind the scene", lambda told: told["time"] > 1.2 and not told["coarse"])
         x, y = round(told["pixels"]["probe"][0]), round(told["size"][1] - 1 - told["pixels"]["probe"][1])
         self.until_shown("the hand", window, lambda image: image[y - 6:y + 7, x - 6:x + 7].std() > 0.03)
         # The window saves the same picture.
@@ -1012,7 +1012,7 @@ class Lost(Window):
         self.assertIn("view: the window has ended: its exit status is 1: ", self.said())
         self.assertNotIn("X Error", self.said())
 
-    def test_moving_the_mouse_over_a_hidden_window_does_not_move_the_hand(self):
+    def test_a_mouse_that_moves_over_a_hidden_window_does_not_end_the_window(self):
         """VTK requests the keyboard focus, which the X server refuses to hidden windows."""
         feel = self.start("--seconds", "900")
         window = self.window()
@@ -1029,7 +1029,7 @@ class Lost(Window):
         self.ends_well(feel)
 
     def told_its_end(self, window, child):
-        """Checks that the window shows that the loop has stopped, draws no frame, and ends when it is closed."""
+        """Checks that the window shows that the loop has stopped, draws no more frames, and ends when it is closed."""
         self.until("the end", lambda told: told["stalled"])
         self.until_at_rest()
         self.assertTrue(Path(f"/proc/{child}").exists())
@@ -1076,8 +1076,8 @@ class Lost(Window):
                          r"with OpenGL, or add --picture FILE\.png\n")
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
 
-    def test_a_display_without_opengl_is_reported_in_a_line(self):
-        """A still does not need this display: palpate starts a server for it."""
+    def test_a_display_without_opengl_is_reported_and_a_picture_is_still_drawn(self):
+        """For a picture, palpate starts its own server."""
         self.env["DISPLAY"], _ = self.serve(self.addCleanup, "-extension", "GLX")
         feel = self.start()
         self.assertEqual(self.ended(feel), 1)

@@ -156,7 +156,7 @@ TEST_CASE("a user-defined mode cannot read the displacement of another volume", 
                     Contains("/modes/1/user/reads: \"u\" is the displacement of another volume"));
 }
 
-TEST_CASE("the frames of a sequence are the files of a pattern, and a missing file is an error",
+TEST_CASE("the frames of a sequence are the files of a pattern, and a gap between them is an error",
           "[scene][warp][sequence]") {
   const TemporaryFolder folder;
   VolumeSpec volume;

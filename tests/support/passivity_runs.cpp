@@ -336,8 +336,8 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   std::deque<std::pair<double, Vec3>> past{{-1.0, x}, {0.0, x}};
   Vec3 read = x;
   Vec3 before = x;
-  Vec3 mean = Vec3::Zero();  // mean force over the last tick
-  Vec3 gone = Vec3::Zero();  // force sent last
+  Vec3 mean = Vec3::Zero();  // mean force over the present tick
+  Vec3 gone = Vec3::Zero();  // force sent in the last tick
   long ticks = 0;
   long scaled = 0;
   double asked = 0.0;

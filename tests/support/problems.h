@@ -52,8 +52,8 @@ inline constexpr std::array<Family, 15> kFamilies = {
 /// kEdge, and at least three for kCorner.
 [[nodiscard]] BalanceProblem makeProblem(Family family, int count, test::Random& random);
 
-/// Returns two planes whose balance is not where the net force f_res is smallest: near
-/// (3.07, -6.44, 0) mm.
+/// Returns two planes. The net force f_res is smallest near (3.07, -6.44, 0) mm, which is not their
+/// balance.
 [[nodiscard]] BalanceProblem makeMisledPair();
 
 /// Returns the sum of strengths divided by the stiffness: the largest possible distance from probe

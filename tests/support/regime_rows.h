@@ -31,7 +31,8 @@ struct Regime {
 [[nodiscard]] Regime weakConstraints();
 /// Two planes at angles of 1 to 30 degrees, a slot, and a corner of three planes.
 [[nodiscard]] Regime acuteWalls();
-/// Springs of 1 to 1e5 N/m, with strengths that stretch them by 1 um to 1 m.
+/// Springs of 1 to 1e5 N/m. Each strength stretches its spring by at most 1 um, 0.1 mm, 1 cm or 1
+/// m.
 [[nodiscard]] Regime extremeSprings();
 /// Strikes on a thin shell at 2 m/s, and hands without positions for 10 to 100 ms.
 [[nodiscard]] Regime strikesAndJumps();

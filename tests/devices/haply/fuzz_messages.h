@@ -12,7 +12,7 @@
 
 namespace palpate::test {
 
-/// Returns "" if all invariants hold; otherwise the invariant that is violated.
+/// Returns "" if all invariants hold; otherwise a description of the violation.
 inline std::string fuzzHaplyMessage(std::string_view bytes) {
   using namespace palpate::haply;
   static Message message;
@@ -46,7 +46,7 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
     if (message.grips[i].button_count > 4 || message.grips[i].buttons > 15)
       return "more than four buttons";
   }
-  // Ids that were read can be written into a message to the service, which is then valid JSON.
+  // Ids that were read add no quotation marks to a message to the service.
   std::array<char, kRoom> room{};
   const std::size_t size =
       writeForces(Generation::k35, {forces.data(), message.arm_count}, true, room);

@@ -18,7 +18,7 @@ using palpate::test::Random;
 
 namespace {
 
-/// The message format of docs.haply.co, filled with this test's values.
+/// A message of version 3.5, in the format of docs.haply.co, with this test's values.
 const std::string k35Text = R"({"session_id":7,"inverse3":[{"device_id":"049D","config":{
   "type":"inverse3","handedness":"left","preset":"arm_front_centered",
   "basis":{"permutation":"XYZ"}},"state":{"cursor_position":{"x":0.01,"y":-0.02,"z":0.03},

@@ -132,7 +132,7 @@ struct MockService::Inside {
     return out;
   }
 
-  /// Parses a message and stores its contents.
+  /// Parses a message, stores its forces and counts it.
   void understand(const std::string& bytes, int connection) {
     const std::int64_t when = monotonicNs();
     const auto json = nlohmann::json::parse(bytes, nullptr, false);
@@ -145,7 +145,7 @@ struct MockService::Inside {
       }
       if (session.contains("configure")) ++heard.introduced;
     }
-    // Forces in the format of another version are not counted.
+    // Forces in the format of another version are not stored, and their message counts as unknown.
     const char* name = speaks == Speaks::k35 ? "vector" : "values";
     if (json.is_object() && json.contains("inverse3") && speaks != Speaks::k30) {
       known = true;
@@ -346,7 +346,7 @@ void MockService::begin() {
   }
   if (inside_->listens) return;
   end();
-  throw std::runtime_error("the mock service has no port");
+  throw std::runtime_error("the mock service does not listen after 10 s");
 }
 
 std::vector<Told> MockService::told() const {

@@ -1,6 +1,6 @@
 /// Simulates Haply's Inverse Service with a WebSocket server on its own thread. The server sends
-/// the published messages for two arms and two handles, sends wrong messages on request, and stores
-/// all messages that it receives.
+/// the published messages for two arms and two handles, sends wrong messages on request, stores the
+/// forces that it receives, and counts the received messages.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ enum class Lie {
   kNoPosition,  ///< Leaves out cursor_position.
   kNoState,     ///< Leaves out the state.
   kOtherIds,    ///< Ids of other arms.
-  kBadIds,      ///< Ids with characters that end a JSON string.
+  kBadIds,      ///< Ids that contain quotation marks and brackets.
   kDeep,        ///< JSON nested 50,000 levels deep.
   kLong,        ///< A correct object, then 10 MB of blanks.
   kBinary,      ///< The correct bytes in a binary frame.
@@ -92,7 +92,7 @@ class MockService {
   void shy(bool is);
   /// Closes all connections.
   void hangUp();
-  /// Stops listening; begin() listens on the same port again.
+  /// Stops listening and closes all connections; begin() listens on the same port again.
   void end();
   void begin();
 

@@ -1,6 +1,6 @@
 /// Tests haply.so through its entry symbol, as a host does, against a mock of Haply's service.
-/// The test sets the plug-in's clock: a timeout of 40 ms expires when the test advances the clock
-/// by 40 ms.
+/// The tests set the plug-in's clock: a timeout of 40 ms expires when a test advances the clock by
+/// 40 ms. Only the helper process and the measurement use the real clock.
 #include "palpate/devices/plugins/plugin.h"
 
 #include <algorithm>
@@ -92,7 +92,7 @@ bool eventually(const std::function<bool()>& is) {
   return false;
 }
 
-/// Loads the plug-in, which connects to the address `url`.
+/// Initializes the plug-in for a service at the address `url`, and ends it in the destructor.
 class Plugin {
  public:
   explicit Plugin(const std::string& url) {
@@ -115,7 +115,7 @@ class Plugin {
   const palpate_plugin_factory* arms = nullptr;
 };
 
-/// An open arm, and the forces that the test wrote to it.
+/// An open arm and its last reading. If opening fails, `device` is null and `error` has the reason.
 class Hand {
  public:
   Hand(const Plugin& plugin, const char* serial)
@@ -159,7 +159,8 @@ Vec newest(const MockService& service, const std::string& id) {
   return last == told.rend() ? Vec{NAN, NAN, NAN} : last->force;
 }
 
-/// Waits until the service has received `messages` more messages.
+/// Waits until the service has received `messages` more messages. Returns false if they do not
+/// come.
 bool exchanged(const MockService& service, long messages) {
   const long before = service.heard().messages;
   return eventually([&] { return service.heard().messages >= before + messages; });
@@ -174,7 +175,7 @@ bool drives(const Hand& hand, const MockService& service, const std::string& id,
   });
 }
 
-/// Counts the non-zero forces for `id` since message `from`.
+/// Counts the non-zero forces for `id` in service.told(), from index `from` on.
 long driven(const MockService& service, const std::string& id, std::size_t from = 0) {
   const auto told = service.told();
   long count = 0;
@@ -237,7 +238,7 @@ TEST_CASE("haply.so has the entry point and the struct sizes that the plug-in in
                     [](unsigned char c) { return c == 0x5a; }));
 }
 
-TEST_CASE("the Haply plug-in lists both arms by serial number with both service versions",
+TEST_CASE("the Haply plug-in lists both arms by serial number with service versions 3.1 and 3.5",
           "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   MockService service(speaks);
@@ -255,8 +256,9 @@ TEST_CASE("the Haply plug-in lists both arms by serial number with both service 
   CHECK(found[1].serial[0] == '!');
 }
 
-TEST_CASE("each of two Haply arms has its own readings and forces with both service versions",
-          "[haply][plugin]") {
+TEST_CASE(
+    "each of two Haply arms has its own readings and forces with service versions 3.1 and 3.5",
+    "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   CAPTURE(speaks == Speaks::k35);
   MockService service(speaks);
@@ -308,7 +310,7 @@ TEST_CASE("each of two Haply arms has its own readings and forces with both serv
       REQUIRE(eventually([&] { return newest(service, ids[k]) == force; }));
     }
   }
-  // The service has received exactly the written forces, in their order.
+  // Each non-zero force that the service received was written, and their order is kept.
   long mismatches = 0;
   for (const Told& told : service.told()) {
     if (told.force == Vec{}) continue;
@@ -317,8 +319,8 @@ TEST_CASE("each of two Haply arms has its own readings and forces with both serv
     if (expected.empty() || (told.id != ids[0] && told.id != ids[1])) ++mismatches;
   }
   CHECK(mismatches == 0);
-  // The plug-in connected once, introduced itself once, and sent only messages of the service's
-  // version.
+  // The plug-in connected once and sent only messages of the service's version. It introduced
+  // itself once to version 3.5, and not to version 3.1.
   const Heard heard = service.heard();
   CHECK(heard.connections == 1);
   CHECK(heard.unknown == 0);
@@ -472,7 +474,7 @@ TEST_CASE("the Haply plug-in uses only a local service unless PALPATE_HAPLY_ANYW
   unsetenv("PALPATE_HAPLY_ANYWHERE");
 }
 
-TEST_CASE("a read of a Haply arm without a new message returns nothing and keeps the last time",
+TEST_CASE("a read of a Haply arm without a new message gives no reading and keeps the last time",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -648,8 +650,9 @@ TEST_CASE("a Haply arm's force ends 30 ms after its last valid message", "[haply
   CHECK(service.heard().connections == 1);
 }
 
-TEST_CASE("after Haply's service restarts no force is sent until a zero force is written",
-          "[haply][plugin]") {
+TEST_CASE(
+    "after Haply's service hangs up or restarts no force is sent until a zero force is written",
+    "[haply][plugin]") {
   const bool hangs_up = GENERATE(false, true);
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -701,8 +704,8 @@ TEST_CASE("closing a Haply arm sets its force to zero and keeps the other arm's 
     const auto told = service.told();
     return std::count_if(told.begin(), told.end(), [](const Told& t) { return t.id == "049D"; });
   };
-  // Up to three messages from before the close can still arrive. Afterwards this arm gets no
-  // message, and the other arm keeps its force.
+  // Messages from before the close can still arrive. After four messages this arm gets no more, and
+  // the other arm keeps its force.
   REQUIRE(exchanged(service, 4));
   CHECK(newest(service, "049D") == Vec{});
   const auto before = count();
@@ -719,7 +722,7 @@ TEST_CASE("closing a Haply arm sets its force to zero and keeps the other arm's 
   CHECK(service.heard().connections == 2);
 }
 
-TEST_CASE("every force and stop reaches Haply's service even if its answers are 3 ms late",
+TEST_CASE("forces and stops reach Haply's service even if its answers are 3 ms late",
           "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.delay(3 * kMs);
@@ -741,7 +744,7 @@ TEST_CASE("every force and stop reaches Haply's service even if its answers are 
     other.close();
     CHECK(newest(service, "04BA") == Vec{});
   }
-  // The plug-in closes the connection only after that message was answered.
+  // The plug-in closes the connection only after the service has answered the last message.
   hand.close();
   REQUIRE(eventually([&] { return service.heard().ended == 1; }));
   CHECK(service.heard().cut_off == 0);
@@ -804,7 +807,7 @@ TEST_CASE("prepare() waits until the Haply arm is ready and reports why it is no
   arm.scale = 10.0;
   service.set(0, arm);
   CHECK(eventually([&] { return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == 0; }));
-  // prepare() returns at once if the program is ending.
+  // prepare() fails at once if the program is ending.
   arm.calibrated = false;
   service.set(0, arm);
   REQUIRE(exchanged(service, 3));
@@ -813,7 +816,7 @@ TEST_CASE("prepare() waits until the Haply arm is ready and reports why it is no
   CHECK_THAT(std::string(error.data()), Contains("inkwell"));
 }
 
-TEST_CASE("reading and writing a Haply arm neither allocates, locks nor throws",
+TEST_CASE("reading and writing a Haply arm does not allocate, lock or throw",
           "[haply][plugin][realtime]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());

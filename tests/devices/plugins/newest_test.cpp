@@ -21,7 +21,7 @@ palpate_plugin_force forceOf(double x) {
   return {sizeof(palpate_plugin_force), 0, {x, 0.0, 0.0}, {}};
 }
 
-/// Function that runs once, between two atomic operations of put() or take().
+/// Function that runs once, before an atomic load or after an atomic store of put() or take().
 std::function<void()> meanwhile;
 int steps_until = 0;
 
@@ -79,7 +79,7 @@ TEST_CASE(
 TEST_CASE(
     "a read of a plug-in's shared value between two steps of a write gets a whole value or none",
     "[plugin]") {
-  // The reader's first step is a load.
+  // Step 1 comes before the first operation of put(), a load. Step 13 comes after its last store.
   for (int step = 1; step <= 13; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
@@ -93,7 +93,7 @@ TEST_CASE(
     CHECK(whole(value));
     CHECK(value.last == (step == 1 ? 1U : step == 13 ? 2U : 7U));
     CHECK(taken == (step == 1 || step == 13));
-    // A read that fails does not lose the value.
+    // A read that did not get the new value does not lose it.
     if (step != 13) CHECK(slot.take(value));
     CHECK(value.last == 2U);
   }

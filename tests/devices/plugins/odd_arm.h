@@ -16,13 +16,13 @@ namespace palpate::test {
 struct OddArm {
   /// Environment variable with the file's name.
   static constexpr const char* kFile = "PALPATE_ODD_ARM";
-  std::atomic<double> position[3];       ///< Position [m]; the test sets it.
-  std::atomic<double> force[3];          ///< Force of the motors [N].
-  std::atomic<double> carried;           ///< Carried share of the weight.
-  std::atomic<double> most;              ///< Largest force so far [N].
-  std::atomic<std::int64_t> wrote_at;    ///< Time of the last write of a force [ns].
+  std::atomic<double> position[3];     ///< Position [m]; the test sets it.
+  std::atomic<double> force[3];        ///< Force of the motors [N].
+  std::atomic<double> carried;         ///< Carried share of the weight.
+  std::atomic<double> most;            ///< Largest sum of |x|, |y| and |z| of the force so far [N].
+  std::atomic<std::int64_t> wrote_at;  ///< Time of the last write of a force [ns].
   std::atomic<std::int64_t> trouble_at;  ///< Time at which the trouble began [ns].
-  std::atomic<std::int64_t> zero_at;     ///< Time of the first zero force after the trouble [ns].
+  std::atomic<std::int64_t> zero_at;     ///< Time of the first zero force after `trouble_at` [ns].
   std::atomic<std::uint32_t> reads, writes, stops, opens, closes;
   std::atomic<std::uint32_t> trouble;  ///< Set by the test to start the trouble.
 
@@ -40,7 +40,7 @@ struct OddArm {
     return std::abs(force[0]) + std::abs(force[1]) + std::abs(force[2]);
   }
 
-  /// Maps the arm in a file. Returns null if the file cannot be opened.
+  /// Maps the arm in a file. Returns null if the file cannot be opened, resized or mapped.
   static OddArm* at(const char* file) noexcept {
     const int descriptor = open(file, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (descriptor < 0 || ftruncate(descriptor, sizeof(OddArm)) != 0) return nullptr;

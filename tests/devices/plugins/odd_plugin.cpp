@@ -200,7 +200,7 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
     return nullptr;
   }
   const std::string kind = std::string(serial).substr(0, std::string(serial).find('#'));
-  static Odd tiny;  // palpate cannot close these two
+  static Odd tiny;  // static, because palpate cannot close these two
   static Odd closeless;
   Odd* odd = kind == "tiny" ? &tiny : kind == "closeless" ? &closeless : new Odd{};
   odd->kind = kind;
@@ -208,7 +208,7 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
   ++odd->arm->opens;
   // Opening sets the force to zero, because a real arm keeps its last force.
   odd->arm->give(0.0, 0.0, 0.0, host->now());
-  // Waits, so that the test can end the trouble before the new process opens the arm.
+  // Waits until the test ends the trouble: otherwise the new process would exit, too.
   while (odd->is("exit") && host->ends() == 0) usleep(1000);
   odd->device = {sizeof(palpate_plugin_device),
                  0,

@@ -82,8 +82,8 @@ class PluginHost {
     return arm->write(arm, &force);
   }
 
-  /// Returns true if the error is one short line that begins with the source's name and has a comma
-  /// or semicolon, which precedes the remedy.
+  /// Returns true if the error is one line of less than 200 bytes that begins with `name` and a
+  /// colon, and has a comma or semicolon, which precedes the remedy.
   bool errorIsALine(const std::string& name) const {
     return error.rfind(name + ": ", 0) == 0 && error.find('\n') == std::string::npos &&
            error.size() < 200 && error.find_first_of(",;") != std::string::npos;
@@ -113,8 +113,7 @@ class PluginHost {
   palpate_plugin_host host_{};
 };
 
-/// A struct of another palpate version that has only `room` bytes. The bytes behind it must not
-/// change.
+/// A struct of another palpate version, with `room` bytes. The bytes behind it must not change.
 template <class T>
 struct Other {
   explicit Other(std::size_t room) {

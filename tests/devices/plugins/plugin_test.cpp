@@ -258,7 +258,7 @@ TEST_CASE("a plug-in's reading with a wrong time still becomes stale", "[plugin]
     (void)fake.fresh();
     fake.port->next.reading.taken = taken;
     HandState hand = fake.later(0.001);
-    // A time in the future counts as now. A time before the clock's start counts as old.
+    // A time in the future counts as now. A zero or negative time counts as old.
     CHECK((hand.age == 0.0) == (taken > 0));
     hand = fake.later(0.06);
     HandWatch watch(fake.arm->info().watch);
@@ -464,7 +464,8 @@ TEST_CASE("mutated messages of a plug-in's process never crash their reader", "[
   CHECK_FALSE(pluginMessageOf({}).has_value());
 }
 
-TEST_CASE("the reader of a seqlock gets whole values in rising order", "[plugin]") {
+TEST_CASE("the reader of a seqlock gets whole values, and never an older one after a newer one",
+          "[plugin]") {
   struct Value {
     std::array<std::uint64_t, 16> all{};
   };

@@ -68,7 +68,7 @@ std::string refusal(const std::function<void()>& act) {
   }
 }
 
-/// Returns a serial number that no other test uses.
+/// Returns a serial number that no test in another process uses.
 std::string oddly(const std::string& kind) {
   return kind + "#" + std::to_string(getpid());
 }
@@ -124,8 +124,9 @@ TEST_CASE("unusable plug-in libraries and arms are refused with the reason", "[p
   CHECK(bench->closes == 1);
 }
 
-TEST_CASE("an arm with an incomplete struct is stopped and closed before it is refused",
-          "[plugin]") {
+TEST_CASE(
+    "an arm with an incomplete struct is refused after it was stopped and, if possible, closed",
+    "[plugin]") {
   struct Incomplete {
     const char* serial;
     const char* why;
@@ -558,8 +559,8 @@ TEST_CASE("palpate restarts a plug-in's process that has exited", "[plugin]") {
   CHECK(within(kLong, [&] { return bench->stops > stops; }));
 }
 
-/// Checks that the loop latches one of `faults` after the plug-in's trouble `kind`. Also checks
-/// that the force is zero within `limit` [s] plus one scheduler time slice.
+/// Checks that the loop has one of `faults` after the plug-in's trouble `kind`. Also checks that
+/// the force is zero within `limit` [s] plus 10 ms, a time slice of the scheduler.
 void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faults) {
   Bench bench;
   bench->position[2] = 0.05;
@@ -603,10 +604,10 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   CHECK(took <= limit + 0.010);
 }
 
-// Limits: two ticks for a fault that the plug-in reports, 50 ms for a stale arm, 20 ms for a crash,
-// 25 ms for a call that hangs. After an exit, or if stop() hangs too, the next process takes the
-// force off. Several faults can follow one trouble; the scheduler decides which the loop finds
-// first.
+// Limits: two ticks for a fault that the plug-in reports; two ticks and 50 ms for a stale arm;
+// 20 ms for a crash; 25 ms for a call that hangs. After an exit (100 ms), and if stop() hangs too
+// (150 ms), the next process sets the force to zero. Several faults can follow one trouble. The
+// scheduler decides which of them the loop finds first.
 constexpr double kTick = 0.002;  // [s]; two ticks at 1 kHz
 #define PALPATE_TROUBLE(kind, limit, ...)                                              \
   TEST_CASE("the force ends in time after plug-in trouble: " kind, "[plugin][host]") { \

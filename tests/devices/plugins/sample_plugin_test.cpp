@@ -125,7 +125,8 @@ TEST_CASE("the sample plug-in's arm moves with the force until the arm is stoppe
   CHECK(pushed(host) == Approx(0.02).margin(1e-4));
 }
 
-TEST_CASE("the sample plug-in's arm S2 moves only while a force pushes it", "[plugin]") {
+TEST_CASE("the sample plug-in's arm S2 rests until a force pushes it and comes to rest afterwards",
+          "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S2"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);

@@ -60,7 +60,7 @@ const Sdk kOpenHaptics = {
     [] { stub_hd::arm().lost = true; },
     [] { stub_hd::arm().calibration = HD_CALIBRATION_NEEDS_MANUAL_INPUT; },
     [] { return stub_hd::arm().open; },
-    // The API's nominal force is less than the plug-in's table has for the Touch.
+    // The plug-in's table has 3.3 N for the Touch. The API's nominal force, 3 N, is less.
     {3.0, 400.0, 0.075},
 };
 const Sdk kDhd = {
@@ -117,7 +117,7 @@ std::string fileOf(const Sdk& sdk) {
 }
 
 /// An arm of a stub, opened through its plug-in. After ready(), the SDK's loop runs only during
-/// turn() and after gone().
+/// turn(), until gone() or Gate::release() lets it run freely.
 class Bench {
  public:
   explicit Bench(const Sdk& which) : sdk(which), fresh_(which.plug), host(fileOf(which)) {}
@@ -131,13 +131,14 @@ class Bench {
   }
   void turn(int turns = kTurns) { sdk.gate().turn(turns); }
 
-  /// Returns the motors' force after kTurns cycles of the SDK's thread.
+  /// Returns the motors' force in W [N] after kTurns cycles of the SDK's thread.
   Vec given() {
     turn();
     return sdk.force_W();
   }
 
-  /// Waits until the arm is reported as gone. Only this wait uses the real clock.
+  /// Waits until the arm is reported as gone. Returns false if this takes more than about 10 s of
+  /// real time.
   bool gone() {
     sdk.gate().release();
     for (int i = 0; i < 10000; ++i) {
@@ -172,7 +173,8 @@ Vec positionOf(const palpate_plugin_reading& r) {
 
 }  // namespace
 
-TEST_CASE("an SDK's plug-in has the current version, full structs and one factory", "[plugin]") {
+TEST_CASE("an SDK's plug-in has the current version and struct sizes, and only the factory of arms",
+          "[plugin]") {
   Bench bench(anySdk());
   const palpate_plugin_entry& entry = *bench.host.entry;
   CHECK(entry.size == sizeof entry);
@@ -208,7 +210,7 @@ TEST_CASE("an SDK's plug-in that lists an arm leaves the arm open or closed as b
   CHECK(bench.sdk.open() == 1);
 }
 
-TEST_CASE("an SDK's plug-in opens an arm only by its own serial number, and only once",
+TEST_CASE("an SDK's plug-in refuses an unknown serial number and an arm that is already open",
           "[plugin]") {
   Bench bench(anySdk());
   CHECK_FALSE(bench.host.open(bench.sdk.no_serial));
@@ -698,7 +700,7 @@ TEST_CASE("nifalcon: a cycle without data gives no new reading and the arm stays
   CHECK(bench.host.read() == PALPATE_PLUGIN_OK);
 }
 
-TEST_CASE("nifalcon: a stop keeps the force at zero even if the kinematics fails", "[plugin]") {
+TEST_CASE("nifalcon: a stop sets the force to zero even if the kinematics fails", "[plugin]") {
   Bench bench(kNifalcon);
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);

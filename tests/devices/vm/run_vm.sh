@@ -3,8 +3,8 @@
 # uhid: an arm and devices of USB's PID class. usb: an arm behind USB. test: an arm behind uhid, tested by the program.
 #
 # Starts a small machine in QEMU whose clock counts instructions, so the host's load has little effect. BIN has palpate,
-# virtual_arm and vm_check. The kernel is Debian's, unpacked but not installed. Exits with 77 and the reason if QEMU or
-# the kernel is missing.
+# virtual_arm and vm_check. The kernel is Debian's, unpacked but not installed. Exits with 77 and the reason if a tool
+# or the kernel is missing, or if the machine is not x86-64.
 set -euo pipefail
 wire=$1 bin=$2 work=$3 volumes=$4
 here=$(cd "$(dirname "$0")" && pwd)

@@ -2,7 +2,7 @@
 /// `virtual_arm pid LOG` simulates devices of USB's PID class through uhid.
 /// With uhid, the test uses the kernel's HID core and hidraw. With usb it also uses usbcore and
 /// usbhid: the process connects by vhci_hcd and USB/IP, at full speed, with one transaction per
-/// millisecond.
+/// millisecond and direction.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -50,7 +50,7 @@ class Wire {
   virtual void unplug() = 0;
   /// Called once per millisecond.
   virtual void frame(const In& report) = 0;
-  /// Reads available data. Returns true if it has received a report from the host.
+  /// Processes one event or request. Returns true if it was an output report of the host.
   virtual bool take(Out& report) = 0;
   [[nodiscard]] virtual int descriptor() const = 0;
 };

@@ -1,6 +1,7 @@
 /// Checks an arm through a real kernel's HID layer: vm_check uhid|usb|pid|ruler|chain VOLUME
 /// PROFILE. Runs in a virtual machine whose clock counts instructions, so limits can be tight. Exit
-/// status: 1 if a check failed; 3 if the machine paused and the run must be repeated.
+/// status: 1 if a check failed; 2 if arguments are missing; 3 if the machine paused and the run
+/// must be repeated.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -276,10 +277,10 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
                                                text(quantile(periods, 0.5)) + " us, p99 " +
                                                text(quantile(periods, 0.99)) + " us, longest " +
                                                text(quantile(periods, 1.0)) + " us");
-  // On a crowded host the virtual machine pauses for 3 to 5 ms, several times a minute. Then all
-  // due ticks come at once, and only the newest force is sent. A late tick is excused if the loop
-  // began to wait for it in time. All ticks that were due before it are then excused, too. The
-  // machine can also pause while a tick computes.
+  // On a busy host the virtual machine sometimes pauses for some milliseconds. Then all due ticks
+  // come at once, and only the newest force is sent. A late tick is excused if the loop began to
+  // wait for it in time. The next ticks are excused, too, if they were due before this tick began.
+  // The machine can also pause while a tick computes, so one late tick of a thousand is allowed.
   check(late - excused <= ticks / 1000,
         "at most one tick of a thousand is late without a pause of the machine: " +
             text(late - excused) + " late, and with a pause " + text(excused));
@@ -423,7 +424,7 @@ struct Felt {
   arm.reset();
   usleep(300000);
   if (late > 0) {
-    std::printf("the machine stood still, %lld ticks were late: nothing to compare with\n",
+    std::printf("the machine paused: %lld ticks were late, so the runs are not compared\n",
                 static_cast<long long>(late));
     return false;
   }
@@ -491,7 +492,7 @@ struct Felt {
   check(worst <= allowed, "the forces equal those in virtual time within " + text(allowed) +
                               " N, the effect of one encoder step: at most " + text(worst) +
                               " N off, at step " + text(static_cast<double>(worst_at)) +
-                              "; positions at most " + text(1e6 * farthest) + " um");
+                              "; positions at most " + text(1e6 * farthest) + " um off");
   return true;
 }
 
@@ -561,7 +562,7 @@ void checkPid(std::size_t kind) {
   }
   check(mismatches == 0 && different > axes * kCycles / 2,
         name + ": " + text(kCycles) + " forces along " + text(axes) + " axes, " + text(mismatches) +
-            " mismatches, the oldest told " + text(static_cast<double>(latest)) +
+            " mismatches, the oldest written " + text(static_cast<double>(latest)) +
             " cycles before; " + text(static_cast<double>(arm.traffic().writes)) +
             " forces sent, the longest in " +
             text(1e-3 * static_cast<double>(arm.traffic().longest_ns)) + " us; at most " +
@@ -572,7 +573,7 @@ void checkPid(std::size_t kind) {
   usleep(4000);
   (void)arm.read();
   check(wrote && standsAt(arm.read().position, steps) == std::array<int, 3>{},
-        name + ": its guardian's one report takes the force off");
+        name + ": the guardian's report sets the force to zero");
 }
 
 bool run(const std::string& what, const std::string& volume, const std::string& profile_file) {

@@ -1,5 +1,5 @@
-/* A host in C: a simulated hand comes down on a scene in virtual time, and asks why. With an arm
- * call palpate_load instead of palpate_load_virtual. docs/embed.md */
+/* A host in C: moves a simulated hand onto a scene in virtual time, and prints the force and its
+ * explanation. With an arm call palpate_load instead of palpate_load_virtual. See docs/embed.md. */
 #include <palpate/scenes/bindings/c/c_api.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -37,7 +37,7 @@ int main(int argc, char** argv) {
     }
     free(json);
   }
-  /* A scene that is wrong: the running one stays. */
+  /* A scene that cannot be loaded is refused. The current scene stays active. */
   if (palpate_reload(hand, "no_such.vdb", error, sizeof error) != 0) printf("%s\n", error);
   palpate_unload(hand);
   return strongest > 0.1 ? 0 : 1;

@@ -48,7 +48,7 @@ bool FalconDevice::isFirmwareLoaded() {
 }
 
 // Like the library's function: sends the forces of the previous call to the motors. Then it updates
-// position and forces, unless the kinematics has no solution.
+// position and forces, unless the arm is not homed or the kinematics has no solution.
 bool FalconDevice::runIOLoop(unsigned) {
   the_arm->gate.arrive();
   if (the_arm->throws) throw std::runtime_error("no USB");

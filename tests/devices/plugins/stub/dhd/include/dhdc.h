@@ -80,8 +80,8 @@ struct Arm {
   bool force_on = true;
   std::atomic<bool> lost{false};
   double force[3] = {};
-  double force_at_stop = -1.0;  // largest force component when dhdStop set the forces to zero
-  double rest = 0.0;            // largest torque and gripper force
+  double force_at_stop = -1.0;  // largest force component when dhdStop was called; -1: never
+  double rest = 0.0;            // largest torque or gripper force so far
   double gravity = 9.81;        // gravity from which the weight is computed [m/s^2]
   bool carries = true;          // gravity compensation is on, as on a new arm
   int fails = 0;                // number of further reads of the position that fail

@@ -99,7 +99,7 @@ struct Arm {
   std::atomic<int> homes_after{5};  // number of exchanges until homed; -1: never
   bool firmware = false;
   int loads = 0;
-  int bad_loads = 1;               // number of further firmware uploads that fail
+  int bad_loads = 1;               // number of firmware uploads that fail before one succeeds
   std::array<int, 3> motors = {};  // in thousandths of a newton
   int open = 0;
 };
