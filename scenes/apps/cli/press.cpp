@@ -17,7 +17,7 @@ namespace palpate::cli {
 namespace {
 
 // [N]: yields at smaller loads do not count, because drags often yield at small loads. Exception:
-// the proxy passes a surface within one tick.
+// the proxy passes a surface within one tick, before the mode has borne a load.
 constexpr double kLoad = 0.05;
 constexpr double kMostSteps = 1e6;  // Largest number of steps in one direction
 
@@ -141,7 +141,7 @@ class Curve {
     // A surface that the proxy has passed in this tick is not among the loads at the tick's end.
     const bool gone = yielded && !carries;
     const bool yields = gone || (carries && holdOf(loads) == Hold::kYields);
-    const bool counts = gone || mode.held >= kLoad;
+    const bool counts = mode.held >= kLoad || (gone && !mode.touched);
     if (yields && counts && mode.ready && !mode.yield) {
       mode.yield = Yield{row.depth, row.proxy_depth, std::nullopt, row.force_along, mode.held};
       if (!gone) mode.yield->force = totalOf(bearersOf(loads)).norm();
