@@ -20,7 +20,8 @@ std::string voxelsOf(const Imported& imported) {
     line += fmt::format(" ({:.3g} %)", 100.0 * static_cast<double>(imported.made.active) /
                                            static_cast<double>(imported.made.voxels));
   }
-  line += fmt::format(" with edges of {:.4g} x {:.4g} x {:.4g} along i, j, k", edge.x(), edge.y(), edge.z());
+  line += fmt::format(" with edges of {:.4g} x {:.4g} x {:.4g} along i, j, k", edge.x(), edge.y(),
+                      edge.z());
   if (imported.resampling) {
     line += fmt::format(", compared with the original at {} points", imported.resampling->points);
     if (imported.resampling->edge_points > 0) {
