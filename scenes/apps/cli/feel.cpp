@@ -203,6 +203,12 @@ int explainLast(const Run& run, const BuiltScene& built) {
   return sayExplained(explainRun(opened, kept.ticks, limits, kept.time), run.options.json);
 }
 
+void beginRecordings(const Hands& hands) {
+  for (const auto& hand : hands) {
+    if (hand->recorder) hand->recorder->begin();
+  }
+}
+
 /// Closes the arms at the end of a scope. If a plug-in in this process does not return, ends the
 /// program.
 class ClosesArms {
@@ -263,6 +269,7 @@ int feel(FeelOptions options) {
   std::vector<std::unique_ptr<Device>> devices =
       openDevices(options, built, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);
   std::vector<const Device*> rendered;
+  rendered.reserve(devices.size());
   for (const auto& device : devices) rendered.push_back(device.get());
   const bool replayed = isReplay(options.devices[0]);
   if (replayed && plays) {
@@ -284,9 +291,7 @@ int feel(FeelOptions options) {
   if (window) showIn(*window, hands, built, options, input.file);
   prepareRecordings(hands, options, input, built);
   const ScenesById scenes = scenesOfReplay(hands, options, built, cache);
-  for (const auto& hand : hands) {
-    if (hand->recorder) hand->recorder->begin();
-  }
+  beginRecordings(hands);
   WithSites sites(options, hands[0]->device->info(), input);
   Run run{options, hands, built.scene, spec, written, cache, input};
   run.sites = &sites;
