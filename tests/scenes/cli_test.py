@@ -802,7 +802,13 @@ class Feel(Case):
         path = self.dir / "inside.csv"
         path.write_text("t,x,y,z\n0,0,0,0\n1,0.001,0,0\n", encoding="utf-8")
         said = run("feel", self.dir / "ball.vdb", "--device", f"path:{path}", status=4).stderr
-        self.assertIn("it began inside the solid of ", said)
+        self.assertIn("it was inside the solid of ", said)
+
+    def test_a_run_whose_arm_is_never_ready_reports_this_and_ends_with_status_4(self):
+        done = run("feel", self.dir / "ball.vdb", "--device", "simulated:released@0", "--seconds", 1, "--json",
+                   status=4)
+        self.assertIn("the hand felt no force: modes acted, but the arm was not ready", done.stderr)
+        self.assertFalse(json.loads(done.stdout)["felt_anything"])
 
     def test_a_hand_that_enters_a_solid_without_strength_is_not_reported_as_beginning_inside(self):
         scene = self.dir / "weak.json"

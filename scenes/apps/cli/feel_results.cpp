@@ -212,6 +212,26 @@ int statusOf(const Run& run, bool nothing, bool lost, bool kept) {
   return status;
 }
 
+/// Returns why no hand felt a force, with a remedy.
+std::string whyNothing(const Hands& hands) {
+  std::string solid;
+  bool withheld = false;
+  for (const auto& hand : hands) {
+    if (solid.empty()) solid = hand->log.felt.inside();
+    withheld = withheld || hand->log.felt.withheld();
+  }
+  if (withheld) {
+    return "modes acted, but the arm was not ready: home it, and hold its dead-man switch";
+  }
+  if (solid.empty()) {
+    return "it touched no active mode: run palpate check to see where the volumes are";
+  }
+  return fmt::format(
+      "it was inside the solid of {} when the force began, and a surface holds only a hand that "
+      "comes from outside: begin outside",
+      Legible(solid).text());
+}
+
 }  // namespace
 
 OrderedJson machineJson() {
@@ -264,17 +284,8 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
   });
   const bool lost = run.window != nullptr && run.window->lost();
   if (nothing && !lost && !cut) {
-    std::string solid;
-    for (const auto& hand : hands) {
-      if (solid.empty()) solid = hand->log.felt.inside();
-    }
     const std::string verb = run.options.window ? "view" : "feel";
-    complain(verb + ": the hand felt no force: " +
-             (solid.empty()
-                  ? "it touched no active mode: run palpate check to see where the volumes are"
-                  : fmt::format("it began inside the solid of {}, and a surface holds only a hand "
-                                "that comes from outside: begin outside",
-                                Legible(solid).text())));
+    complain(verb + ": the hand felt no force: " + whyNothing(hands));
   }
   if (cut_short || interrupted != 0) return kInterrupted;
   return statusOf(run, nothing, lost, kept);

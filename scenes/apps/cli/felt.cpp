@@ -261,6 +261,14 @@ std::string Felt::inside() const {
 }
 
 bool Felt::anything() const {
+  return force_max_ >= kLeastForce && acted();
+}
+
+bool Felt::withheld() const {
+  return force_max_ < kLeastForce && acted();
+}
+
+bool Felt::acted() const {
   if (pulled_ > 0) return true;
   return std::any_of(scenes_.begin(), scenes_.end(), [](const auto& felt) {
     return std::any_of(felt->modes.begin(), felt->modes.end(),

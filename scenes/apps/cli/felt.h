@@ -77,9 +77,12 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     return {loads_.data(), carriers_.size()};
   }
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
-  /// Returns true if a mode gave at least 1 mN, or hands at other sites more than 1 mN, in any
-  /// tick.
+  /// Returns true if the device got at least 1 mN, and a mode gave at least 1 mN, or hands at other
+  /// sites more than 1 mN, in any tick.
   [[nodiscard]] bool anything() const;
+  /// Returns true if modes or other hands gave a force, but the device never got 1 mN, for example
+  /// because its dead-man switch was released.
+  [[nodiscard]] bool withheld() const;
   /// Returns the name of the first mode that began with the proxy inside its solid (its Side went
   /// from kUnknown to kInside); an empty text if there is none.
   [[nodiscard]] std::string inside() const;
@@ -203,7 +206,10 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Contacts own_;
   std::array<Contacts, kMaxNearParts> slots_;
   Moment most_;
-  std::int64_t strong_ = 0;  ///< Ticks with a force above kStrong.
+  std::int64_t strong_ = 0;                    ///< Ticks with a force above kStrong.
+  static constexpr double kLeastForce = 1e-3;  // [N]
+  [[nodiscard]] bool acted() const;
+
   std::int64_t pulled_ = 0;  ///< Ticks in which a hand at another site pulled this hand.
   Vec3 last_probe_ = Vec3::Zero();
   Vec3 last_force_ = Vec3::Zero();
