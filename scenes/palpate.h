@@ -14,4 +14,5 @@
 #include "palpate/samplers/grid/vdb_field.h"
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/scenes/library/build_scene.h"
+#include "palpate/scenes/library/scene_cache.h"
 #include "palpate/scenes/library/scene_file.h"

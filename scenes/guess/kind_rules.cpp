@@ -78,7 +78,8 @@ constexpr std::array kVectorRules{
              "directions without a sign, according to the file's metadata"},
     KindRule{hasLengthOne, Kind::kDirections,
              "vectors of length 1: directions without a sign (if this is a flow, use --for cfd)"},
-    KindRule{always, Kind::kFlow, "a flow: vectors with lengths from {slowest} to {fastest}{unit}"},
+    KindRule{always, Kind::kFlow,
+             "a flow: vectors with lengths mostly from {slowest} to {fastest}{unit}"},
 };
 
 bool isConstantScalar(const Evidence& e) {

@@ -199,6 +199,10 @@ Explained explainTick(SceneSpec spec, const Vec3& at, const Vec3& push, double r
     return near;
   };
   const Opened opened = openFor(std::move(spec), trial, progress, say);
+  if (!opened.built.sequences.empty()) {
+    say("explain: the first frame of each sequence acts; for another time, explain a run "
+        "(--until)");
+  }
   const Scene& scene = *opened.built.scene;
 
   Reader reader;
