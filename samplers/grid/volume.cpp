@@ -70,6 +70,7 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
 std::string importOf(const std::filesystem::path& path) {
   if (path.extension() == ".vdb")
     return "write it again with OpenVDB: it may be damaged or of another format";
+  if (path.extension() == ".json") return "give a .vdb file; palpate check describes a scene";
   std::filesystem::path stem = path.filename();
   if (stem.extension() == ".gz") stem.replace_extension();
   const std::string out = stem.replace_extension(".vdb").string();

@@ -475,6 +475,7 @@ int press(const PressOptions& options) {
   };
   const Opened opened = openFor(options.scene, trial);
   checkOutputs(options, opened.spec);
+  if (!opened.built.sequences.empty()) complain("press: the first frame of each sequence acts");
   std::optional<Picture> picture;
   if (!options.picture.file.empty()) picture.emplace(options.picture);
   std::optional<WholeFile> file;
