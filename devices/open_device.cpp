@@ -112,6 +112,7 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   ArmHost host;
   host.say = options.say;
   host.stop = options.stop;
+  host.stuck = options.stuck;
   if (options.passive) host.tank = TankUse::kAct;
   host.refill = options.refill;
   OpenedArm opened = openAnyArm(name, host);

@@ -25,6 +25,7 @@ struct DeviceOptions {
   std::function<void(const std::string&)> say;  ///< Receives messages for the user; may be empty.
   /// Returns true if the program should end; polled while an arm is awaited. May be empty.
   std::function<bool()> stop;
+  std::function<void()> stuck;  ///< See ArmHost::stuck.
 };
 
 /// Opens a device by its name:

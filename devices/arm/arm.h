@@ -42,6 +42,9 @@ struct ArmHost {
   /// Returns true if the program must end. Then all waits for the user end. Called on the thread
   /// that opens the arm, and on a thread of the arm.
   std::function<bool()> stop = nullptr;
+  /// Ends the program, because a plug-in in this process has not closed its arm for 5 s. Called on
+  /// another thread. If it is null or returns, the program ends by std::_Exit(1).
+  std::function<void()> stuck = nullptr;
   /// The arm's measurements; zeros if they are unknown. The functions that open an arm by its name
   /// replace them by measuredArm().
   MeasuredArm measured = {};

@@ -4,12 +4,16 @@
 #include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <cstdlib>
 #include <cstring>
 #include <fcntl.h>
 #include <functional>
+#include <future>
 #include <new>
+#include <optional>
 #include <poll.h>
 #include <sys/mman.h>
+#include <system_error>
 #include <thread>
 #include <unistd.h>
 #include <utility>
@@ -289,43 +293,85 @@ class ProcessPort final : public PluginPort {
   std::thread mender_;
 };
 
+/// Ends the program if a scope takes longer than 5 s, as a plug-in that does not close its arm.
+class ClosingTime {
+ public:
+  ClosingTime(const ArmHost& host, const std::string& name) {
+    try {
+      watcher_ = std::thread([until = closed_.get_future(), host, name] {
+        constexpr auto kPatience = std::chrono::seconds(5);
+        if (until.wait_for(kPatience) == std::future_status::ready) return;
+        if (host.say) {
+          host.say(name +
+                   ": the arm does not close, because the plug-in does not return: the "
+                   "program ends: run the plug-in in its own process (plugin:NAME)");
+        }
+        if (host.stuck) host.stuck();
+        std::_Exit(1);
+      });
+    } catch (const std::system_error&) {
+      // no thread: closes without a limit of time
+    }
+  }
+  ClosingTime(const ClosingTime&) = delete;
+  ClosingTime& operator=(const ClosingTime&) = delete;
+  ~ClosingTime() {
+    closed_.set_value();
+    if (watcher_.joinable()) watcher_.join();
+  }
+
+ private:
+  std::promise<void> closed_;
+  std::thread watcher_;
+};
+
 /// A plug-in in this process. Must be made and destroyed on the same thread.
 class InsidePort final : public PluginPort {
  public:
   InsidePort(const std::filesystem::path& file, const std::string& serial, const ArmHost& host)
-      : library_(file, {host.say, host.stop}),
-        serial_(library_.only(serial)),
-        device_(library_.open(serial_.empty() ? serial : serial_)),
-        facts_(device_.facts()) {
+      : host_(host),
+        name_("plugin-inside:" + file.stem().string()),
+        library_(std::in_place, file, PluginHost{host.say, host.stop}),
+        serial_(library_->only(serial)),
+        device_(library_->open(serial_.empty() ? serial : serial_)),
+        facts_(device_->facts()) {
     if ((facts_.has & PALPATE_PLUGIN_FORCE) != 0 &&
         !(facts_.watchdog > 0.0 && facts_.watchdog <= kLongestWatchdog)) {
       throw DeviceError(
-          "plugin-inside:" + file.stem().string(),
-          "the arm has no watchdog that removes its force within 0.05 s if the program dies",
+          name_, "the arm has no watchdog that removes its force within 0.05 s if the program dies",
           "use plugin:" + file.stem().string() + ", which runs in a process of its own");
     }
-    device_.prepare();
+    device_->prepare();
+  }
+  InsidePort(const InsidePort&) = delete;
+  InsidePort& operator=(const InsidePort&) = delete;
+  ~InsidePort() override {
+    const ClosingTime limit(host_, name_);
+    device_.reset();
+    library_.reset();
   }
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return facts_; }
-  [[nodiscard]] std::string version() const override { return library_.version(); }
+  [[nodiscard]] std::string version() const override { return library_->version(); }
   [[nodiscard]] std::string serial() const override { return serial_; }
-  [[nodiscard]] double carries() const noexcept override { return device_.carries(); }
+  [[nodiscard]] double carries() const noexcept override { return device_->carries(); }
   [[nodiscard]] bool read(PluginNews& news) noexcept override {
-    news_.read = device_.read(news_.reading);
+    news_.read = device_->read(news_.reading);
     news = news_;
     return true;
   }
   void write(const PluginOrder& order) noexcept override {
-    device_.carry(order.carry);
-    news_.wrote = device_.write(order.force);
+    device_->carry(order.carry);
+    news_.wrote = device_->write(order.force);
     news_.written = order.number;
-    news_.given = device_.given();
+    news_.given = device_->given();
   }
 
  private:
-  PluginLibrary library_;
+  ArmHost host_;
+  std::string name_;
+  std::optional<PluginLibrary> library_;  ///< Unset only in the destructor.
   std::string serial_;
-  PluginDevice device_;
+  std::optional<PluginDevice> device_;  ///< Unset only in the destructor.
   palpate_plugin_facts facts_;
   PluginNews news_;
 };

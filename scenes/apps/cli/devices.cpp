@@ -446,6 +446,7 @@ int watchPlugin(const DevicesOptions& options) {
   ArmHost host;
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
+  host.stuck = [] { endWithoutFiles(kEndedEarly); };
   const std::unique_ptr<Arm> arm = openAnyArm(options.watch, host).device;
   while (interrupted == 0) {
     const HandState hand = arm->read();

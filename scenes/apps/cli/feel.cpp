@@ -1,13 +1,10 @@
 #include "palpate/scenes/apps/cli/feel.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <future>
 #include <limits>
 #include <optional>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -51,6 +48,7 @@ DeviceOptions deviceOptions(const FeelOptions& options, const BuiltScene& built,
   asked.refill = options.refill;
   asked.say = [](const std::string& words) { complain("feel: " + words); };
   asked.stop = [] { return interrupted != 0; };
+  asked.stuck = [] { endWithoutFiles(kEndedEarly); };
   return asked;
 }
 
@@ -209,30 +207,22 @@ void beginRecordings(const Hands& hands) {
   }
 }
 
-/// Closes the arms at the end of a scope. If a plug-in in this process does not return, ends the
-/// program.
+/// Closes the arms at the end of a scope. Arms of plug-ins in this process are last, because the
+/// program ends if such a plug-in does not return.
 class ClosesArms {
  public:
-  explicit ClosesArms(Hands& hands) : hands_(hands) {}
+  ClosesArms(Hands& hands, const std::vector<std::string>& names) : hands_(hands), names_(names) {}
   ClosesArms(const ClosesArms&) = delete;
   ClosesArms& operator=(const ClosesArms&) = delete;
   ~ClosesArms() {
-    std::promise<void> closed;
-    std::thread watcher([until = closed.get_future()] {
-      constexpr auto kPatience = std::chrono::seconds(5);
-      if (until.wait_for(kPatience) == std::future_status::ready) return;
-      complain(
-          "feel: the arm does not close, because its driver does not return: palpate ends: "
-          "run a plug-in in its own process (--device plugin:NAME)");
-      endWithoutFiles(kEndedEarly);
-    });
-    hands_.clear();
-    closed.set_value();
-    watcher.join();
+    for (std::size_t h = 0; h < std::min(hands_.size(), names_.size()); ++h) {
+      if (!names_[h].starts_with("plugin-inside:")) hands_[h].reset();
+    }
   }
 
  private:
   Hands& hands_;
+  const std::vector<std::string>& names_;
 };
 
 }  // namespace
@@ -282,7 +272,7 @@ int feel(FeelOptions options) {
 
   Outputs outputs(options);
   Hands hands;
-  const ClosesArms closes(hands);
+  const ClosesArms closes(hands, options.devices);
   for (std::size_t h = 0; h < devices.size(); ++h) {
     hands.push_back(std::make_unique<Hand>(
         std::move(devices[h]), *built.scene, options, placeOf(options.trace, h),

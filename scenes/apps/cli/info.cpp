@@ -6,11 +6,10 @@
 
 #include <fmt/format.h>
 
-#include "palpate/devices/recording/recording.h"
-#include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/bricks.h"
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/scenes/apps/cli/bricks_told.h"
+#include "palpate/scenes/apps/cli/recorded.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/library/brick_places.h"
 
@@ -128,10 +127,7 @@ void addInfo(CLI::App& app, std::function<int()>& body) {
   verb->callback([=, &body] {
     body = [=] {
       if (isBrickPlace(*file)) return infoOfBricks(*file, *json);
-      if (isRecording(*file)) {
-        throw Error(*file, "it is a recording",
-                    "run palpate convert for its ticks, or palpate feel with --device replay:FILE");
-      }
+      refuseRecording(*file);
       const std::vector<GridInfo> grids = describeGrids(*file);
       if (*json) {
         OrderedJson out;

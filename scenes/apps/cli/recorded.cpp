@@ -175,6 +175,12 @@ SceneInput openWithText(const std::string& file, const Progress& progress) {
   return out;
 }
 
+void refuseRecording(const std::string& file) {
+  if (!isRecording(file)) return;
+  throw Error(file, "it is a recording",
+              "run palpate convert for its ticks, or palpate feel with --device replay:FILE");
+}
+
 std::optional<SceneInput> sceneAsItIs(const Recording& recording, std::uint64_t id) {
   for (const RecordedScene& scene : recording.scenes()) {
     if (scene.id != id) continue;

@@ -35,6 +35,9 @@ struct SceneInput {
                                         const SceneSpec& spec, const std::vector<LiveDial>& dials,
                                         const Windows& windows);
 
+/// Throws Error if the file is a recording, for verbs that read volumes.
+void refuseRecording(const std::string& file);
+
 /// Returns the scene with this id. Returns no value if the scene is missing, if the scene file or
 /// its volumes have changed, or if gains were recorded with the scene. Throws Error.
 [[nodiscard]] std::optional<SceneInput> sceneAsItIs(const Recording& recording, std::uint64_t id);

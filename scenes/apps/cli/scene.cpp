@@ -3,6 +3,7 @@
 #include <memory>
 #include <string>
 
+#include "palpate/scenes/apps/cli/recorded.h"
 #include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/library/brick_places.h"
 #include "palpate/scenes/library/scene_file.h"
@@ -41,6 +42,7 @@ void addScene(CLI::App& app, std::function<int()>& body) {
       // scene.
       std::filesystem::path place(*file);
       if (place.has_parent_path()) place = absolutePlace(place);
+      refuseRecording(*file);
       const Guess guess = guessVdb(place, *what, showProgress("loading"));
       for (const std::string& line : guess.seen) complain("found: " + line);
       for (const std::string& line : guess.made) complain("added: " + line);

@@ -88,15 +88,16 @@ class OnTime {
   /// Waits for the end of the loop. Returns false if the loop stands still.
   [[nodiscard]] bool ends() {
     constexpr double kPatience = 1.0;  // [s]
-    if (thread_->stopWithin(kPatience)) {
-      // Without forget(), the guardian could overwrite the profile's final output.
-      if (watch_.heart != nullptr) guardian_.forget(watch_);
-      return true;
-    }
+    if (thread_->stopWithin(kPatience)) return true;
     complain(name_ +
              ": the loop stands still, because the arm's driver or a mode does not return: palpate "
              "ends without its files: run a plug-in in its own process (--device plugin:NAME)");
     return false;
+  }
+  /// Ends the guardian's watch, which could overwrite the profile's final output. Call this only
+  /// after all loops have ended: the guardian writes zero if the program ends before.
+  void forget() {
+    if (watch_.heart != nullptr) guardian_.forget(watch_);
   }
   void end() {
     hand_.drain();
@@ -438,16 +439,19 @@ void watchHands(Run& run, const std::vector<std::unique_ptr<OnTime>>& hands,
   const bool shared = run.sites != nullptr && run.sites->share();
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // The scene file is checked for changes once per this number of polls
-  // If ticks are late, a run takes longer, at most by this time.
+  // If ticks are late, a run takes longer, at most by this time. Counts looks instead of time,
+  // because a time in which the process is stopped must not count.
   constexpr double kExtra = 5.0;  // [s]
-  const auto begun = std::chrono::steady_clock::now();
-  const std::chrono::duration<double> longest(static_cast<double>(run.ticks) / run.options.rate +
-                                              kExtra);
+  const double longest = (static_cast<double>(run.ticks) / run.options.rate + kExtra) /
+                         std::chrono::duration<double>(kLook).count();
   std::chrono::steady_clock::time_point next_image;
   bool feeling = true;
   for (int looks = 0; feeling && interrupted == 0; ++looks) {
     std::this_thread::sleep_for(kLook);
-    if (std::chrono::steady_clock::now() - begun > longest) return;
+    if (looks > longest) {
+      complain("feel: the run ends, because its ticks are 5 s late");
+      return;
+    }
     feeling = false;
     for (const auto& hand : hands) {
       feeling = hand->look() || feeling;
@@ -489,7 +493,10 @@ void endLoops(const std::vector<std::unique_ptr<OnTime>>& hands, std::optional<K
   for (const auto& hand : hands) (void)hand->thread().stopWithin(0.0);
   bool ended = true;
   for (const auto& hand : hands) ended = hand->ends() && ended;
-  if (ended) return;
+  if (ended) {
+    for (const auto& hand : hands) hand->forget();
+    return;
+  }
   if (!error.empty()) complain(error);
   keys.reset();  // restores the terminal
   endWithoutFiles(kEndedEarly);
@@ -519,6 +526,9 @@ void runOnTime(Run& run, Guardian& guardian) {
     watchHands(run, hands, threads, watcher, clock, *keys);
   } catch (const std::exception& error) {
     endLoops(hands, keys, error.what());
+    throw;
+  } catch (...) {
+    endLoops(hands, keys);
     throw;
   }
   endLoops(hands, keys);

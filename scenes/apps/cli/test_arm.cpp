@@ -387,6 +387,7 @@ int testArm(const DevicesOptions& options) {
   ArmHost host;
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
+  host.stuck = [] { endWithoutFiles(kEndedEarly); };
   host.tests = true;
   // The test moves the arm by a few centimetres, after the program has asked the user to let go of
   // the arm.

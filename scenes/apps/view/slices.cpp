@@ -97,13 +97,21 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
       grey.fill(std::isfinite(share) ? share : 0.0);
       paint(point, grey);
     }
-    for (std::size_t n = 0; n < std::min(levels.size(), kMostLines); ++n) {
-      const Shapes::Level& level = levels[n];
-      const Pose of_level = level.motion ? level.motion->poseAbout(at, time) : Pose{};
-      sample(*level.field, [&](const Vec3& p) { return of_level.toRest(pose(p)); });
+    const auto draw = [&](const Shapes::Level& level) {
       for (std::size_t point = 0; point < values.size(); ++point) {
         if (crosses(values, point, level.value)) paint(point, level.colour);
       }
+    };
+    std::size_t drawn = 0;
+    for (const Shapes::Level& level : levels) {
+      if (level.field->id() != field.id() || drawn++ >= kMostLines) continue;
+      draw(level);
+    }
+    for (const Shapes::Level& level : levels) {
+      if (level.field->id() == field.id() || drawn++ >= kMostLines) continue;
+      const Pose of_level = level.motion ? level.motion->poseAbout(at, time) : Pose{};
+      sample(*level.field, [&](const Vec3& p) { return of_level.toRest(pose(p)); });
+      draw(level);
     }
     slice.image->Modified();
     slice.actor->SetUserMatrix(matrix);

@@ -24,8 +24,8 @@ class Slices {
   Slices(vtkRenderer& renderer, const std::string& planes);
 
   /// Draws a field in `pose` on planes through `at` [m], or through the nearest point in the
-  /// field's bounds. The value `low` is black, and `high` is white. The first 16 levels are drawn
-  /// as lines, where their volumes are at `time` [s].
+  /// field's bounds. The value `low` is black, and `high` is white. At most 16 levels are lines,
+  /// first those of this field: the others where their volumes are at `time` [s].
   void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high,
             const std::vector<Shapes::Level>& levels, double time);
   void hide();

@@ -62,8 +62,9 @@ palpate_hand* palpate_load_virtual(const char* path, const palpate_arm* arm, dou
 /** Loads another scene for the same hand. The present scene stays active until the new scene is
  *  complete, and also if the call fails. If `path` is a scene file without moving volumes that
  *  differs from the present one only in strengths, isovalues or the coupling, the force stays on.
- *  Otherwise the force is zero at first, and grows again within 1.5 s.
- *  Another thread may call palpate_tick at the same time.
+ *  Otherwise the force is zero at first, and grows again within 1.5 s. A volume is read again only
+ *  if the size or the time of its file has changed. Another thread may call palpate_tick at the
+ *  same time.
  *  Call this function from the thread that called palpate_load.
  *  @return  0, or -1 if the call fails. */
 int palpate_reload(palpate_hand* hand, const char* path, char* error, size_t size);

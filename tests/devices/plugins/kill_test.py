@@ -212,6 +212,17 @@ class Kill(unittest.TestCase):
             self.assertIn(b"the arm does not close", program.communicate(timeout=30)[1])
             self.assertEqual((program.returncode, arm.closes), (1, 1))
 
+    def test_a_run_that_fails_before_its_first_tick_ends_although_a_plugin_does_not_close(self):
+        environment = dict(os.environ, PALPATE_PLUGINS=str(self.plugins), PALPATE_ODD_ARM=str(self.folder / "arm"),
+                           HOME=str(self.folder))
+        with self.felt("good") as (arm, _, _):   # makes the file of the arm
+            arm.trouble = 1
+            done = subprocess.run([PALPATE, "feel", self.folder / "two.vdb", "--realtime", "--device",
+                                   "plugin-inside:odd@unclosed", "--device", "plugin:nosuch"], env=environment,
+                                  stderr=subprocess.PIPE, timeout=30, check=False)
+        self.assertIn(b"the arm does not close", done.stderr)
+        self.assertEqual(done.returncode, 1)
+
     def test_a_run_of_two_hands_ends_if_one_arm_does_not_return(self):
         with self.felt("inside", "plugin-inside", 120, ["--device", "simulated"]) as (arm, program, _):
             arm.trouble = 1

@@ -46,8 +46,8 @@ class MyArm final : public palpate::Device {
 
   const palpate::DeviceInfo& info() const noexcept override { return info_; }
 
-  // Returns the newest position, its age, and a fault of this call or of write(). Must neither
-  // allocate nor wait.
+  // Returns the newest position, its age, and the last fault of read() or write(), which stays.
+  // Must neither allocate nor wait.
   palpate::HandState read() noexcept override {
     palpate::HandState hand;
     int counts[3] = {0, 0, 0};
