@@ -62,9 +62,9 @@ palpate_hand* palpate_load_virtual(const char* path, const palpate_arm* arm, dou
 /** Loads another scene for the same hand. The present scene stays active until the new scene is
  *  complete, and also if the call fails. If `path` is a scene file without moving volumes that
  *  differs from the present one only in strengths, isovalues or the coupling, the force stays on.
- *  Otherwise the force is zero at first, and grows again within 1.5 s. A volume is read again only
- *  if the size or the time of its file has changed. Another thread may call palpate_tick at the
- *  same time.
+ *  Otherwise the force is zero at first, and grows again within 1.5 s. A hand inside a solid, or at
+ *  a surface that yields, first has to leave the solid. A volume is read again only if the size or
+ *  the time of its file has changed. Another thread may call palpate_tick at the same time.
  *  Call this function from the thread that called palpate_load.
  *  @return  0, or -1 if the call fails. */
 int palpate_reload(palpate_hand* hand, const char* path, char* error, size_t size);
@@ -92,7 +92,8 @@ int palpate_tick(palpate_hand* hand, const double position[3], double age, doubl
 
 /** Cuts the force from the next tick on, until palpate_clear. Any thread may call palpate_cut. */
 void palpate_cut(palpate_hand* hand);
-/** After a fault, lets the force grow again slowly. Any thread may call palpate_clear. */
+/** After a fault, lets the force grow again slowly. A hand inside a solid first has to leave it.
+ * Any thread may call palpate_clear. */
 void palpate_clear(palpate_hand* hand);
 /** Returns the meaning of a fault and its remedy; "" for 0 and for an unknown number. */
 const char* palpate_fault_words(int fault);
