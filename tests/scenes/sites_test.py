@@ -646,7 +646,7 @@ class Far(Case):
             # Sums both hands, because one hand can get energy that the other has put in.
             both = sum(work(of)[-1] for of in rows.values())
             worst = max(worst, both)
-            self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
+            self.assertLessEqual(both, 2 * START + 1e-12, f"seed {seed}: {network}")
             for of in rows.values():
                 self.assertLessEqual(np.linalg.norm(of["pull"], axis=1).max(), PEAK + 1e-9)
                 self.assertFalse((of["fault"] != 0).any(), f"seed {seed}: {said}")
