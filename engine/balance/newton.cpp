@@ -140,6 +140,41 @@ Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec
   return held + Z * solveFree<N>(S, b);
 }
 
+/// Returns the step [m] if the forces have the one direction n, and the places the direction c:
+/// both unit vectors. The free directions of the step are those of the forces, rotated from n to c.
+Vec3 stepAlong(const Vec3& n, const Vec3& c, const Mat3& A, const Vec3& pulls,
+               const Vec3& held) noexcept {
+  Basis free;
+  Basis places;
+  free[0] = n.unitOrthogonal();
+  free[1] = n.cross(free[0]);
+  const double over = 1.0 + n.dot(c);
+  constexpr double kOpposed = 0.1;
+  for (std::size_t i = 0; i < 2; ++i) {
+    places[i] = over > kOpposed ? Vec3(free[i] - (n + c) * (c.dot(free[i]) / over)) : free[i];
+  }
+  return freeStep<2>(free, places, A, pulls, held);
+}
+
+/// Returns true if one plane that turns is the only primitive, and holds the proxy.
+bool isLonePlane(std::span<const Primitive> primitives, std::span<const Vec3> forces,
+                 std::span<const Varying> varying) noexcept {
+  return primitives.size() == 1 && varying.size() == 1 &&
+         primitives[0].kind == PrimitiveKind::kPlane && varying[0].surface &&
+         !varying[0].across.isZero(0.0) && loadOf(primitives[0], forces[0]) == Load::kHeld;
+}
+
+/// newtonStep() for a lone plane with the load L; `shift` is L/k [m].
+Vec3 stepOnPlane(const Vec3& residual, double shift, const Primitive& plane,
+                 const Varying& varies) noexcept {
+  const double size = varies.across.norm();
+  const Vec3 n = plane.direction / plane.direction.norm();
+  const Vec3 c = varies.across / size;
+  const Mat3 A = Mat3::Identity() - shift * varies.turn;
+  const Vec3 step = stepAlong(n, c, A, residual, -varies.height / size * c);
+  return step.allFinite() ? step : residual;
+}
+
 /// Adds D to `slack`: the derivative at the balance of the pulls of sliding lines and points,
 /// divided by k. Returns false if none slides.
 bool addSlidingTurns(const Vec3& balance, double stiffness, std::span<const Primitive> primitives,
@@ -169,7 +204,10 @@ bool addSlidingTurns(const Vec3& balance, double stiffness, std::span<const Prim
 Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double stiffness,
                 std::span<const Primitive> primitives, std::span<const Vec3> forces,
                 std::span<const Varying> varying) noexcept {
-  Vec3 residual = balance - from;
+  const Vec3 residual = balance - from;
+  if (isLonePlane(primitives, forces, varying)) {
+    return stepOnPlane(residual, forces[0].norm() / stiffness, primitives[0], varying[0]);
+  }
   Mat3 surfaces = Mat3::Zero();
   Mat3 others = Mat3::Zero();
   bool varies = false;
@@ -205,17 +243,7 @@ Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double 
     free = places = {Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()};
     step = freeStep<3>(free, places, A, pulls, along);
   } else if (held.forces.count == 1) {
-    // The free directions of the step are the free directions of the forces, rotated from n to c.
-    const Vec3& n = held.forces.direction[0];
-    const Vec3& c = held.places.direction[0];
-    free[0] = n.unitOrthogonal();
-    free[1] = n.cross(free[0]);
-    const double over = 1.0 + n.dot(c);
-    constexpr double kOpposed = 0.1;
-    for (std::size_t i = 0; i < 2; ++i) {
-      places[i] = over > kOpposed ? Vec3(free[i] - (n + c) * (c.dot(free[i]) / over)) : free[i];
-    }
-    step = freeStep<2>(free, places, A, pulls, along);
+    step = stepAlong(held.forces.direction[0], held.places.direction[0], A, pulls, along);
   } else if (held.forces.count == 2) {
     free[0] = held.forces.direction[0].cross(held.forces.direction[1]);
     places[0] = held.places.direction[0].cross(held.places.direction[1]);

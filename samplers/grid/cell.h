@@ -278,29 +278,7 @@ class TrilinearKernel<1> {
   /// Returns the derivatives of the gradient by the index, as [component of the gradient][index].
   [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t,
                                                              double reach) const noexcept {
-    std::array<std::array<double, 3>, 3> by;
-    for (std::size_t a = 0; a < 3; ++a) {
-      const auto [P, Q] = kAside[a];
-      const double p = t[P];
-      const double q = t[Q];
-      const double at = t[static_cast<Eigen::Index>(a)];
-      const Cells s = slopesAlong<3>(a, 0, p, q);
-      const Cells w = weights(at, reach);
-      const auto& c = slopes_[a];
-      double by_p = 0.0;
-      double by_q = 0.0;
-      for (std::size_t m = 0; m < 3; ++m) {
-        by_p += w[m] * (c[1][m] + c[3][m] * q);
-        by_q += w[m] * (c[2][m] + c[3][m] * p);
-      }
-      by[a][static_cast<std::size_t>(P)] = by_p;
-      by[a][static_cast<std::size_t>(Q)] = by_q;
-      // The span gains the slope at t + reach and loses that at t - reach, if t grows.
-      const double enters = at + reach > 1.0 ? s[2] : s[1];
-      const double leaves = at - reach < 0.0 ? s[0] : s[1];
-      by[a][a] = (enters - leaves) / (2.0 * reach);
-    }
-    return by;
+    return reach <= 0.5 ? turningOver<2>(t, reach) : turningOver<3>(t, reach);
   }
 
   [[gnu::always_inline]] void value(const Vec3& t, std::array<double, 1>& v) const noexcept {
@@ -363,6 +341,36 @@ class TrilinearKernel<1> {
       s[m] = c[0][cell] + c[1][cell] * p + (c[2][cell] + c[3][cell] * p) * q;
     }
     return s;
+  }
+  /// turning(), with the N cells that the span t +- reach can meet: 2 up to a reach of 1/2, else 3.
+  template <std::size_t N>
+  [[nodiscard, gnu::always_inline]] std::array<std::array<double, 3>, 3> turningOver(
+      const Vec3& t, double reach) const noexcept {
+    std::array<std::array<double, 3>, 3> by;
+    for (std::size_t a = 0; a < 3; ++a) {
+      const auto [P, Q] = kAside[a];
+      const double p = t[P];
+      const double q = t[Q];
+      const double at = t[static_cast<Eigen::Index>(a)];
+      const std::size_t first = N == 3 || at < 0.5 ? 0 : 1;
+      const std::array<double, N> s = slopesAlong<N>(a, first, p, q);
+      const Cells w = weights(at, reach);
+      const auto& c = slopes_[a];
+      double by_p = 0.0;
+      double by_q = 0.0;
+      for (std::size_t n = 0; n < N; ++n) {
+        const std::size_t m = first + n;
+        by_p += w[m] * (c[1][m] + c[3][m] * q);
+        by_q += w[m] * (c[2][m] + c[3][m] * p);
+      }
+      by[a][static_cast<std::size_t>(P)] = by_p;
+      by[a][static_cast<std::size_t>(Q)] = by_q;
+      // The span gains the slope at t + reach and loses that at t - reach, if t grows.
+      const double enters = s[(at + reach > 1.0 ? 2 : 1) - first];
+      const double leaves = s[(at - reach < 0.0 ? 0 : 1) - first];
+      by[a][a] = (enters - leaves) / (2.0 * reach);
+    }
+    return by;
   }
   /// Returns the shares of the span t +- reach in the three cells; t is from 0 to 1.
   [[nodiscard]] static Cells weights(double t, double reach) noexcept {

@@ -238,6 +238,14 @@ class LatticeReader {
         return cache.kernel.turning(t);
       }
     }();
+    if (map_.straight && !Kernel::kBlendsRows) {
+      const double* g = map_.gradient_from_index.data();
+      const double* w = map_.index_from_world.data();
+      for (std::size_t n = 0; n < 9; ++n) {
+        by.data()[n] = g[n % 3 * 4] * rows[n % 3][n / 3] * w[n / 3 * 4];
+      }
+      return by;
+    }
     for (Eigen::Index a = 0; a < 3; ++a) {
       const auto n = static_cast<std::size_t>(a);
       const Vec3 column(rows[0][n], rows[1][n], rows[2][n]);
