@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <utility>
+#include <variant>
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/scene/compile_mode.h"
@@ -173,6 +174,10 @@ Graph compileGraph(const GraphSpec& spec, const std::map<std::string, FieldPtr>&
       graph.attentive.push_back(graph.scalar_fields.size() + i);
   }
   graph.contact_only = contactOnly(graph);
+  graph.by_reading = std::all_of(graph.modes.begin(), graph.modes.end(), [](const Mode& mode) {
+    return std::holds_alternative<IsosurfaceMode>(mode) ||
+           std::holds_alternative<ViscosityMode>(mode);
+  });
   planTick(graph);
   for (const auto& [name, field] : fields) {
     if (!reads.isRead(name)) reads.graph.unused.push_back(name);

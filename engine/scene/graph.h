@@ -262,6 +262,9 @@ struct Graph {
   /// that is zero on the free side of such an isosurface. If the proxy is in front of all these
   /// surfaces, the modes of both kinds add no primitive.
   std::uint64_t contact_only = 0;
+  /// True if primitives depend only on the last reading, on contacts, and on the proxy by their
+  /// position: all modes are isosurfaces and drags (viscosity).
+  bool by_reading = false;
   /// Numbers of the fields that need attend(). The numbers of vector_fields continue those of
   /// scalar_fields.
   std::vector<std::size_t> attentive;

@@ -27,7 +27,37 @@ void placeLine(Tick& tick, const RailLine& on, ModeMemory& memory) noexcept {
   if (memory.emitted == 0) worsen(tick.report, StepStatus::kDropped);
 }
 
+/// Returns true if the primitives of the last tick are also those of this tick until its first
+/// reading, except for the place of the proxy. This requires that only the hand has moved, and that
+/// no surface has yielded or lost its load.
+bool primitivesStay(const Tick& tick) noexcept {
+  if (!tick.proxy.arrived || !tick.scene.graph.by_reading) return false;
+  return !anySurface(tick.felt(),
+                     [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+                       const Contact& contact = *touchOf(mode, memory).contact;
+                       return contact.plane >= 0 && contact.load != Load::kHeld;
+                     });
+}
+
+/// Places the primitives of the last tick at the present proxy.
+void keepPrimitives(Tick& tick, Iteration& now) noexcept {
+  PrimitiveSet& primitives = tick.balance.primitives;
+  const Vec3& proxy = tick.proxy.position;
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    if (primitives.items()[i].kind != PrimitiveKind::kPlane) primitives.setPosition(i, proxy);
+  }
+  eachSurface(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    const ContactReference touch = touchOf(mode, memory);
+    if (touch.contact->plane < 0) return;
+    now.voxel = std::min(now.voxel, touch.skin->voxel);
+    tellTurn(*touch.contact, *touch.skin, proxy, true,
+             primitives.varying()[static_cast<std::size_t>(touch.contact->varies)]);
+  });
+  tick.report.primitives = static_cast<int>(primitives.size());
+}
+
 void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
+  if (foreseen && primitivesStay(tick)) return keepPrimitives(tick, now);
   BalanceMemory& balance = tick.balance;
   balance.primitives.clear();
   balance.surfaces = 0;
