@@ -365,8 +365,9 @@ class TrilinearKernel<1> {
       }
       by[a][static_cast<std::size_t>(P)] = by_p;
       by[a][static_cast<std::size_t>(Q)] = by_q;
-      // The span gains the slope at t + reach and loses that at t - reach, if t grows.
-      const double enters = s[(at + reach > 1.0 ? 2 : 1) - first];
+      // If t grows, the span gains the slope just above t + reach and loses that just above t -
+      // reach.
+      const double enters = s[(at + reach >= 1.0 ? 2 : 1) - first];
       const double leaves = s[(at - reach < 0.0 ? 0 : 1) - first];
       by[a][a] = (enters - leaves) / (2.0 * reach);
     }
