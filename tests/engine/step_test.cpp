@@ -1,5 +1,7 @@
 #include "palpate/engine/tick/step.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <mutex>
@@ -174,6 +176,43 @@ TEST_CASE("anchored modes add less than 1e-12 J per tick of a slow hand", "[step
   CAPTURE(ticks, held, most);  // Catch prints these with -s
   CHECK(held > ticks / 2);
   CHECK(most < 1e-12);
+}
+
+TEST_CASE(
+    "a tick that reuses the last reading and primitives computes the same as one that does not",
+    "[step]") {
+  // A traced tick uses neither the last tick's reading nor its primitives.
+  const FieldPtr a = makeSphere(Vec3::Zero(), kRadius);
+  const FieldPtr b = makeSphere({kRadius, 0, 0}, kRadius);
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "a", 0.5), mode(ModeKind::kIsosurface, "b", 2.0),
+                mode(ModeKind::kViscosity, "a", 0.1)};
+  spec.modes[0].viscosity = 0.2;
+  const Vec3 crease(0.5 * kRadius, 0, std::sqrt(0.75) * kRadius);
+  for (const double friction : {0.0, 0.3}) {
+    spec.modes[0].friction = friction;
+    const auto scene = makeScene(spec, {{"a", a}, {"b", b}});
+    Reader reader;
+    ProxyState plain(kOpen);
+    ProxyState traced(kOpen);
+    StepTrace trace;
+    Random random(6);
+    Vec3 hand = 1.1 * crease;
+    std::array<long, 3> ticks{};  // with 1, 2, and 3 or more primitives
+    for (long i = 0; i < 5000; ++i) {
+      // The hand rests in some ticks, so that readings stay valid.
+      if (i % 7 < 4) hand += 8e-4 * random.inCube(1.0) - 0.02 * (hand - crease);
+      const StepReport one = hapticStep(*scene, reader, {hand}, plain, kDt);
+      const StepReport other = hapticStep(*scene, reader, {hand}, traced, kDt, &trace);
+      CAPTURE(friction, i);
+      REQUIRE(one.proxy == other.proxy);
+      REQUIRE(one.force == other.force);
+      REQUIRE(one.primitives == other.primitives);
+      ++ticks.at(static_cast<std::size_t>(std::min(one.primitives, 3) - 1));
+    }
+    CAPTURE(ticks[0], ticks[1], ticks[2]);
+    for (const long n : ticks) CHECK(n > 50);
+  }
 }
 
 TEST_CASE("in free space the force is exactly zero despite damping", "[step]") {
