@@ -204,7 +204,7 @@ bool addSlidingTurns(const Vec3& balance, double stiffness, std::span<const Prim
 Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double stiffness,
                 std::span<const Primitive> primitives, std::span<const Vec3> forces,
                 std::span<const Varying> varying) noexcept {
-  const Vec3 residual = balance - from;
+  Vec3 residual = balance - from;
   if (isLonePlane(primitives, forces, varying)) {
     return stepOnPlane(residual, forces[0].norm() / stiffness, primitives[0], varying[0]);
   }
