@@ -27,9 +27,9 @@ void placeLine(Tick& tick, const RailLine& on, ModeMemory& memory) noexcept {
   if (memory.emitted == 0) worsen(tick.report, StepStatus::kDropped);
 }
 
-/// Returns true if the primitives of the last tick are also those of this tick until its first
-/// reading, except for the place of the proxy. This requires that only the hand has moved, and that
-/// no surface has yielded or lost its load.
+/// Returns true if the primitives of the last balance are also those of this slice until its first
+/// reading, except for the place of the proxy. This requires that only the hand has moved
+/// (Proxy::arrived), and that no surface has yielded or lost its load.
 bool primitivesStay(const Tick& tick) noexcept {
   if (!tick.proxy.arrived || !tick.scene.graph.by_reading) return false;
   return !anySurface(tick.felt(),
@@ -39,7 +39,7 @@ bool primitivesStay(const Tick& tick) noexcept {
                      });
 }
 
-/// Places the primitives of the last tick at the present proxy.
+/// Places the primitives of the last balance at the present proxy.
 void keepPrimitives(Tick& tick, Iteration& now) noexcept {
   PrimitiveSet& primitives = tick.balance.primitives;
   const Vec3& proxy = tick.proxy.position;

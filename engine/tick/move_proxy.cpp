@@ -358,7 +358,6 @@ bool moveProxy(Tick& tick, double time) noexcept {
   const int moves = bodies.empty() ? 1
                                    : bodies.plan(tick.felt(), time, proxy.position, tick.probe,
                                                  tick.scene.step.max_substeps, tick.report);
-  proxy.arrived = proxy.arrived && only_hand;
   if (!proxy.known) initContacts(tick);
   if (!tick.scene.parts.empty()) meetParts(tick);
   const Vec3 hand = tick.probe;
@@ -367,6 +366,9 @@ bool moveProxy(Tick& tick, double time) noexcept {
   const Vec3 came = (hand - hand_before) / slices;
   Slice last = Slice::kWaiting;
   for (int slice = 1; slice <= slices && last != Slice::kSpoilt; ++slice) {
+    // A slice reuses neither the reading nor the primitives of the last one if more than the hand
+    // has moved.
+    proxy.arrived = proxy.arrived && only_hand;
     if (!bodies.empty()) moveBodies(tick, slice, slices);
     tick.probe = hand - (slices - slice) * came;
     proxy.offset = proxy.position - tick.probe;

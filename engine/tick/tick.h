@@ -25,7 +25,9 @@ struct Proxy {
   Vec3 beyond = Vec3::Zero();    ///< Position minus the place of the last reading [m].
   bool placed = false;           ///< False if the next tick starts the proxy at the hand.
   bool known = false;            ///< True if properties have been read in this scene.
-  bool arrived = false;  ///< True if the last tick arrived at a balance of its last reading.
+  /// True if the last slice of a tick arrived at a balance of its last reading, and only the hand
+  /// has moved since then.
+  bool arrived = false;
   /// Number of free ticks in a row: without a primitive, and on a path where no field acts without
   /// a contact (moveProxy).
   int free_ticks = 0;

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -398,6 +399,38 @@ TEST_CASE("a moving surface does not pass through the proxy, and at 10 m/s ticks
     CHECK(std::abs(offSurface(hand, kRadius)) < 1e-9);
     CHECK(limited == (speed > 3.0));  // the status must report that the tick may have missed a
                                       // surface
+  }
+}
+
+TEST_CASE("a hand that moves with a fast ball needs one reading in each slice of a tick",
+          "[modes][moving]") {
+  constexpr double kRadius = 0.03;
+  constexpr double kSpeed = 2.0;  // [m/s]; 2.56 voxels per tick
+  const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
+  const Vec3 touch(0, 0, kRadius - 2.0 * kVoxel);
+  for (const Vec3& way : {Vec3(0, 0, 1), Vec3(1, 0, 0), Vec3(0.6, 0, -0.8)}) {
+    for (const double friction : {0.0, 0.3}) {
+      CAPTURE(way, friction);
+      const auto scene = sceneOf({mode(ModeKind::kIsosurface, "ball", 5.0, friction)}, fields,
+                                 {{"ball", straight(Vec3::Zero(), 2.0 * way, kSpeed, 0.1)}});
+      Hand hand(*scene);
+      for (int i = 0; i <= 100; ++i) {
+        hand.at(touch + Vec3(0, 0, std::max(0.0, 3.0 - 0.06 * i) * kVoxel));
+      }
+      StepTrace trace;
+      for (int i = 101; i <= 600; ++i) {
+        // The ball and the hand have moved by the same distance at the end of each tick.
+        const double gone = kSpeed * (kDt * i - 0.1);
+        const StepReport r =
+            hapticStep(*scene, hand.reader, {touch + gone * way}, hand.state, kDt, &trace);
+        const auto slices =
+            std::count_if(trace.steps().begin(), trace.steps().end(),
+                          [](const StepTrace::Step& step) { return step.foreseen; });
+        REQUIRE(slices > 1);
+        REQUIRE(r.substeps == slices);
+        REQUIRE((r.wanted - kStiffness * 2.0 * kVoxel * Vec3::UnitZ()).norm() < 1e-9);
+      }
+    }
   }
 }
 

@@ -208,6 +208,8 @@ TEST_CASE(
       REQUIRE(one.proxy == other.proxy);
       REQUIRE(one.force == other.force);
       REQUIRE(one.primitives == other.primitives);
+      REQUIRE(one.status == other.status);
+      REQUIRE(one.primitives > 0);
       ++ticks.at(static_cast<std::size_t>(std::min(one.primitives, 3) - 1));
     }
     CAPTURE(ticks[0], ticks[1], ticks[2]);
