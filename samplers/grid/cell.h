@@ -367,8 +367,9 @@ class TrilinearKernel<1> {
       by[a][static_cast<std::size_t>(Q)] = by_q;
       // If t grows, the span gains the slope just above t + reach and loses that just above t -
       // reach.
-      const double enters = s[(at + reach >= 1.0 ? 2 : 1) - first];
-      const double leaves = s[(at - reach < 0.0 ? 0 : 1) - first];
+      // Without sums, which round: at + 1/2 can be 1 for `at` below 1/2.
+      const double enters = s[(at >= 1.0 - reach ? 2 : 1) - first];
+      const double leaves = s[(at < reach ? 0 : 1) - first];
       by[a][a] = (enters - leaves) / (2.0 * reach);
     }
     return by;

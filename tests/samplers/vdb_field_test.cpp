@@ -11,6 +11,7 @@
 #include <catch2/catch.hpp>
 #include <openvdb/tools/Interpolation.h>
 
+#include "palpate/samplers/grid/cell.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
 #include "tests/support/counters.h"
@@ -437,21 +438,26 @@ TEST_CASE("the Jacobian of the gradient matches finite differences in any placem
           "[samplers]") {
   const auto kind = GENERATE(Interpolation::kTrilinear, Interpolation::kQuadratic,
                              Interpolation::kCubic, Interpolation::kNearest);
+  const double reach = GENERATE(0.3, 0.5, 1.0);
+  // With axes parallel to W's, the maps are diagonal.
+  const Placement placement =
+      GENERATE(test::slanted(), Placement{0.02, Mat3::Identity(), Vec3::Zero()});
   openvdb::Mat4R matrix = openvdb::Mat4R::identity();
   matrix.setToScale(openvdb::Vec3R(0.7, 0.7, 1.4));
   const auto grid = makeGrid<openvdb::DoubleGrid>(
       16, Transform::createLinearTransform(matrix), [](const Vec3d& p) {
         return std::sin(p[0]) * std::cos(0.7 * p[1]) + 0.3 * p[2] * p[0] - 0.1 * p[1] * p[2];
       });
-  const Placement placement = test::slanted();
-  Probe probe(fieldOf(grid, placement, {kind}));
+  Probe probe(fieldOf(grid, placement, {kind, false, reach}));
   Random random(6);
   constexpr double kStep = 1e-8;  // [m]; much smaller than a cell
   for (int i = 0; i < 1000; ++i) {
     const Vec3 index(random.uniform(4, 11), random.uniform(4, 11), random.uniform(4, 11));
     const Vec3 cell = (index - index.array().round().matrix()).cwiseAbs();
-    // Skips points near faces of a trilinear cell or of a spline's piece.
+    // Skips points near faces of a trilinear cell or of a spline's piece, and near places at which
+    // the difference reaches a face.
     if (cell.minCoeff() < 0.01 || cell.maxCoeff() > 0.49) continue;
+    if (((cell.array() - reach).abs() < 0.01).any()) continue;
     const Vec3 p = placement(Vec3(0.7, 0.7, 1.4).cwiseProduct(index));
     const Mat3 by = probe.gradientJacobian(p);
     Mat3 differences;
@@ -461,6 +467,25 @@ TEST_CASE("the Jacobian of the gradient matches finite differences in any placem
           (probe.scalar(p + aside).gradient - probe.scalar(p - aside).gradient) / (2.0 * kStep);
     }
     REQUIRE((by - differences).norm() <= 1e-4 * (1.0 + differences.norm()));
+  }
+}
+
+TEST_CASE("the turn of a half-step difference in the middle of a cell is that just above it",
+          "[samplers]") {
+  // At the last number below 1/2, a sum with 1/2 rounds to 1.
+  std::array<double, 64> values;
+  Random random(8);
+  for (double& v : values) v = random.uniform(-1, 1);
+  Rows<double, 4> rows;
+  for (std::size_t n = 0; n < 16; ++n) rows.first[n] = &values[4 * n];
+  TrilinearKernel<1> kernel;
+  kernel.load(rows, [](auto&) {});
+  const double below = std::nextafter(0.5, 0.0);
+  const auto turn_at = [&](double t) { return kernel.turning(Vec3::Constant(t), 0.5); };
+  for (std::size_t a = 0; a < 3; ++a) {
+    CHECK(turn_at(below)[a][a] == Approx(turn_at(0.5 - 1e-9)[a][a]).epsilon(1e-6));
+    CHECK(turn_at(0.5)[a][a] == Approx(turn_at(0.5 + 1e-9)[a][a]).epsilon(1e-6));
+    CHECK(std::abs(turn_at(below)[a][a] - turn_at(0.5)[a][a]) > 0.01);
   }
 }
 
