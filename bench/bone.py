@@ -5,8 +5,8 @@
     bench/bone.py build/release/bin/palpate out/examples/packages/invesalius-examples/usr/share/doc/\
 invesalius-examples/examples/Cranium.inv3
 
-Every second voxel of the scan is used, without smoothing, so the bone is rough. A hand is 1.5 and 4 voxels deep in the
-bone. Then the bone is cut into two volumes that overlap by 2 or 4 voxels, and the hand moves over the cut and back,
+Every second voxel along x and y is used, without smoothing, so the bone is rough. A hand is 1.5 and 4 voxels deep in
+the bone. Then the bone is cut into two volumes that overlap by 2 or 4 voxels, and the hand moves over the cut and back,
 2.5 voxels deep. If the uncut bone's force steps by more than 1 N, the hand falls off an edge there. Takes a minute."""
 import argparse
 import json
@@ -77,7 +77,8 @@ def on_surface(field, y):
 def exact_proxy(field, x, hand):
     """Moves an exact god-object proxy from x towards the hand [m], and returns its place: a local minimum of the
     distance, on a downhill path that does not enter the bone. At kinks between cells, where a step along the tangent
-    plane does not come nearer, it tries 16 directions. Its error is about 0.01 voxel."""
+    plane does not come nearer, it tries 16 directions. On these paths its median distance from another exact proxy,
+    written independently, was at most 0.013 voxel."""
     longest = step = STEP * VOXEL
     while step > longest / 64:
         pull = hand - x
@@ -218,9 +219,9 @@ def measure_distance(program, field, plain):
 
 
 def measure_cuts(program, field, plain):
-    print("\n| cut across, overlap [voxels] | distance from the proxy on uncut bone, 99 % [voxels] "
+    print("\n| cut across, overlap [voxels] | gradient | distance from the proxy on uncut bone, 99 % [voxels] "
           "| largest force step, cut and uncut [N] |")
-    print("|---|---|---|")
+    print("|---|---|---|---|")
     middle = np.argwhere(field.values > BONE).mean(0)
     for axis, overlap in ((0, 2), (1, 4), (2, 2)):
         cut, index = int(round(middle[axis])), np.arange(field.shape[axis])
@@ -241,10 +242,11 @@ def measure_cuts(program, field, plain):
             places = SPACING * (middle + ray * (even - 2.5)[:, None] + offsets[:, None] * e)
             above = SPACING * (middle + ray * (r[0] + 8) + offsets[0] * e)
             hands = moved(np.concatenate([places, places[::-1]]), 0.02, above, 10000)
-            (p, f), (whole, g) = (program.feel(v, hands) for v in (halves, [plain]))
-            off = np.linalg.norm(p - whole, axis=1)[100:] / VOXEL
-            print(f"| {'xyz'[axis]}, {overlap} | {np.quantile(off, 0.99):.2f} | {steps_of(f[100:]).max():.2f}, "
-                  f"{steps_of(g[100:]).max():.2f} |", flush=True)
+            for kind, reach in (("reach 1/2", 0.5), ("reach 1", 1.0)):
+                (p, f), (whole, g) = (program.feel(v, hands, reach) for v in (halves, [plain]))
+                off = np.linalg.norm(p - whole, axis=1)[100:] / VOXEL
+                print(f"| {'xyz'[axis]}, {overlap} | {kind} | {np.quantile(off, 0.99):.2f} "
+                      f"| {steps_of(f[100:]).max():.2f}, {steps_of(g[100:]).max():.2f} |", flush=True)
 
 
 def main():
