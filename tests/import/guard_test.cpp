@@ -1,10 +1,15 @@
 /// Tests that the outputs of an import appear all or none.
 #include "palpate/scenes/apps/import/guard.h"
 
+#include <atomic>
+#include <chrono>
+#include <dlfcn.h>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <thread>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 
@@ -81,6 +86,35 @@ TEST_CASE("the outputs of an import replace older files, also behind a link", "[
   }
   CHECK(fs::is_symlink(link));
   CHECK(filesIn(folder.path()) == 4);
+}
+
+TEST_CASE("an import can load libraries if a thread looked up symbols when the import began",
+          "[import]") {
+  const auto work = [](Teller&) {
+    alarm(10);
+    // The C library starts this thread on the stack that the searching thread had in the parent.
+    std::thread([] { std::this_thread::sleep_for(std::chrono::hours(1)); }).detach();
+    void* library = dlopen("libutil.so.1", RTLD_NOW | RTLD_GLOBAL);
+    return static_cast<int>(library != nullptr && dlclose(library) == 0 ? cli::kDone
+                                                                        : cli::kInternal);
+  };
+  for (int repeat = 0; repeat < 6; ++repeat) {
+    std::atomic<bool> searching{false};
+    std::atomic<bool> ends{false};
+    std::thread thread([&] {
+      using Clock = std::chrono::steady_clock;
+      searching = true;
+      const Clock::time_point end = Clock::now() + std::chrono::milliseconds(50);
+      while (Clock::now() < end) (void)dlsym(RTLD_DEFAULT, "palpate_absent_symbol");
+      while (!ends) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    });
+    while (!searching) std::this_thread::yield();
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    const int status = importer::runGuarded("in", "import less", work);
+    ends = true;
+    thread.join();
+    REQUIRE(status == cli::kDone);
+  }
 }
 
 }  // namespace palpate::guard_test

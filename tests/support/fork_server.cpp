@@ -18,6 +18,8 @@
 #include <unistd.h>
 #include <vector>
 
+#include "palpate/samplers/fork_at_rest.h"
+
 namespace {
 
 using Main = int (*)(int, char**, char**);
@@ -87,7 +89,7 @@ int serve(int, char**, char**) {
     std::string text(header.bytes, '\0');
     if (!readAll(socket, text.data(), text.size())) fail();
 
-    const pid_t child = fork();
+    const pid_t child = palpate::forkAtRest();
     if (child < 0) fail();
     if (child == 0) {
       close(socket);

@@ -18,6 +18,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/descriptor.h"
+#include "palpate/samplers/fork_at_rest.h"
 #include "palpate/scenes/apps/common/common.h"
 
 namespace palpate::importer {
@@ -235,7 +236,7 @@ int runGuarded(const std::string& what, const std::string& need_less,
   struct sigaction action {};
   action.sa_handler = passOn;
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
-  const pid_t child = fork();
+  const pid_t child = forkAtRest();
   if (child < 0) {
     throw Error("import", fmt::format("a process cannot be started ({})", std::strerror(errno)),
                 "end other programs, or raise the limit of processes (ulimit -u)");
