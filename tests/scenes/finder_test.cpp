@@ -103,6 +103,25 @@ TEST_CASE(
   CHECK(run.farthest < kRadius);
 }
 
+TEST_CASE(
+    "the exploration path finds a ball that gives more than 5 N within one step of the search",
+    "[finder]") {
+  constexpr double kWide = 0.3;
+  const Box box{Vec3::Constant(-kWide), Vec3::Constant(kWide)};
+  FieldFrame wide = frame();
+  wide.bounds = box;
+  const FieldPtr ball = makeScalarField(wide, [](const Vec3& p) noexcept {
+    return ScalarSample{p.norm() - 0.1, p.normalized(), true};
+  });
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "ball", 50.0)};
+  const CouplingParams stiff{.stiffness = 1000.0};
+  cli::Search search;
+  (void)cli::findingHand(*makeScene(spec, {{"ball", ball}}, stiff), box, 0.4, 1.0, &search);
+  CAPTURE(search.rays);
+  CHECK(search.met >= 32);
+}
+
 TEST_CASE("the exploration path finds smoke where it is dense", "[finder]") {
   const Vec3 centre(-0.02, 0.015, -0.01);
   const FieldPtr smoke = makeScalarField(frame(), [=](const Vec3& p) noexcept {

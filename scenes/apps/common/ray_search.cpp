@@ -16,6 +16,7 @@ constexpr int kMostRays = 4096;
 // After kLeastRays rays, the search ends once each mode acted on this number of rays.
 constexpr int kEnough = 32;
 constexpr int kSteps = 96;               // steps along a ray as long as the diagonal of the range
+constexpr double kFiner = 32.0;          // quotient of the longest and the shortest step
 constexpr long kMostReads = 1000000;     // about the largest number of field readings
 constexpr std::size_t kMostBoxes = 512;  // largest number of boxes of parts
 
@@ -69,20 +70,29 @@ std::array<double, 5> spread(int n) {
 }
 
 /// Moves the probe along a ray, and ends the ray where the opposing force exceeds kHardestPress.
+/// Near that place it goes back and halves the step: a stiff surface may need less than a step.
 void cast(SearchProbe& probe, ProbeRay& ray, double step) {
   probe.lift();
   const auto modes = probe.forces().size();
   ray.held.assign(modes, 0.0F);
   ray.depth.assign(modes, 0.0F);
-  const int steps = std::max(1, static_cast<int>(std::ceil(ray.length / step)));
-  for (int k = 0; k <= steps; ++k) {
-    const double depth = ray.length * k / steps;
-    probe.touch(ray.at(depth), 0.0);
+  double pace = ray.length / std::max(1.0, std::ceil(ray.length / step));
+  const double finest = pace / kFiner;
+  double depth = 0.0;
+  for (double next = 0.0;;) {
+    probe.touch(ray.at(next), 0.0);
     const double against = -probe.force().dot(ray.along);
     if (against > kHardestPress) {
-      ray.length = depth;
-      break;
+      pace *= 0.5;
+      if (pace < finest || next == 0.0) {
+        ray.length = next;
+        break;
+      }
+      probe.touch(ray.at(depth), 0.0);
+      next = depth + pace;
+      continue;
     }
+    depth = next;
     ray.hardest = std::max(ray.hardest, against);
     for (std::size_t i = 0; i < modes; ++i) {
       const auto held = static_cast<float>(-probe.forces()[i].dot(ray.along));
@@ -90,6 +100,8 @@ void cast(SearchProbe& probe, ProbeRay& ray, double step) {
       ray.held[i] = held;
       ray.depth[i] = static_cast<float>(depth);
     }
+    if (depth >= ray.length) break;
+    next = std::min(depth + pace, ray.length);
   }
 }
 
