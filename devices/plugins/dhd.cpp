@@ -2,10 +2,9 @@
 // SDK, libdhd. Build it as in docs/plugins.md. Not yet tried on an arm.
 //
 // Threads: the SDK does not permit two threads to use one arm at the same time. So from `prepare`
-// to `close`, one thread makes all calls for the arm: in each pass it reads, then it sends. Only
-// `find` also asks for the open arm's name and serial number. `stop` sets a flag for this thread,
-// and waits about 10 ms at most until the thread has sent a zero. If the SDK hangs, the arm's own
-// watchdog takes the force off, if the arm has one.
+// to `close`, one thread makes all calls for the arm: in each pass it reads, then it sends. `stop`
+// sets a flag for this thread, and waits about 10 ms at most until the thread has sent a zero. If
+// the SDK hangs, the arm's own watchdog takes the force off, if the arm has one.
 #include <atomic>
 #include <cstdlib>
 #include <dhdc.h>
@@ -49,6 +48,7 @@ palpate_plugin_host host;
 struct Arm {
   palpate_plugin_device device;  // must be first: a pointer to it is also a pointer to the Arm
   char id = -1;
+  palpate_plugin_found found = {};  // what `find` tells about this arm
   const Model* model = nullptr;
   bool wrist = false;
   bool gripper = false;
@@ -244,18 +244,24 @@ const void* extensionOf(palpate_plugin_device* device, const char* name) {
   return nullptr;
 }
 
+palpate_plugin_found factsOf(char id) {
+  palpate_plugin_found found{};
+  const int serial = serialBy(dhdGetSerialNumber, id);
+  if (serial >= 0) std::snprintf(found.serial, sizeof found.serial, "%d", serial);
+  copy(found.model, dhdGetSystemName(id));
+  return found;
+}
+
 int find(palpate_plugin_found* found, int room) {
   const int count = dhdGetDeviceCount();
   for (int i = 0; i < count && i < room; ++i) {
     palpate_plugin_found f{};
     // The SDK gives the name of an arm only if it can open the arm.
-    const bool ours = open_arm != nullptr && open_arm->id == i;
-    const int id = ours ? i : dhdOpenID(static_cast<char>(i));
-    if (id >= 0) {
-      const int serial = serialBy(dhdGetSerialNumber, static_cast<char>(id));
-      if (serial >= 0) std::snprintf(f.serial, sizeof f.serial, "%d", serial);
-      copy(f.model, dhdGetSystemName(static_cast<char>(id)));
-      if (!ours) dhdClose(static_cast<char>(id));
+    if (open_arm != nullptr && open_arm->id == i) {
+      f = open_arm->found;
+    } else if (const int id = dhdOpenID(static_cast<char>(i)); id >= 0) {
+      f = factsOf(static_cast<char>(id));
+      dhdClose(static_cast<char>(id));
     } else {
       std::snprintf(f.model, sizeof f.model, "an arm that cannot be opened (%s)",
                     dhdErrorGetLastStr());
@@ -306,6 +312,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
     return nullptr;
   }
   arm->id = own;
+  arm->found = factsOf(own);
   arm->model = model;
   arm->wrist = dhdHasWrist(own);
   arm->gripper = dhdHasGripper(own);
