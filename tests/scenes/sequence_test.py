@@ -95,6 +95,21 @@ class Play(Case):
         told = json.loads(run("check", self.dir / "scene.json", "--json").stdout)
         self.assertEqual(told["volumes"]["ball"]["frames"]["count"], FRAMES)
 
+    def test_check_reports_the_play_and_the_rotation(self):
+        scene = json.loads(json.dumps(self.scene))
+        scene["play"] = {"speed": 0.5, "repeat": True, "from": 0.1}
+        half = 0.5 ** 0.5
+        scene["volumes"]["ball"]["place"]["rotation_wxyz"] = [half, 0, 0, half]
+        file = self.write("turned.json", scene)
+        told = json.loads(run("check", file, "--json").stdout)
+        self.assertEqual(told["play"], {"begin": 0.1, "from": 0.1, "to": (FRAMES - 1) / 10, "speed": 0.5, "repeat": True,
+                                        "paused": False})
+        np.testing.assert_allclose(told["volumes"]["ball"]["rotation_wxyz"], [half, 0, 0, half], atol=1e-12)
+        text = run("check", file).stdout
+        self.assertIn(", turned by 90 degrees about 0, 0, 1\n", text)
+        self.assertIn("play      begins at 0.1 s, from 0.1 s, to 0.7 s, 0.5 s/s, repeated\n", text)
+        self.assertNotIn("turned", run("check", self.dir / "scene.json").stdout)
+
     def test_the_playback_follows_the_play_settings_of_the_scene(self):
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"paused": True, "from": 0.4}

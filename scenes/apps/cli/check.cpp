@@ -1,7 +1,9 @@
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <variant>
 
+#include <Eigen/Geometry>
 #include <fmt/format.h>
 
 #include "palpate/devices/simulated/simulated_device.h"
@@ -220,6 +222,8 @@ OrderedJson volumeOf(const std::string& name, const FieldPtr& field, const Scene
     const Placement& place = placed->second;
     const Vec3 centre = place.rotation.transpose() * place.translate / -place.scale;
     volume["at_hand_origin"] = toJson(centre);
+    const Eigen::Quaterniond turn(place.rotation);
+    volume["rotation_wxyz"] = {turn.w(), turn.x(), turn.y(), turn.z()};
   }
   volume["voxel"] = frame.voxel;
   volume["bounds"] = {toJson(frame.bounds.lower), toJson(frame.bounds.upper)};
@@ -252,6 +256,12 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   }
   for (const char* list : {"sampled", "derived", "modes", "silent", "left_out"}) {
     json[list] = OrderedJson::array();
+  }
+  if (!built.sequences.empty()) {
+    const PlayParams& play = built.play;
+    const auto time = [](double t) { return std::isfinite(t) ? OrderedJson(t) : OrderedJson(); };
+    json["play"] = {{"begin", play.begin}, {"from", time(play.from)}, {"to", time(play.to)},
+                    {"speed", play.speed}, {"repeat", play.repeat},   {"paused", play.paused}};
   }
   json["parts"] = built.scene->parts.size();
   json["bounds"] = {toJson(built.bounds.lower), toJson(built.bounds.upper)};
@@ -297,6 +307,24 @@ void saySceneLines(const OrderedJson& json, bool verbose) {
   sayRoom(coupling["room"], 10, verbose);
 }
 
+/// Returns a text such as ", turned by 90 degrees about 0, 0, 1", or none for no rotation.
+std::string rotationText(const std::array<double, 4>& wxyz) {
+  const Eigen::AngleAxisd turn(Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]));
+  if (turn.angle() < 1e-9) return "";
+  return fmt::format(", turned by {} degrees about {}", rounded(turn.angle() * 180.0 / M_PI),
+                     vectorText(toJson(turn.axis())));
+}
+
+void sayPlay(const OrderedJson& play) {
+  const auto end = [&](const char* word) {
+    return play[word].is_null() ? ""
+                                : fmt::format(", {} {} s", word, rounded(play[word].get<double>()));
+  };
+  say("play      begins at {} s{}{}, {} s/s{}{}\n", rounded(play["begin"].get<double>()),
+      end("from"), end("to"), rounded(play["speed"].get<double>()),
+      play["repeat"].get<bool>() ? ", repeated" : "", play["paused"].get<bool>() ? ", paused" : "");
+}
+
 void sayVolume(const std::string& name, const OrderedJson& volume) {
   say("volume    {}: ", name);
   if (volume.contains("file")) {
@@ -327,6 +355,7 @@ void sayVolume(const std::string& name, const OrderedJson& volume) {
       rounded(1e3 * volume["metres_per_unit"].get<double>()));
   if (volume.contains("at_hand_origin")) {
     say("; 0, 0, 0 of the hand is {} of the file", vectorText(volume["at_hand_origin"]));
+    say("{}", rotationText(volume["rotation_wxyz"].get<std::array<double, 4>>()));
   }
   if (volume.contains("instances")) {
     say(" (of the first of {} instances)", volume["instances"].get<std::size_t>());
@@ -388,6 +417,7 @@ void printCheck(const OrderedJson& json, bool verbose) {
     sayVolume(name, volume);
     if (volume.contains("motion")) sayMotion(name, volume["motion"]);
   }
+  if (json.contains("play")) sayPlay(json["play"]);
   for (const auto& sampled : json["sampled"]) saySampled(sampled);
   for (const auto& derived : json["derived"]) {
     say("derives   {}\n", derived.get<std::string>());
