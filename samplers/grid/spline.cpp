@@ -13,6 +13,7 @@
 #include "palpate/samplers/grid/band_cell.h"
 #include "palpate/samplers/grid/cells_at.h"
 #include "palpate/samplers/grid/filter_lines.h"
+#include "palpate/samplers/grid/smooth.h"
 #include "palpate/samplers/grid/tile_blocks.h"
 
 namespace palpate {
@@ -29,14 +30,17 @@ double poleOf(int degree) {
 }
 
 /// Adds leaves where the filter changes values: around the existing leaves, and along faces of
-/// active tiles of 8^3 and of 128^3 voxels with a different neighbour.
+/// active tiles of 8^3 and of 128^3 voxels with a different neighbour. Returns false if it would
+/// add more than kMostAdded leaves, and ten for each existing leaf.
 template <class TreeT>
-void addLeavesAround(TreeT& tree) {
+[[nodiscard]] bool addLeavesAround(TreeT& tree) {
   using Leaf = typename TreeT::LeafNodeType;
   constexpr int kSize = static_cast<int>(Leaf::DIM);
   constexpr int kLargest = 128;
   std::vector<Coord> origins;
   for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) origins.push_back(leaf->origin());
+  const std::size_t leaves = origins.size();
+  const std::size_t most = leaves + detail::kMostAdded + 10 * leaves;
   const openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
   auto tile = tree.cbeginValueOn();
   tile.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
@@ -44,6 +48,7 @@ void addLeavesAround(TreeT& tree) {
     const openvdb::CoordBBox box = tile.getBoundingBox();
     const int size = box.dim().x();
     if (size > kLargest) continue;
+    if (origins.size() > leaves + 3 * (most - leaves)) return false;  // a corner has three faces
     const auto value = *tile;
     for (int face = 0; face < 6; ++face) {
       const int axis = face / 2;
@@ -63,12 +68,17 @@ void addLeavesAround(TreeT& tree) {
       }
     }
   }
+  std::size_t count = leaves;
   for (const Coord& origin : origins) {
     for (int n = 0; n < 27; ++n) {
-      tree.touchLeaf(
-          origin.offsetBy(kSize * (n / 9 - 1), kSize * (n / 3 % 3 - 1), kSize * (n % 3 - 1)));
+      const Coord at =
+          origin.offsetBy(kSize * (n / 9 - 1), kSize * (n / 3 % 3 - 1), kSize * (n % 3 - 1));
+      if (tree.probeConstLeaf(at) != nullptr) continue;
+      if (++count > most) return false;
+      tree.touchLeaf(at);
     }
   }
+  return true;
 }
 
 /// Converts samples to coefficients along one axis, in place. Filters in both directions, with the
@@ -164,13 +174,18 @@ void continueOutward(TreeT& tree) {
   }
 }
 
-/// Returns a grid's coefficients. `active_only`: inactive voxels have no data (DataEnds).
+/// Returns a grid's coefficients. `active_only`: inactive voxels have no data (DataEnds). Throws
+/// VolumeError if tiles need too many leaves, as in a damaged file.
 template <class GridT>
 typename GridT::Ptr coefficientsOf(const GridT& grid, int degree, bool active_only) {
   typename GridT::Ptr coefficients = grid.deepCopy();
   auto& tree = coefficients->tree();
   if (active_only && grid.getGridClass() != openvdb::GRID_LEVEL_SET) continueOutward(tree);
-  addLeavesAround(tree);
+  if (!addLeavesAround(tree)) {
+    throw VolumeError("grid \"" + grid.getName() + "\"",
+                      "too many of its tiles differ from their neighbours for a spline",
+                      "use trilinear, or write the file again: it may be damaged");
+  }
   if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
     if (grid.getGridClass() == openvdb::GRID_LEVEL_SET) completeSurface(grid, tree);
   }

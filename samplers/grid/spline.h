@@ -18,7 +18,7 @@ namespace palpate {
 /// 128^3 voxels get leaves along faces with a different neighbour. At faces of 4096^3 tiles that
 /// are not next to a leaf, the spline only smooths the values. If inactive voxels have no data
 /// (DataEnds), the filter reads values that are extrapolated into them, except in level sets.
-/// Parallel.
+/// Throws VolumeError if tiles need more than kMostAdded leaves and ten for each leaf. Parallel.
 [[nodiscard]] const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree);
 
 }  // namespace palpate

@@ -451,4 +451,18 @@ TEST_CASE("a spline equals the voxel values at the faces of large tiles",
   }
 }
 
+TEST_CASE("a volume with a great many different tiles is refused as a spline",
+          "[samplers][kinds][spline]") {
+  auto grid = openvdb::FloatGrid::create(0.0F);
+  // The 1536 leaves at the faces of each tile of 128^3 voxels have other neighbours.
+  for (int n = 0; n < 512; ++n) {
+    grid->tree().addTile(2, Coord(n / 64 * 128, n / 8 % 8 * 128, n % 8 * 128), 1.0F + n % 7, true);
+  }
+  grid->setName("tiles");
+  const auto volume = reload({grid}, "");
+  CHECK_THROWS_WITH(makeVdbField(volume, {}, {Interpolation::kCubic}),
+                    Contains("grid \"tiles\": too many of its tiles differ from their neighbours"));
+  CHECK(std::get<0>(makeVdbField(volume, {}, {})) != nullptr);
+}
+
 }  // namespace palpate::kinds_test
