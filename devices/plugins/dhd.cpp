@@ -48,7 +48,7 @@ palpate_plugin_host host;
 struct Arm {
   palpate_plugin_device device;  // must be first: a pointer to it is also a pointer to the Arm
   char id = -1;
-  palpate_plugin_found found = {};  // what `find` tells about this arm
+  palpate_plugin_found found = {};  // the result of `find` for this arm
   const Model* model = nullptr;
   bool wrist = false;
   bool gripper = false;

@@ -307,7 +307,7 @@ void saySceneLines(const OrderedJson& json, bool verbose) {
   sayRoom(coupling["room"], 10, verbose);
 }
 
-/// Returns a text such as ", turned by 90 degrees about 0, 0, 1", or none for no rotation.
+/// Returns ", turned by 90 degrees about 0, 0, 1" for such a rotation, and "" for none.
 std::string rotationText(const std::array<double, 4>& wxyz) {
   const Eigen::AngleAxisd turn(Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]));
   if (turn.angle() < 1e-9) return "";
