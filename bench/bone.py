@@ -7,7 +7,7 @@ invesalius-examples/examples/Cranium.inv3
 
 Every second voxel along x and y is used, without smoothing, so the bone is rough. A hand is 1.5 and 4 voxels deep in
 the bone. Then the bone is cut into two volumes that overlap by 2 or 4 voxels, and the hand moves over the cut and back,
-2.5 voxels deep. If the uncut bone's force steps by more than 1 N, the hand falls off an edge there. Takes a minute."""
+2.5 voxels deep. If the uncut bone's force steps by more than 2 N, the hand falls off an edge there. Takes a minute."""
 import argparse
 import json
 import math

@@ -263,7 +263,7 @@ struct Graph {
   /// surfaces, the modes of both kinds add no primitive.
   std::uint64_t contact_only = 0;
   /// True if primitives depend only on the last reading, on contacts, and on the proxy by their
-  /// position: all modes are isosurfaces and drags (viscosity).
+  /// position: all modes are isosurfaces and drags (viscosity). Says nothing of parts and motions.
   bool by_reading = false;
   /// Numbers of the fields that need attend(). The numbers of vector_fields continue those of
   /// scalar_fields.

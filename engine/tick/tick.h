@@ -25,8 +25,8 @@ struct Proxy {
   Vec3 beyond = Vec3::Zero();    ///< Position minus the place of the last reading [m].
   bool placed = false;           ///< False if the next tick starts the proxy at the hand.
   bool known = false;            ///< True if properties have been read in this scene.
-  /// True if the last slice of a tick arrived at a balance of its last reading, and only the hand
-  /// has moved since then.
+  /// True if the last slice arrived at a balance of its last reading. moveProxy clears it before a
+  /// slice in which anything other than the hand moves.
   bool arrived = false;
   /// Number of free ticks in a row: without a primitive, and on a path where no field acts without
   /// a contact (moveProxy).
